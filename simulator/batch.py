@@ -75,3 +75,9 @@ def quiet_step(observations: list[Array], channels: int) -> StepArrays:
     lanes = len(observations[0])
     zeros = np.zeros(lanes, bool)
     return StepArrays(observations, np.zeros((lanes, channels), np.float32), zeros, zeros.copy())
+
+
+def check_range(what: str, values: Array, low: float, high: float) -> None:
+    """Raise ValueError unless all values lie in low..high (NaN does not): a restored state may be anybody's."""
+    if not ((values >= low) & (values <= high)).all():
+        raise ValueError(f"{what} is outside {low:g}..{high:g}")

@@ -112,7 +112,3 @@ def observe_heading(heading: Array) -> Array:
     """Return HEADING_SENSOR's values, float32 [lanes, 2], for headings in rad [lanes]."""
     return _polar(heading, np.ones(len(heading))).astype(np.float32)
 
-
-def button(name: str, description: str) -> pb.Branch:
-    """Return a branch that is a button: 0 released, 1 pressed."""
-    return pb.Branch(name=name, description=description, choices=["released", "pressed"])

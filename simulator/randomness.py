@@ -5,11 +5,13 @@ al. 2011): block b of arena a is a pure function of (seed, a, b). A stream's who
 integers, and compiled game code reads plain arrays.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from joybridge.tensors import Array
+from simulator.batch import check_range
 from simulator.compiled import compiled
 
 BLOCK = 512
@@ -48,6 +50,20 @@ def reserve(streams: Streams, draws: int) -> None:
         streams.block[short] += 1
         streams.cursor[short] = 0
         fill(streams, short)
+
+
+def save_streams(streams: Streams) -> dict[str, Array]:
+    """Return the state of the streams by name, for a game's `save`."""
+    return {"cursor": streams.cursor, "block": streams.block, "key": streams.key}
+
+
+def restore_streams(streams: Streams, state: Mapping[str, Array]) -> None:
+    """Take back the state that `save_streams` returned. Raises ValueError for an impossible one."""
+    check_range("cursor", state["cursor"], 0, BLOCK)
+    check_range("block", state["block"], 0, 2**62)
+    for name in save_streams(streams):
+        getattr(streams, name)[:] = state[name]
+    fill(streams, np.arange(len(streams.cursor)))
 
 
 @compiled

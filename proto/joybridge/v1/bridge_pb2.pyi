@@ -253,8 +253,8 @@ class Start(_message.Message):
     arenas: int
     seed: int
     first_arena: int
-    snapshot: bytes
-    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[bytes] = ...) -> None: ...
+    snapshot: Snapshot
+    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ...) -> None: ...
 
 class Started(_message.Message):
     __slots__ = ("spec", "step")
@@ -300,10 +300,17 @@ class Save(_message.Message):
     def __init__(self) -> None: ...
 
 class Snapshot(_message.Message):
-    __slots__ = ("data",)
-    DATA_FIELD_NUMBER: _ClassVar[int]
-    data: bytes
-    def __init__(self, data: _Optional[bytes] = ...) -> None: ...
+    __slots__ = ("parts",)
+    class PartsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: bytes
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[bytes] = ...) -> None: ...
+    PARTS_FIELD_NUMBER: _ClassVar[int]
+    parts: _containers.ScalarMap[str, bytes]
+    def __init__(self, parts: _Optional[_Mapping[str, bytes]] = ...) -> None: ...
 
 class Step(_message.Message):
     __slots__ = ("behaviours", "pictures", "simulate_seconds")

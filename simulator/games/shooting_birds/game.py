@@ -9,12 +9,13 @@ from joybridge.codec import ActArrays, StepArrays
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 from simulator import pointer
-from simulator.batch import BatchedGame, quiet_step
 from simulator.compiled import compiled
+from simulator.game import button
 from simulator.games.shooting_birds import rules as r
 from simulator.games.shooting_birds.levels import LEVELS, OBSTACLES
 from simulator.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
-from simulator.randomness import Streams, fill, open_streams, reserve
+from simulator.batch import BatchedGame, check_range, quiet_step
+from simulator.randomness import Streams, open_streams, reserve, restore_streams, save_streams
 
 REACH_X, REACH_Y = 17.715, 10.215  # where the crosshair rests against a wall: the position sensor's units
 PICTURE_WIDTH, PICTURE_HEIGHT = 640, 400
@@ -107,8 +108,8 @@ class ShootingBirds(BatchedGame):
                 axes=locomotion.axes,
                 branches=[
                     *locomotion.branches,
-                    pointer.button("shoot", "shoot at what is under the crosshair"),
-                    pointer.button("reload", "fill the magazine, after the shot if both are pressed"),
+                    button("shoot", "shoot at what is under the crosshair"),
+                    button("reload", "fill the magazine, after the shot if both are pressed"),
                 ],
             ),
             channels=CHANNELS,
@@ -206,19 +207,26 @@ class ShootingBirds(BatchedGame):
         """Return arenas and random streams."""
         return {
             "arenas": np.frombuffer(self.arenas.tobytes(), np.uint8).reshape(len(self.arenas), -1),
-            "cursor": self.streams.cursor,
-            "block": self.streams.block,
-            "key": self.streams.key,
+            **save_streams(self.streams),
             "bird_speed": np.array([self.rules.bird_speed]),
         }
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Take back what `save` returned."""
-        self.arenas[:] = np.frombuffer(state["arenas"].tobytes(), r.ARENA)
-        for name in ("cursor", "block", "key"):
-            getattr(self.streams, name)[:] = state[name]
+        """Take back what `save` returned. Raises ValueError for a state that no game can be in."""
+        arenas = np.frombuffer(state["arenas"].tobytes(), r.ARENA)
+        check_range("level", arenas["level"], 0, LEVELS - 1)
+        check_range("ammo", arenas["ammo"], 0, r.MAGAZINE)
+        check_range("tick", arenas["tick"], 0, r.EPISODE_TICKS)
+        check_range("fixed level", arenas["fixed_level"], -1, LEVELS - 1)
+        check_range("bird size", arenas["birds"]["size"], 0, 2)
+        for field in ("x", "y", "vx", "vy", "heading"):
+            check_range(field, arenas[field], -1e6, 1e6)
+        for field in ("x", "y", "z", "vx", "vy", "phase"):
+            check_range(f"bird {field}", arenas["birds"][field], -1e6, 1e6)
+        check_range("bird_speed", state["bird_speed"], 0.0, 4.0)
+        restore_streams(self.streams, state)
+        self.arenas[:] = arenas
         self._set({"bird_speed": float(state["bird_speed"][0])})
-        fill(self.streams, np.arange(len(self.arenas)))
 
 
 @compiled

@@ -1,0 +1,164 @@
+"""Many one-arena games as one batch: makes an author's `Game` into the `BatchedGame` that the service runs."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from joybridge.codec import ActArrays, StepArrays
+from joybridge.tensors import NUMPY_TYPES, Array
+from joybridge.v1 import bridge_pb2 as pb
+from simulator.batch import BatchedGame, GameError
+from simulator.game import Action, Game, Turn
+
+
+def batched(game: type[Game]) -> type["Arenas"]:
+    """Return the BatchedGame class of an author's one-arena game."""
+    members = {"name": game.name, "description": game.description, "game": game}
+    return type(game.__name__, (Arenas,), members)
+
+
+class Arenas(BatchedGame):
+    """A batch of one author's game; `batched` makes the subclass."""
+
+    game: ClassVar[type[Game]]
+
+    @classmethod
+    def options(cls) -> list[pb.Option]:
+        """Return the author's options."""
+        return list(cls.game.options)
+
+    @classmethod
+    def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
+        """Return the author's spec."""
+        return cls.game.describe(options)
+
+    def __init__(
+        self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
+    ) -> None:
+        """Make the arenas, each with its own generator, and begin a first episode in each."""
+        self.spec = self.describe(options)
+        self.first_arena = first_arena
+        # One (behaviour index, agent number) per agent of an arena, in the order of the author's lists.
+        self.agents = [(b, a) for b, kind in enumerate(self.spec.behaviours) for a in range(kind.agents_per_arena)]
+        self.parameters = {p.name: p.default_value for p in self.spec.parameters}
+        self.games = [self.game() for _ in range(arenas)]
+        for game in self.games:
+            game.option, game.parameter = options, self.parameters
+        self.reset(seed, parameters)
+
+    def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
+        """Begin new episodes everywhere; see BatchedGame."""
+        self.parameters.update(parameters)
+        if seed is not None:
+            for arena, game in enumerate(self.games):
+                game.rng = np.random.Generator(np.random.Philox(key=[seed, self.first_arena + arena]))
+        self.turns = [self._reset(arena) for arena in range(len(self.games))]
+        # What lanes that wait have earned since they last decided.
+        self.earned = [
+            np.zeros((len(self.games) * kind.agents_per_arena, len(kind.channels)), np.float32)
+            for kind in self.spec.behaviours
+        ]
+
+    def observe(self) -> list[StepArrays]:
+        """Return the present observations, with zero rewards and no ends."""
+        return [self._behaviour_step(b, {}) for b in range(len(self.spec.behaviours))]
+
+    def step(self, acts: list[ActArrays]) -> list[StepArrays]:
+        """Advance every arena by one decision; an arena whose agents end begins its next episode at once."""
+        ended: dict[int, list[Turn]] = {}
+        for arena, game in enumerate(self.games):
+            actions = [self._action(acts[b], b, a, arena) for b, a in self.agents]
+            turns = self._check(arena, game.step(actions[0] if len(actions) == 1 else actions))
+            self._earn(arena, turns)
+            if turns[0].terminated or turns[0].truncated:
+                ended[arena] = turns
+                turns = self._reset(arena)
+            self.turns[arena] = turns
+        return [self._behaviour_step(b, ended) for b in range(len(self.spec.behaviours))]
+
+    def draw(self, arena: int) -> Array:
+        """Return the author's picture of one arena."""
+        return self.games[arena].draw()
+
+    def _reset(self, arena: int) -> list[Turn]:
+        turns = self._check(arena, self.games[arena].reset())
+        if turns[0].terminated or turns[0].truncated:
+            raise GameError(f"arena {arena}: reset returned an end; it begins an episode, return transition(...)")
+        return turns
+
+    def _action(self, act: ActArrays, b: int, agent: int, arena: int) -> Action:
+        """Return one agent's action by name."""
+        device = self.spec.behaviours[b].device
+        lane = arena * self.spec.behaviours[b].agents_per_arena + agent
+        action: Action = {axis.name: float(v) for axis, v in zip(device.axes, act.axes[lane], strict=True)}
+        action |= {branch.name: int(v) for branch, v in zip(device.branches, act.choices[lane], strict=True)}
+        return action
+
+    def _check(self, arena: int, turns: Turn | list[Turn]) -> list[Turn]:
+        """Return the turns as a list, after checking that there is one per agent and that they end together."""
+        turns = [turns] if isinstance(turns, Turn) else turns
+        if len(turns) != len(self.agents):
+            raise GameError(f"arena {arena}: got {len(turns)} turns, expected {len(self.agents)}, one per agent")
+        if len({(turn.terminated, turn.truncated) for turn in turns}) != 1:
+            raise GameError(f"arena {arena}: some agents ended and others did not; all of an arena end together")
+        return turns
+
+    def _earn(self, arena: int, turns: list[Turn]) -> None:
+        for (b, agent), turn in zip(self.agents, turns, strict=True):
+            kind = self.spec.behaviours[b]
+            names = [channel.name for channel in kind.channels]
+            for name, value in turn.rewards.items():
+                if name not in names:
+                    raise GameError(f"arena {arena}: reward channel {name!r} is not in the spec, which has {names}")
+                self.earned[b][arena * kind.agents_per_arena + agent, names.index(name)] += value
+
+    def _behaviour_step(self, b: int, ended: Mapping[int, list[Turn]]) -> StepArrays:
+        """Collect one behaviour's lanes into arrays."""
+        kind = self.spec.behaviours[b]
+        slots = [slot for slot, (behaviour, _) in enumerate(self.agents) if behaviour == b]
+        turns = [self.turns[arena][slot] for arena in range(len(self.games)) for slot in slots]
+        ends = [(arena, ended[arena][slot]) for arena in ended for slot in slots]
+        lanes = np.arange(len(turns)).reshape(len(self.games), len(slots))
+        step = StepArrays(
+            self._observations(kind, turns), np.zeros_like(self.earned[b]), np.zeros(len(turns), bool),
+            np.zeros(len(turns), bool), self._masks(kind, turns),
+        )  # fmt: skip
+        for arena, turn in ends:
+            step.terminated[lanes[arena]] = turn.terminated
+            step.truncated[lanes[arena]] = turn.truncated
+        deciding = np.array([turn.deciding for turn in turns])
+        if not deciding.all():
+            step.deciding = deciding
+        due = deciding | step.terminated | step.truncated
+        step.rewards[due] = self.earned[b][due]
+        self.earned[b][due] = 0.0
+        if ends:
+            step.ended = lanes[list(ended)].reshape(-1).astype(np.int32)
+            step.final_observations = self._observations(kind, [turn for _, turn in ends])
+            if kind.metrics:
+                rows = [[turn.metrics.get(metric.name, 0.0) for metric in kind.metrics] for _, turn in ends]
+                step.metrics = np.array(rows, np.float32)
+        return step
+
+    @staticmethod
+    def _observations(kind: pb.Behaviour, turns: list[Turn]) -> list[Array]:
+        columns = []
+        for sensor in kind.sensors:
+            column = np.empty((len(turns), *sensor.shape), NUMPY_TYPES[sensor.dtype])
+            for row, turn in zip(column, turns, strict=True):
+                if sensor.name not in turn.observation:
+                    raise GameError(f"{kind.name}: the observation has no sensor {sensor.name!r}, which the spec lists")
+                row[...] = turn.observation[sensor.name]
+            columns.append(column)
+        return columns
+
+    @staticmethod
+    def _masks(kind: pb.Behaviour, turns: list[Turn]) -> list[Array] | None:
+        if not any(turn.masks for turn in turns):
+            return None
+        masks: list[Any] = []
+        for branch in kind.device.branches:
+            everything = [True] * len(branch.choices)
+            masks.append(np.array([turn.masks.get(branch.name, everything) for turn in turns], bool))
+        return masks

@@ -1,0 +1,51 @@
+"""Which games a server runs: the built-in ones, installed ones and those named on the command line.
+
+A game is named as "module:Class"; installed packages offer theirs in the entry point group
+"joybridge.games". The class is a `Game` or a `BatchedGame`.
+"""
+
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import entry_points
+
+from joybridge.spec import SpecError, check_spec, choose_options
+from simulator.arenas import batched
+from simulator.batch import BatchedGame
+from simulator.game import Game
+from simulator.games import BUILT_IN
+
+Catalogue = dict[str, type[BatchedGame]]
+
+
+class CatalogueError(Exception):
+    """A game that cannot be served; the text names it and says why."""
+
+
+def load_games(extra: Sequence[str] = ()) -> Catalogue:
+    """Return the games by name, their specs checked under the default options. Raises CatalogueError."""
+    places = [*BUILT_IN.values(), *(point.value for point in entry_points(group="joybridge.games")), *extra]
+    games: Catalogue = {}
+    for place in places:
+        game = load_game(place)
+        if game.name in games and games[game.name] is not game:
+            raise CatalogueError(f"{place}: a game named {game.name!r} is already there; give this one another name")
+        games[game.name] = game
+    return games
+
+
+def load_game(place: str) -> type[BatchedGame]:
+    """Return the game at "module:Class", ready for batches. Raises CatalogueError."""
+    module_name, _, class_name = place.partition(":")
+    try:
+        game = getattr(import_module(module_name), class_name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise CatalogueError(f"game {place!r} cannot be imported ({error}); name it as module:Class") from error
+    if isinstance(game, type) and issubclass(game, Game):
+        game = batched(game)
+    if not (isinstance(game, type) and issubclass(game, BatchedGame)):
+        raise CatalogueError(f"game {place!r} is not a class derived from simulator.game.Game or BatchedGame")
+    try:
+        check_spec(game.describe(choose_options(game.options(), {}, game.name)))
+    except SpecError as error:
+        raise CatalogueError(f"game {place!r} has a spec that breaks the contract: {error}") from error
+    return game

@@ -1,0 +1,82 @@
+"""The trainer's command line: train, evaluate, record."""
+
+import argparse
+import signal
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from types import FrameType
+
+from trainer.checkpoint import CheckpointError, load_checkpoint
+from trainer.client import SimulatorError, wait_for
+from trainer.config import ConfigError, load_config
+from trainer.launch import simulator_process
+from trainer.progress import Display
+from trainer.train import train
+
+ERRORS = (CheckpointError, ConfigError, SimulatorError)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(prog="python -m trainer", description="Train agents on any joybridge simulator.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    shared = argparse.ArgumentParser(add_help=False)
+    shared.add_argument(
+        "--simulator",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="HOST:PORT or unix:PATH of a running simulator (repeat it to spread the arenas over several); "
+        "without, one is started and ended with this command",
+    )
+    shared.add_argument("--wait", type=float, default=60.0, help="seconds to wait for it; default %(default)g")
+    shared.add_argument(
+        "--game",
+        action="append",
+        default=[],
+        metavar="MODULE:CLASS",
+        help="a further game for the simulator that is started",
+    )
+    trains = commands.add_parser("train", parents=[shared], help="train a configuration")
+    trains.add_argument("config", type=Path, help="a YAML file, see configs/")
+    trains.add_argument("overrides", nargs="*", metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4")
+    trains.add_argument("--run", type=Path, help="folder of the run; default runs/NAME-sSEED")
+    trains.add_argument("--resume", action="store_true", help="go on from the run's last checkpoint")
+    options = parser.parse_args(arguments)
+
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        with ExitStack() as stack:
+            addresses = options.simulator or [stack.enter_context(simulator_process(options.game))]
+            for address in addresses:
+                wait_for(address, options.wait, lambda text: print(text, file=sys.stderr, flush=True))
+            _train(options, addresses)
+    except ERRORS as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _train(options: argparse.Namespace, addresses: list[str]) -> None:
+    config = load_config(options.config, options.overrides)
+    run = options.run or Path("runs") / f"{options.config.stem}-s{config.seed}"
+    begin = load_checkpoint(run)[1]["transitions"] if options.resume else 0
+    print(f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} transitions done", flush=True)
+    try:
+        with Display(config.layout, config.end, begin) as display:
+            train(config, run, addresses, resume=options.resume, report=display.report)
+    except (KeyboardInterrupt, SimulatorError):
+        print(f"saved; go on with: python -m trainer train {options.config} --run {run} --resume", file=sys.stderr)
+        raise
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,53 @@
+"""From a configuration and a spec to policies: which there are, and which part of which device each holds."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from joybridge.codec import ActArrays, lane_count
+from joybridge.v1 import bridge_pb2 as pb
+from trainer.actions import LayoutError, make_layout
+from trainer.config import Config, ConfigError
+from trainer.policy import Policy
+
+
+def make_policies(config: Config, spec: pb.GameSpec, arenas: int) -> list[list[Policy]]:
+    """Return untrained policies, a list per behaviour of the spec. Raises ConfigError.
+
+    The name of a policy is its behaviour's.
+    """
+    policies = []
+    for index, behaviour in enumerate(spec.behaviours):
+        try:
+            layout = make_layout(config.layout, behaviour.device)
+        except LayoutError as error:
+            raise ConfigError(f"layout: {error}") from error
+        seed = int(np.random.SeedSequence([config.seed, index]).generate_state(1, np.uint64)[0])
+        own = config.policy_config(behaviour.name)
+        policies.append([Policy(behaviour.name, behaviour, layout, own, arenas=arenas, seed=seed)])
+    names = [policy.name for group in policies for policy in group]
+    for name in config.policies:
+        if name not in names:
+            raise ConfigError(f"policies: there is no policy {name!r}; this game and layout have {', '.join(names)}")
+    return policies
+
+
+def make_acts(spec: pb.GameSpec, arenas: int) -> list[ActArrays]:
+    """Return arrays for the actions of all lanes, at rest: axes as near to 0 as they go, first choices."""
+    acts = []
+    for behaviour in spec.behaviours:
+        lanes, device = lane_count(behaviour, arenas), behaviour.device
+        rest = np.array([min(max(0.0, axis.low), axis.high) for axis in device.axes], np.float32)
+        acts.append(ActArrays(np.tile(rest, (lanes, 1)), np.zeros((lanes, len(device.branches)), np.int32)))
+    return acts
+
+
+def rollout_cycle(policies: Sequence[Policy]) -> int:
+    """Return the decisions after which all rollouts are empty again. Raises ConfigError if they never are."""
+    cycle = max(policy.config.rollout for policy in policies)
+    for policy in policies:
+        if cycle % policy.config.rollout:
+            raise ConfigError(
+                f"policies.{policy.name}.rollout is {policy.config.rollout}, which does not divide the longest, {cycle}"
+            )
+    return cycle

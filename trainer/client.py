@@ -1,0 +1,190 @@
+"""The trainer's end of joybridge.v1: connect to a simulator, open sessions, exchange acts for steps.
+
+    SimulatorError            a simulator refused or failed; the text is its sentence
+    └── SimulatorLost         it went away; the run can be resumed once it is back
+"""
+
+import queue
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import grpc
+
+from joybridge.codec import ActArrays, StepArrays, pack_act, unpack_step
+from joybridge.spec import MAX_PICTURES, SpecError, check_spec, response_bytes
+from joybridge.tensors import Array, TensorError, unpack
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.v1 import bridge_pb2_grpc as rpc
+
+CALL_SECONDS = 30.0  # deadline of the unary calls
+_LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
+_KEEPALIVE = [("grpc.keepalive_time_ms", 30_000), ("grpc.keepalive_timeout_ms", 20_000)]
+
+
+class SimulatorError(Exception):
+    """A simulator refused a request, failed, or sent something that breaks the contract."""
+
+
+class SimulatorLost(SimulatorError):
+    """A simulator cannot be reached or went away."""
+
+
+def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
+    """Wait until a simulator answers at `address`, saying so once. Raises SimulatorLost after `seconds`."""
+    with grpc.insecure_channel(address) as channel:
+        ready = grpc.channel_ready_future(channel)
+        try:
+            try:
+                ready.result(timeout=min(1.0, seconds))
+            except grpc.FutureTimeoutError:
+                say(f"waiting up to {seconds:g} s for a simulator at {address} …")
+                ready.result(timeout=max(0.0, seconds - 1.0))
+        except grpc.FutureTimeoutError:
+            ready.cancel()
+            raise SimulatorLost(
+                f"no simulator at {address} after {seconds:g} s; start one there with "
+                f"`python -m simulator serve --address {address}`, or check the address"
+            ) from None
+
+
+def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec:
+    """Return a game's spec, checked. Raises SimulatorError."""
+    with grpc.insecure_channel(address) as channel:
+        request = pb.DescribeGameRequest(game=game, options=options)
+        try:
+            spec = rpc.SimulatorStub(channel).DescribeGame(request, timeout=CALL_SECONDS).spec
+            check_spec(spec)
+        except grpc.RpcError as error:
+            raise _explain(error, address) from error
+        except SpecError as error:
+            raise SimulatorError(f"the simulator at {address} sent a spec that breaks the contract: {error}") from error
+    return spec  # type: ignore[no-any-return]
+
+
+class Session:
+    """One Play stream: arenas of one game at one simulator."""
+
+    def __init__(
+        self,
+        address: str,
+        game: str,
+        *,
+        arenas: int,
+        seed: int,
+        first_arena: int = 0,
+        options: Mapping[str, str] | None = None,
+        parameters: Mapping[str, float] | None = None,
+        snapshot: Mapping[str, bytes] | None = None,
+    ) -> None:
+        """Open a session; `steps` then holds the first observations, one StepArrays per behaviour.
+
+        Raises SimulatorError where the simulator refuses, SimulatorLost where it cannot be reached.
+        """
+        self.address = address
+        self.spec = describe(address, game, options or {})
+        self.arenas = arenas
+        self.simulate_seconds = 0.0  # the game's own time in the last step
+        limit = response_bytes(self.spec, arenas, MAX_PICTURES if self.spec.HasField("picture") else 0)
+        lengths = [("grpc.max_receive_message_length", limit), ("grpc.max_send_message_length", -1)]
+        self._channel = grpc.insecure_channel(address, options=_KEEPALIVE + lengths)
+        self._requests: queue.SimpleQueue[pb.PlayRequest | None] = queue.SimpleQueue()
+        self._responses: Iterator[pb.PlayResponse] = rpc.SimulatorStub(self._channel).Play(
+            iter(self._requests.get, None)
+        )
+        start = pb.Start(
+            game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
+            first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
+        )  # fmt: skip
+        try:
+            started = self._exchange(pb.PlayRequest(start=start), "started").started
+            if started.spec != self.spec:
+                raise SimulatorError(f"the simulator at {address} changed the spec of {game} between two calls")
+            self.steps = self._unpack(started.step)
+        except BaseException:
+            self.close()
+            raise
+
+    def send(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> None:
+        """Send the actions of one decision without waiting for the step; `receive` returns it."""
+        act = pb.Act(behaviours=[pack_act(a) for a in acts], draw=draw)
+        self._requests.put(pb.PlayRequest(act=act))
+
+    def receive(self) -> list[StepArrays]:
+        """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
+        step = self._receive("step").step
+        self.simulate_seconds = step.simulate_seconds
+        self.steps = self._unpack(step)
+        return self.steps
+
+    def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
+        """Advance every arena by one decision. Raises SimulatorError."""
+        self.send(acts)
+        return self.receive()
+
+    def step_and_draw(self, acts: Sequence[ActArrays], draw: Sequence[int]) -> tuple[list[StepArrays], list[Array]]:
+        """Advance every arena by one decision; also return pictures, uint8 [height, width, 3], of some arenas."""
+        self.send(acts, draw)
+        step = self._receive("step").step
+        self.steps = self._unpack(step)
+        size = (self.spec.picture.height, self.spec.picture.width, 3)
+        return self.steps, [unpack(picture, pb.UINT8, size, "step.pictures") for picture in step.pictures]
+
+    def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
+        """Begin new episodes everywhere. Raises SimulatorError."""
+        request = pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))
+        self.steps = self._unpack(self._exchange(request, "step").step)
+        return self.steps
+
+    def save(self) -> dict[str, bytes]:
+        """Return a snapshot of the arenas. Raises SimulatorError where the game has none."""
+        return dict(self._exchange(pb.PlayRequest(save=pb.Save()), "snapshot").snapshot.parts)
+
+    def close(self) -> None:
+        """End the session; the simulator frees its arenas."""
+        self._requests.put(None)
+        self._channel.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _exchange(self, request: pb.PlayRequest, wanted: str) -> pb.PlayResponse:
+        self._requests.put(request)
+        return self._receive(wanted)
+
+    def _receive(self, wanted: str) -> pb.PlayResponse:
+        try:
+            response = next(self._responses)
+        except grpc.RpcError as error:
+            raise _explain(error, self.address) from error
+        except StopIteration:
+            raise SimulatorLost(f"the simulator at {self.address} ended the session") from None
+        if response.WhichOneof("response") != wanted:
+            came = response.WhichOneof("response")
+            raise SimulatorError(f"the simulator at {self.address} answered with {came}, expected {wanted}")
+        return response
+
+    def _unpack(self, step: pb.Step) -> list[StepArrays]:
+        behaviours = self.spec.behaviours
+        try:
+            if len(step.behaviours) != len(behaviours):
+                raise TensorError(f"step.behaviours has {len(step.behaviours)} entries, expected {len(behaviours)}")
+            return [
+                unpack_step(message, behaviour, self.arenas)
+                for message, behaviour in zip(step.behaviours, behaviours, strict=True)
+            ]
+        except TensorError as error:
+            raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
+
+
+def _explain(error: Any, address: str) -> SimulatorError:
+    """Return our error for a gRPC one."""
+    code, text = error.code(), error.details()
+    if code in _LOST:
+        return SimulatorLost(f"lost the simulator at {address}: {text} ({code.name})")
+    return SimulatorError(f"the simulator at {address} says: {text} ({code.name})")

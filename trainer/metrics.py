@@ -1,0 +1,162 @@
+"""What a run reports: finished episodes, statistics of updates, and where the time goes.
+
+A row every `summary` transitions, the mean over everything since the row before, goes to a CSV file per
+policy and to TensorBoard.
+"""
+
+import csv
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from torch.utils.tensorboard import SummaryWriter
+
+from joybridge.codec import StepArrays
+from joybridge.tensors import Array
+
+Row = dict[str, float]
+
+
+class Episodes:
+    """Sums up the episodes of one policy's lanes."""
+
+    def __init__(self, lanes: int, metrics: Sequence[str]) -> None:
+        """Begin at an episode's first decision in every lane. metrics: the game's, by name."""
+        self.metrics = list(metrics)
+        self.reward = np.zeros(lanes)
+        self.length = np.zeros(lanes, np.int64)
+        self.finished = np.zeros((0, 2 + len(self.metrics)))  # reward, length, metrics of each episode
+
+    def add(self, step: StepArrays, rewards: Array) -> None:
+        """Count one step: rewards [lanes] as the policy is paid."""
+        self.reward += rewards
+        self.length += 1
+        ended = step.ended
+        if len(ended):
+            columns = [self.reward[ended, None], self.length[ended, None]]
+            if step.metrics is not None:
+                columns.append(step.metrics)
+            self.finished = np.concatenate([self.finished, np.concatenate(columns, axis=1)])
+            self.reward[ended] = 0.0
+            self.length[ended] = 0
+
+    def summarise(self) -> Row:
+        """Return means over the finished episodes and forget them; no means where none has finished."""
+        finished, self.finished = self.finished, self.finished[:0]
+        row: Row = {"episodes": len(finished)}
+        if len(finished):
+            means = finished.mean(axis=0)
+            row |= {"reward": means[0], "reward_std": finished[:, 0].std(), "length": means[1]}
+            row |= dict(zip(self.metrics, means[2:].tolist(), strict=True))
+        return row
+
+    def state(self) -> dict[str, Array]:
+        """Return everything for a checkpoint."""
+        return {"reward": self.reward.copy(), "length": self.length.copy(), "finished": self.finished.copy()}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned."""
+        self.reward, self.length, self.finished = (state[name].copy() for name in ("reward", "length", "finished"))
+
+
+class Means:
+    """The mean of each statistic over the updates since the last row."""
+
+    def __init__(self) -> None:
+        self.sums: Row = {}
+        self.count = 0
+
+    def add(self, statistics: Row) -> None:
+        """Count one update."""
+        self.count += 1
+        for name, value in statistics.items():
+            self.sums[name] = self.sums.get(name, 0.0) + value
+
+    def summarise(self) -> Row:
+        """Return the means and begin anew."""
+        row = {name: total / self.count for name, total in self.sums.items()}
+        self.sums, self.count = {}, 0
+        return row
+
+
+class Stopwatch:
+    """Where the time goes: seconds by activity since the last row."""
+
+    def __init__(self) -> None:
+        self.seconds: Row = {"simulate": 0.0, "wire": 0.0, "act": 0.0, "learn": 0.0}
+        self.begin = time.perf_counter()
+        self.transitions = 0
+
+    @contextmanager
+    def measure(self, activity: str) -> Iterator[None]:
+        """Add the time of the block to an activity."""
+        begin = time.perf_counter()
+        yield
+        self.seconds[activity] += time.perf_counter() - begin
+
+    def shares(self) -> Row:
+        """Return each activity's share of the time since the last row."""
+        elapsed = max(time.perf_counter() - self.begin, 1e-9)
+        return {name: seconds / elapsed for name, seconds in self.seconds.items()}
+
+    def speed(self) -> float:
+        """Return transitions per second since the last row."""
+        return self.transitions / max(time.perf_counter() - self.begin, 1e-9)
+
+    def summarise(self) -> Row:
+        """Return speed and shares, and begin anew."""
+        row = {"transitions_per_second": self.speed(), **self.shares()}
+        self.__init__()  # type: ignore[misc]
+        return row
+
+
+class Writer:
+    """Writes one policy's rows to metrics-NAME.csv and to TensorBoard under the run's folder."""
+
+    def __init__(self, run: Path, policy: str, after: int) -> None:
+        """Open for appending; rows later than `after` transitions, of a run that was cut off, are dropped."""
+        self.path = run / f"metrics-{policy}.csv"
+        self.fields: list[str] | None = None
+        rows = [row for row in read_rows(self.path) if row["transitions"] <= after] if after else []
+        self.path.unlink(missing_ok=True)
+        for row in rows:
+            self._append(row)
+        self.board = SummaryWriter(run / "tensorboard" / policy, purge_step=after + 1)
+
+    def write(self, row: Row) -> None:
+        """Write one row; it holds "transitions"."""
+        self._append(row)
+        for name, value in row.items():
+            self.board.add_scalar(name, value, int(row["transitions"]))
+        self.board.flush()
+
+    def _append(self, row: Row) -> None:
+        new = self.fields is None or any(name not in self.fields for name in row)
+        if new and self.fields is not None:  # columns came in later: write the file anew with all of them
+            before = read_rows(self.path)
+            self.fields = [*self.fields, *(name for name in row if name not in self.fields)]
+            with self.path.open("w", newline="") as file:
+                table = csv.DictWriter(file, self.fields)
+                table.writeheader()
+                table.writerows([*before, row])
+            return
+        self.fields = self.fields or list(row)
+        with self.path.open("a", newline="") as file:
+            table = csv.DictWriter(file, self.fields)
+            if new:
+                table.writeheader()
+            table.writerow({name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()})
+
+    def close(self) -> None:
+        """Finish the TensorBoard file."""
+        self.board.close()
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Return the rows of a metrics file; empty cells are left out."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return [{name: float(cell) for name, cell in row.items() if cell} for row in csv.DictReader(file)]

@@ -1,0 +1,114 @@
+"""Branched proximal policy optimisation (Schulman et al. 2017): the loss, its schedules and one update.
+
+This is the readable reference. Hyperparameters, schedules and the order of things are the original's
+(ML-Agents 0.7).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from trainer.distributions import branch_log_probs, gaussian_log_probs
+from trainer.networks import Network, Outputs
+
+
+@dataclass
+class Batch:
+    """Transitions to learn from; every tensor has one row per transition."""
+
+    observations: Tensor  # [n, observation]
+    continuous: Tensor  # [n, continuous]: unclipped samples
+    discrete: Tensor  # int64 [n, branches]
+    masks: Tensor | None  # [n, branches, widest]: 0 or FORBIDDEN, added to the logits
+    log_probs: Tensor  # [n]: joint, when the action was sampled
+    values: Tensor  # [n]: when the action was sampled
+    advantages: Tensor  # [n], normalised
+    returns: Tensor  # [n]
+
+    def rows(self, index: Tensor) -> "Batch":
+        """Return the transitions at `index`."""
+        return Batch(*(None if field is None else field[index] for field in vars(self).values()))
+
+    def __len__(self) -> int:
+        return len(self.returns)
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """What the schedules give for one update."""
+
+    learning_rate: float
+    clip: float
+    entropy: float
+
+
+def anneal(progress: float, learning_rate: float, clip: float, entropy: float) -> Coefficients:
+    """Return the coefficients after a share `progress` of the run: linear, to 1e-10, 0.1 and 1e-5."""
+    left = 1.0 - min(max(progress, 0.0), 1.0)
+
+    def line(start: float, end: float) -> float:
+        return end + (start - end) * left
+
+    return Coefficients(line(learning_rate, 1e-10), line(clip, 0.1), line(entropy, 1e-5))
+
+
+def joint_log_probs(outputs: Outputs, log_variance: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+    """Return the joint log-probability of the batch's actions, [n], and their mean entropy, a number."""
+    log_probs = torch.zeros_like(outputs.value)
+    entropy = torch.zeros(())
+    if batch.discrete.shape[1]:
+        logits = outputs.logits if batch.masks is None else outputs.logits + batch.masks
+        chosen, spread = branch_log_probs(logits, batch.discrete)
+        log_probs, entropy = log_probs + chosen, entropy + spread.mean()
+    if batch.continuous.shape[1]:
+        chosen, spread = gaussian_log_probs(outputs.mean, log_variance, batch.continuous)
+        log_probs, entropy = log_probs + chosen, entropy + spread
+    return log_probs, entropy
+
+
+def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tuple[Tensor, dict[str, Tensor]]:
+    """Return the loss of a minibatch and its parts: clipped surrogate, half the clipped value loss, entropy."""
+    clip = coefficients.clip
+    outputs = network(batch.observations)
+    log_probs, entropy = joint_log_probs(outputs, network.log_variance, batch)
+    ratio = torch.exp(log_probs - batch.log_probs)
+    surrogate = torch.min(ratio * batch.advantages, ratio.clamp(1 - clip, 1 + clip) * batch.advantages)
+    clipped_value = batch.values + (outputs.value - batch.values).clamp(-clip, clip)
+    errors = torch.max((batch.returns - outputs.value).square(), (batch.returns - clipped_value).square())
+    policy_loss, value_loss = -surrogate.mean(), errors.mean()
+    parts = {"policy_loss": policy_loss, "value_loss": value_loss, "entropy": entropy}
+    return policy_loss + 0.5 * value_loss - coefficients.entropy * entropy, parts
+
+
+def update(
+    network: Network,
+    optimizer: torch.optim.Optimizer,
+    batch: Batch,
+    coefficients: Coefficients,
+    *,
+    epochs: int,
+    minibatch: int,
+    rng: np.random.Generator,
+) -> dict[str, float]:
+    """Learn from a batch; return the mean of the loss's parts.
+
+    Each epoch shuffles and takes as many whole minibatches as there are; the rest is left out.
+    """
+    for group in optimizer.param_groups:
+        group["lr"] = coefficients.learning_rate
+    minibatch = min(minibatch, len(batch))
+    sums: dict[str, float] = {}
+    count = 0
+    for _ in range(epochs):
+        order = torch.from_numpy(rng.permutation(len(batch)))
+        for start in range(0, len(batch) - minibatch + 1, minibatch):
+            loss, parts = ppo_loss(network, batch.rows(order[start : start + minibatch]), coefficients)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            count += 1
+            for name, part in parts.items():
+                sums[name] = sums.get(name, 0.0) + part.item()
+    return {name: total / count for name, total in sums.items()}

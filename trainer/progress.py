@@ -1,0 +1,49 @@
+"""What a person sees of a run: a live line in a terminal, and a line per row of metrics everywhere."""
+
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from trainer.metrics import Row
+
+ACTIVITIES = ("simulate", "wire", "act", "learn")
+
+
+class Display:
+    """Shows the progress of one run; `report` is given to `train`."""
+
+    def __init__(self, name: str, end: int, begin: int) -> None:
+        """Show a run that goes from `begin` to `end` transitions."""
+        self.console = Console(highlight=False)
+        self.bar = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.percentage:3.0f} %  {task.fields[text]}"),
+            TimeRemainingColumn(),
+            console=self.console,
+            disable=not self.console.is_terminal,
+        )
+        self.task = self.bar.add_task(name, total=end, completed=begin, text="")
+        self.reward = ""
+
+    def report(self, transitions: int, live: Row, row: Row | None) -> None:
+        """Show where the run is: live figures, and now and then a new row of metrics."""
+        shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
+        speed = f"{live['transitions_per_second'] / 1000:.1f} k transitions/s"
+        if row is not None and "reward" in row:
+            accuracy = f"  accuracy {100 * row['click_accuracy']:.1f} %" if "click_accuracy" in row else ""
+            self.reward = f"reward {row['reward']:.1f}{accuracy}"
+            text = f"{transitions / 1e6:7.2f} M  {self.reward}  length {row['length']:.0f}  {speed}  ({shares})"
+            self.console.print(text, soft_wrap=True)
+        self.bar.update(self.task, completed=transitions, text=f"{self.reward}  {speed}  ({shares})")
+
+    def __enter__(self) -> Self:
+        self.bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bar.stop()

@@ -1,0 +1,114 @@
+"""Arenas spread over several simulators, used like one session.
+
+Simulator k of n runs its share of the arenas as arenas first..last of the one seed, so the game played does
+not depend on how many simulators play it.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+
+import numpy as np
+
+from joybridge.codec import ActArrays, StepArrays, lane_count
+from joybridge.tensors import Array
+from trainer.client import Session
+
+Snapshot = dict[str, bytes]
+
+
+class Shards:
+    """Sessions at one or more simulators with the interface of a single one."""
+
+    def __init__(
+        self,
+        addresses: Sequence[str],
+        game: str,
+        *,
+        arenas: int,
+        seed: int,
+        options: Mapping[str, str] | None = None,
+        parameters: Mapping[str, float] | None = None,
+        snapshots: Sequence[Snapshot] | None = None,
+    ) -> None:
+        """Open a session at every address; `steps` holds the first observations. Raises SimulatorError."""
+        bounds = np.linspace(0, arenas, len(addresses) + 1).round().astype(int)
+        self._stack = ExitStack()
+        self.sessions: list[Session] = []
+        with self._stack:
+            for index, address in enumerate(addresses):
+                session = Session(
+                    address, game, arenas=int(bounds[index + 1] - bounds[index]), seed=seed,
+                    first_arena=int(bounds[index]), options=options, parameters=parameters,
+                    snapshot=snapshots[index] if snapshots else None,
+                )  # fmt: skip
+                self.sessions.append(self._stack.enter_context(session))
+            self._stack = self._stack.pop_all()
+        self.spec = self.sessions[0].spec
+        self.bounds = [[lane_count(b, int(arena)) for arena in bounds] for b in self.spec.behaviours]
+        self.steps = _join([session.steps for session in self.sessions])
+
+    @property
+    def simulate_seconds(self) -> float:
+        """Return the games' own time in the last step; simulators work side by side, so the longest counts."""
+        return max(session.simulate_seconds for session in self.sessions)
+
+    def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
+        """Advance every arena by one decision. Raises SimulatorError."""
+        for index, session in enumerate(self.sessions):
+            session.send([
+                ActArrays(act.axes[lanes[index] : lanes[index + 1]], act.choices[lanes[index] : lanes[index + 1]])
+                for act, lanes in zip(acts, self.bounds, strict=True)
+            ])  # fmt: skip
+        self.steps = _join([session.receive() for session in self.sessions])
+        return self.steps
+
+    def save(self) -> list[Snapshot]:
+        """Return a snapshot per simulator."""
+        return [session.save() for session in self.sessions]
+
+    def close(self) -> None:
+        """End all sessions."""
+        self._stack.close()
+
+
+def _join(parts: list[list[StepArrays]]) -> list[StepArrays]:
+    """Return one StepArrays per behaviour, the lanes of all parts in order."""
+    return parts[0] if len(parts) == 1 else [_join_lanes(list(steps)) for steps in zip(*parts, strict=True)]
+
+
+def _join_lanes(parts: list[StepArrays]) -> StepArrays:
+    lanes = np.cumsum([0, *(len(part.rewards) for part in parts)])
+    ending = [part for part in parts if len(part.ended)]
+    joined = StepArrays(
+        [np.concatenate(columns) for columns in zip(*(part.observations for part in parts), strict=True)],
+        np.concatenate([part.rewards for part in parts]),
+        np.concatenate([part.terminated for part in parts]),
+        np.concatenate([part.truncated for part in parts]),
+        _join_masks(parts),
+        _join_deciding(parts),
+        np.concatenate([part.ended + first for part, first in zip(parts, lanes, strict=False)]).astype(np.int32),
+    )
+    if ending:
+        finals = [part.final_observations or [] for part in ending]
+        joined.final_observations = [np.concatenate(columns) for columns in zip(*finals, strict=True)]
+        metrics = [part.metrics for part in ending if part.metrics is not None]
+        joined.metrics = np.concatenate(metrics) if metrics else None
+    return joined
+
+
+def _join_masks(parts: list[StepArrays]) -> list[Array] | None:
+    given = next((part.masks for part in parts if part.masks is not None), None)
+    if given is None:
+        return None
+    filled = [
+        part.masks or [np.ones((len(part.rewards), mask.shape[1]), bool) for mask in given] for part in parts
+    ]
+    return [np.concatenate(columns) for columns in zip(*filled, strict=True)]
+
+
+def _join_deciding(parts: list[StepArrays]) -> Array | None:
+    if all(part.deciding is None for part in parts):
+        return None
+    return np.concatenate([
+        np.ones(len(part.rewards), bool) if part.deciding is None else part.deciding for part in parts
+    ])  # fmt: skip

@@ -1,0 +1,178 @@
+"""Training, from top to bottom: act, step, store, learn, report, save.
+
+A run goes in cycles, after each of which every rollout is empty. At these boundaries the whole state is
+captured, the simulator's included; whatever stops a run in between, it goes on from the last boundary as if
+nothing had happened.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from joybridge.tensors import Array
+from trainer.build import make_acts, make_policies, rollout_cycle
+from trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from trainer.client import describe
+from trainer.config import Config, ConfigError, dump_config, load_config
+from trainer.metrics import Episodes, Means, Row, Stopwatch, Writer
+from trainer.policy import Policy
+from trainer.shards import Shards
+
+
+@dataclass
+class Boundary:
+    """The state of a run between two cycles: what a checkpoint holds."""
+
+    arrays: dict[str, Array]
+    manifest: dict[str, Any]
+
+
+Report = Callable[[int, Row, Row | None], None]  # (transitions, live figures, new row of the first policy or None)
+
+
+def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report) -> None:
+    """Train `config` in folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
+
+    Raises ConfigError, CheckpointError, SimulatorError; on these and on KeyboardInterrupt the last boundary
+    has been saved.
+    """
+    torch.set_num_threads(1)  # two threads collapse when the other core is busy, and the simulator keeps it so
+    arrays, manifest = load_checkpoint(run) if resume else ({}, {"transitions": 0, "snapshots": None})
+    spec = describe(addresses[0], config.game, config.options)
+    grouped = make_policies(config, spec, config.arenas)
+    policies = [policy for group in grouped for policy in group]
+    cycle = rollout_cycle(policies)
+    metrics = {p.name: [m.name for m in b.metrics] for b, group in zip(spec.behaviours, grouped, strict=True) for p in group}
+    episodes = {policy.name: Episodes(policy.lanes, metrics[policy.name]) for policy in policies}
+    means = {policy.name: Means() for policy in policies}
+    write_config(config, run, resume)
+
+    transitions: int = manifest["transitions"]
+    simulators = Shards(
+        addresses, config.game, arenas=config.arenas, seed=config.seed, options=config.options,
+        parameters=config.parameters, snapshots=unpack_snapshots(arrays, manifest["snapshots"], len(addresses)),
+    )  # fmt: skip
+    writers = {policy.name: Writer(run, policy.name, transitions) for policy in policies}
+    for group, step in zip(grouped, simulators.steps, strict=True):
+        for policy in group:
+            policy.begin(step)
+            if resume:
+                policy.load(select(arrays, f"{policy.name}/policy/"))
+                episodes[policy.name].load(select(arrays, f"{policy.name}/episodes/"))
+    boundary = capture(transitions, policies, episodes, simulators)
+    saved = transitions
+    watch = Stopwatch()
+    acts = make_acts(spec, config.arenas)
+    try:
+        while transitions < config.end:
+            for _ in range(cycle):
+                with watch.measure("act"):
+                    for group, step, act in zip(grouped, simulators.steps, acts, strict=True):
+                        for policy in group:
+                            policy.act(step, act)
+                with watch.measure("wire"):
+                    steps = simulators.step(acts)
+                watch.seconds["wire"] -= simulators.simulate_seconds
+                watch.seconds["simulate"] += simulators.simulate_seconds
+                with watch.measure("act"):
+                    for group, step in zip(grouped, steps, strict=True):
+                        for policy in group:
+                            episodes[policy.name].add(step, policy.take(step))
+                transitions += policies[0].lanes
+                watch.transitions += policies[0].lanes
+                with watch.measure("learn"):
+                    for policy in policies:
+                        if policy.rollout.full:
+                            means[policy.name].add(policy.learn(transitions / config.transitions))
+                if transitions // config.summary > (transitions - policies[0].lanes) // config.summary:
+                    row = write_rows(transitions, policies, episodes, means, writers, watch)
+                    report(transitions, row, row)
+            boundary = capture(transitions, policies, episodes, simulators)
+            if transitions - saved >= config.checkpoint:
+                save_checkpoint(run, boundary.arrays, boundary.manifest)
+                saved = transitions
+            report(transitions, {"transitions_per_second": watch.speed(), **watch.shares()}, None)
+    finally:
+        save_checkpoint(run, boundary.arrays, boundary.manifest)
+        for writer in writers.values():
+            writer.close()
+        simulators.close()
+
+
+def write_rows(
+    transitions: int,
+    policies: Sequence[Policy],
+    episodes: dict[str, Episodes],
+    means: dict[str, Means],
+    writers: dict[str, Writer],
+    watch: Stopwatch,
+) -> Row:
+    """Write a row of metrics per policy; return the first one's."""
+    shared = watch.summarise()
+    rows = []
+    for policy in policies:
+        row: Row = {"transitions": transitions, **episodes[policy.name].summarise()}
+        row |= {**means[policy.name].summarise(), **shared}
+        writers[policy.name].write(row)
+        rows.append(row)
+    return rows[0]
+
+
+def capture(
+    transitions: int, policies: Sequence[Policy], episodes: dict[str, Episodes], simulators: Shards
+) -> Boundary:
+    """Return the state of the run; without the simulators' where the game has no snapshots."""
+    arrays: dict[str, Array] = {}
+    for policy in policies:
+        arrays |= {f"{policy.name}/policy/{name}": array for name, array in policy.state().items()}
+        arrays |= {f"{policy.name}/episodes/{name}": array for name, array in episodes[policy.name].state().items()}
+    parts = None
+    if simulators.spec.snapshot_bytes_per_arena:
+        snapshots = simulators.save()
+        parts = [list(snapshot) for snapshot in snapshots]
+        for index, snapshot in enumerate(snapshots):
+            arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}
+    return Boundary(arrays, {"transitions": transitions, "snapshots": parts})
+
+
+def unpack_snapshots(
+    arrays: dict[str, Array], parts: list[list[str]] | None, simulators: int
+) -> list[dict[str, bytes]] | None:
+    """Return the simulators' snapshots from a checkpoint's arrays. Raises ConfigError for another number of them."""
+    if parts is None:
+        return None
+    if len(parts) != simulators:
+        raise ConfigError(f"the checkpoint was made with {len(parts)} simulators; resume with as many, not {simulators}")
+    return [
+        {name: arrays[f"simulator/{index}/{name}"].tobytes() for name in names} for index, names in enumerate(parts)
+    ]
+
+
+def select(arrays: dict[str, Array], prefix: str) -> dict[str, Array]:
+    """Return the arrays whose names begin with `prefix`, without it."""
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+
+
+def write_config(config: Config, run: Path, resume: bool) -> None:
+    """Keep the whole configuration in the run's folder; a resumed run must have been configured alike.
+
+    Only `stop`, `checkpoint` and `summary` may change. Raises ConfigError.
+    """
+    run.mkdir(parents=True, exist_ok=True)
+    path = run / "config.yaml"
+    if resume:
+        before, now = load_config(path).model_dump(), config.model_dump()
+        changed = [key for key in now if before[key] != now[key] and key not in ("stop", "checkpoint", "summary")]
+        if changed:
+            raise ConfigError(
+                f"cannot resume {run}: {', '.join(changed)} changed "
+                f"(was {json.dumps({key: before[key] for key in changed})}); use another --run for a new configuration"
+            )
+    elif has_checkpoint(run):
+        raise ConfigError(f"{run} holds a run already; go on with --resume, or name another folder with --run")
+    path.write_text(dump_config(config), encoding="utf-8")
