@@ -14,7 +14,8 @@ from joybridge.tensors import Array
 
 FINE = 2  # pictures are painted this much larger, then scaled down, which smooths every edge
 
-Colour = tuple[int, int, int]
+Colour = tuple[int, int, int] | tuple[int, int, int, int]
+Box = tuple[float, float, float, float]  # left, bottom, right, top
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +53,24 @@ def fit(width: int, height: int, half_width: float, half_height: float) -> Frame
     return Frame(np.array([width / 2, height / 2]), np.array([[scale, 0.0], [0.0, -scale]]))
 
 
-def shape(canvas: pygame.Surface, frame: Frame, points: npt.ArrayLike, fill: Colour, edge: Colour | None = None) -> None:
-    """Fill a polygon [n, 2] of a frame and draw its edge, if it has a colour, thinly."""
+def shape(
+    canvas: pygame.Surface, frame: Frame, points: npt.ArrayLike, fill: Colour, edge: Colour | None = None
+) -> None:
+    """Fill a polygon [n, 2] of a frame and, if it has a colour, draw its edge with a thin line."""
     pixels = frame.points(points).tolist()
     pygame.draw.polygon(canvas, fill, pixels)
     if edge is not None:
         pygame.draw.polygon(canvas, edge, pixels, FINE)
+
+
+def block(canvas: pygame.Surface, frame: Frame, box: Box, fill: Colour) -> None:
+    """Fill a box of a frame that is not turned."""
+    pygame.draw.rect(canvas, fill, frame.box(*box))  # Surface.fill misplaces what begins above the canvas
+
+
+def disc(canvas: pygame.Surface, centre: Array, radius: float, fill: Colour, line: float = 0.0) -> None:
+    """Fill a disc around a pixel [2] of a canvas, or draw a ring with a line inwards of its radius; all in px."""
+    pygame.draw.circle(canvas, fill, np.rint(centre).tolist(), round(radius), round(line))
 
 
 def ellipse(x: float, y: float, radius_x: float, radius_y: float, corners: int = 24) -> Array:
@@ -69,11 +82,13 @@ def ellipse(x: float, y: float, radius_x: float, radius_y: float, corners: int =
 def fade(canvas: pygame.Surface, box: pygame.Rect, top: Colour, bottom: Colour) -> None:
     """Fill a box of a canvas with a gradient from its top to its bottom."""
     for row in range(box.height):
-        share = row / max(box.height - 1, 1)
-        canvas.fill(pygame.Color(*top).lerp(bottom, share), (box.left, box.top + row, box.width, 1))
+        colour = pygame.Color(top).lerp(bottom, row / box.height)
+        pygame.draw.line(canvas, colour, (box.left, box.top + row), (box.right - 1, box.top + row))
 
 
-def write(canvas: pygame.Surface, text: str, size: float, colour: Colour, x: float, y: float, align: float = 0.0) -> None:
+def write(
+    canvas: pygame.Surface, text: str, size: float, colour: Colour, x: float, y: float, align: float = 0.0
+) -> None:
     """Write a line `size` px high around height y; `align` 0, 0.5 or 1 puts its left, middle or right at x."""
     line = _font(round(size)).render(text, True, colour)
     canvas.blit(line, (x - align * line.get_width(), y - line.get_height() / 2))

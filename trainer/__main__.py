@@ -1,17 +1,21 @@
 """The trainer's command line: train, evaluate, record."""
 
 import argparse
+import json
 import signal
 import sys
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 
 from trainer.checkpoint import CheckpointError, load_checkpoint
 from trainer.client import SimulatorError, wait_for
 from trainer.config import ConfigError, load_config
+from trainer.evaluate import evaluate
 from trainer.launch import simulator_process
 from trainer.progress import Display
+from trainer.record import record
 from trainer.train import train
 
 ERRORS = (CheckpointError, ConfigError, SimulatorError)
@@ -43,6 +47,16 @@ def main(arguments: list[str] | None = None) -> int:
     trains.add_argument("overrides", nargs="*", metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4")
     trains.add_argument("--run", type=Path, help="folder of the run; default runs/NAME-sSEED")
     trains.add_argument("--resume", action="store_true", help="go on from the run's last checkpoint")
+    plays = argparse.ArgumentParser(add_help=False)
+    plays.add_argument("run", type=Path, help="folder of a run")
+    plays.add_argument("--seed", type=int, default=1, help="of games and samples; default %(default)s")
+    plays.add_argument("--deterministic", action="store_true", help="always the likeliest action, no sampling")
+    evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="say how well a run's policy plays")
+    evaluates.add_argument("--episodes", type=int, default=210, help="at least so many; default %(default)s")
+    evaluates.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
+    records = commands.add_parser("record", parents=[plays, shared], help="record a run's policy as an mp4")
+    records.add_argument("output", type=Path, help="e.g. play.mp4")
+    records.add_argument("--seconds", type=float, default=40.0, help="length of the video; default %(default)g")
     options = parser.parse_args(arguments)
 
     signal.signal(signal.SIGTERM, _interrupt)
@@ -50,8 +64,8 @@ def main(arguments: list[str] | None = None) -> int:
         with ExitStack() as stack:
             addresses = options.simulator or [stack.enter_context(simulator_process(options.game))]
             for address in addresses:
-                wait_for(address, options.wait, lambda text: print(text, file=sys.stderr, flush=True))
-            _train(options, addresses)
+                wait_for(address, options.wait, _say)
+            {"train": _train, "evaluate": _evaluate, "record": _record}[options.command](options, addresses)
     except ERRORS as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -72,6 +86,33 @@ def _train(options: argparse.Namespace, addresses: list[str]) -> None:
     except (KeyboardInterrupt, SimulatorError):
         print(f"saved; go on with: python -m trainer train {options.config} --run {run} --resume", file=sys.stderr)
         raise
+
+
+def _evaluate(options: argparse.Namespace, addresses: list[str]) -> None:
+    evaluations = evaluate(
+        options.run, addresses[0], episodes=options.episodes, seed=options.seed,
+        deterministic=options.deterministic, say=_say,
+    )  # fmt: skip
+    for name, result in evaluations.items():
+        print(f"{name}: {result.episodes} episodes after {result.transitions:,} transitions, mean and 95 % confidence")
+        for metric, mean in result.means.items():
+            print(f"  {metric:<16} {mean:10.3f} ± {result.half_widths[metric]:.3f}")
+        if result.by_choice:
+            print("  reward by choice " + "  ".join(f"{c}: {mean:.1f}" for c, mean in result.by_choice.items()))
+    if options.json:
+        print(json.dumps({name: asdict(result) for name, result in evaluations.items()}))
+
+
+def _record(options: argparse.Namespace, addresses: list[str]) -> None:
+    frames = record(
+        options.run, addresses[0], options.output, seconds=options.seconds, seed=options.seed,
+        deterministic=options.deterministic, say=_say,
+    )  # fmt: skip
+    print(f"{options.output}: {frames} frames")
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from joybridge.codec import ActArrays, lane_count
 from joybridge.v1 import bridge_pb2 as pb
-from trainer.actions import LayoutError, make_layout
+from trainer.actions import LayoutError, make_layouts
 from trainer.config import Config, ConfigError
 from trainer.policy import Policy
 
@@ -14,22 +14,34 @@ from trainer.policy import Policy
 def make_policies(config: Config, spec: pb.GameSpec, arenas: int) -> list[list[Policy]]:
     """Return untrained policies, a list per behaviour of the spec. Raises ConfigError.
 
-    The name of a policy is its behaviour's.
+    A policy that holds a whole device is named after its behaviour; one that holds a part of it after the
+    part, with the behaviour's name in front where there are several.
     """
-    policies = []
-    for index, behaviour in enumerate(spec.behaviours):
+    grouped: list[list[Policy]] = []
+    seeds = np.random.SeedSequence(config.seed)
+    for behaviour in spec.behaviours:
         try:
-            layout = make_layout(config.layout, behaviour.device)
+            layouts = make_layouts(config.layout, behaviour.device)
         except LayoutError as error:
             raise ConfigError(f"layout: {error}") from error
-        seed = int(np.random.SeedSequence([config.seed, index]).generate_state(1, np.uint64)[0])
-        own = config.policy_config(behaviour.name)
-        policies.append([Policy(behaviour.name, behaviour, layout, own, arenas=arenas, seed=seed)])
-    names = [policy.name for group in policies for policy in group]
+        group = []
+        for part, layout in layouts.items():
+            name = policy_name(behaviour.name, part, alone=len(spec.behaviours) == 1)
+            seed = int(seeds.spawn(1)[0].generate_state(1, np.uint64)[0])
+            group.append(Policy(name, behaviour, layout, config.policy_config(name), arenas=arenas, seed=seed))
+        grouped.append(group)
+    names = [policy.name for group in grouped for policy in group]
     for name in config.policies:
         if name not in names:
             raise ConfigError(f"policies: there is no policy {name!r}; this game and layout have {', '.join(names)}")
-    return policies
+    return grouped
+
+
+def policy_name(behaviour: str, part: str, *, alone: bool) -> str:
+    """Return the name of the policy that holds `part` ("": all) of a behaviour's device."""
+    if not part:
+        return behaviour
+    return part if alone else f"{behaviour}-{part}"
 
 
 def make_acts(spec: pb.GameSpec, arenas: int) -> list[ActArrays]:

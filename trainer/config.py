@@ -40,6 +40,7 @@ class PolicyConfig(_Checked):
     clip: float = Field(0.2, gt=0, lt=1)
     gamma: float = Field(0.99, ge=0, le=1)
     lam: float = Field(0.95, ge=0, le=1)
+    autograd: bool = False  # take gradients from autograd, the reference, not from their closed form
 
 
 class Config(_Checked):

@@ -1,4 +1,4 @@
-"""The network of one policy: swish bodies, a head for the branches, one for the means, one for the value."""
+"""The network of one policy: swish bodies under linear heads for branches, means and the value."""
 
 import math
 from itertools import pairwise
@@ -19,70 +19,91 @@ class Outputs(NamedTuple):
     value: Tensor  # [lanes]
 
 
-class Network(nn.Module):
-    """Actor and critic over flat observations.
+class Tower(nn.Module):
+    """Hidden layers and a linear head without bias."""
 
-    Initialised as the original (ML-Agents 0.7): hidden kernels from a truncated normal with variance
-    1/fan-in, policy heads a hundredth of that variance, the value head Glorot uniform, biases zero. The
-    branch head has no bias. One log-variance per continuous action, independent of the state, begins at 0.
+    def __init__(self, sizes: list[int], outputs: int) -> None:
+        """Make layers between the given sizes, input first, and a head of `outputs`."""
+        super().__init__()
+        self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
+        self.head = nn.Linear(sizes[-1], outputs, bias=False)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Return the head's outputs [lanes, outputs]; the activation is swish, x · sigmoid(x)."""
+        for layer in self.hidden:
+            features = nn.functional.silu(layer(features))
+        return self.head(features)  # type: ignore[no-any-return]
+
+
+class Network(nn.Module):
+    """Actor and critic over flat observations: one tower for both, or one each.
+
+    The actor's outputs are the logits of all branches, each padded to the widest, then the means; the value
+    comes last, or alone from the critic's tower. Only means and value have a bias. Initialised as the
+    original (ML-Agents 0.7): hidden kernels from a truncated normal with variance 1/fan-in, policy heads a
+    hundredth of that, the value head Glorot uniform, biases zero. One log-variance per continuous action,
+    independent of the state, begins at 0.
     """
 
     pad: Tensor
 
     def __init__(self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int) -> None:
-        """Make a network for observations of `observation` numbers; `shared`: one body for actor and critic."""
+        """Make a network for observations of `observation` numbers; `shared`: one tower for both."""
         super().__init__()
         self.space = space
-        self.widest = max(space.branches, default=0)
-        sizes = [observation, *hidden]
-        self.body = make_body(sizes)
-        self.value_body = None if shared else make_body(sizes)
-        branches = len(space.branches) * self.widest
-        self.branch_head = nn.Linear(sizes[-1], branches, bias=False) if branches else None
-        self.mean_head = nn.Linear(sizes[-1], space.continuous) if space.continuous else None
-        self.value_head = nn.Linear(sizes[-1], 1)
-        self.log_variance = nn.Parameter(torch.zeros(space.continuous))
-        pad = torch.zeros(len(space.branches), self.widest)
+        pad = torch.zeros(len(space.branches), max(space.branches, default=0))
         for branch, size in enumerate(space.branches):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
+        sizes = [observation, *hidden]
+        self.actor = Tower(sizes, pad.numel() + space.continuous + shared)
+        self.critic = None if shared else Tower(sizes, 1)
+        self.mean_bias = nn.Parameter(torch.zeros(space.continuous))
+        self.value_bias = nn.Parameter(torch.zeros(1))
+        self.log_variance = nn.Parameter(torch.zeros(space.continuous))
         self._initialise(torch.Generator().manual_seed(seed))
 
     def _initialise(self, generator: torch.Generator) -> None:
-        for name, layer in self.named_modules():
-            if not isinstance(layer, nn.Linear):
-                continue
-            if layer.bias is not None:
+        for tower in (self.actor, self.critic):
+            for layer in tower.hidden if tower else ():
+                _variance_scaling(layer.weight, 1.0, generator)
                 nn.init.zeros_(layer.bias)
-            if layer is self.value_head:
-                nn.init.xavier_uniform_(layer.weight, generator=generator)
-                continue
-            variance = 0.01 if name in ("branch_head", "mean_head") else 1.0
-            # 1.3 makes up for what cutting the normal at two standard deviations takes from its variance.
-            std = math.sqrt(1.3 * variance / layer.in_features)
-            nn.init.trunc_normal_(layer.weight, 0.0, std, -2 * std, 2 * std, generator=generator)
+        policy = self.actor.head.weight[: self.pad.numel() + self.space.continuous]
+        _variance_scaling(policy, 0.01, generator)
+        value = (self.critic or self.actor).head.weight[-1:]
+        nn.init.xavier_uniform_(value, generator=generator)
 
     def forward(self, observations: Tensor) -> Outputs:
         """Return the outputs for observations [lanes, observation]."""
-        features = run_body(self.body, observations)
-        critic_features = features if self.value_body is None else run_body(self.value_body, observations)
-        none = features.new_empty(len(features), 0)
-        logits = self.branch_head(features).view(-1, *self.pad.shape) + self.pad if self.branch_head else none
-        mean = self.mean_head(features) if self.mean_head else none
-        return Outputs(logits, mean, self.value_head(critic_features).squeeze(-1))
+        outputs = self.actor(observations)
+        logits = outputs[:, : self.pad.numel()].view(len(outputs), *self.pad.shape) + self.pad
+        mean = outputs[:, self.pad.numel() : self.pad.numel() + self.space.continuous] + self.mean_bias
+        value = outputs if self.critic is None else self.critic(observations)
+        return Outputs(logits, mean, value[:, -1] + self.value_bias)
 
     def value(self, observations: Tensor) -> Tensor:
         """Return the values [lanes] alone."""
-        return self.value_head(run_body(self.value_body or self.body, observations)).squeeze(-1)  # type: ignore[no-any-return]
+        return (self.critic or self.actor)(observations)[:, -1] + self.value_bias  # type: ignore[no-any-return]
 
 
-def make_body(sizes: list[int]) -> nn.ModuleList:
-    """Return the hidden layers between the given sizes."""
-    return nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
+def flatten_parameters(network: nn.Module) -> Tensor:
+    """Move all parameters and their gradients into two flat tensors; return the one with the parameters.
+
+    The optimizer then steps one tensor instead of a dozen, and copying a network is copying one array.
+    """
+    parameters = list(network.parameters())
+    flat = torch.cat([parameter.detach().reshape(-1) for parameter in parameters]).requires_grad_()
+    flat.grad = torch.zeros_like(flat)
+    begin = 0
+    for parameter in parameters:
+        end = begin + parameter.numel()
+        parameter.data = flat.data[begin:end].view_as(parameter)
+        parameter.grad = flat.grad[begin:end].view_as(parameter)
+        begin = end
+    return flat
 
 
-def run_body(body: nn.ModuleList, features: Tensor) -> Tensor:
-    """Return the last hidden layer's activations; the activation is swish, x · sigmoid(x)."""
-    for layer in body:
-        features = nn.functional.silu(layer(features))
-    return features
+def _variance_scaling(weight: Tensor, factor: float, generator: torch.Generator) -> None:
+    # 1.3 makes up for what cutting the normal at two standard deviations takes from its variance.
+    std = math.sqrt(1.3 * factor / weight.shape[1])
+    nn.init.trunc_normal_(weight, 0.0, std, -2 * std, 2 * std, generator=generator)

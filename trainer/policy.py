@@ -1,6 +1,7 @@
 """One policy in training: what it senses and is paid, its network, its rollout, its updates."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -13,8 +14,9 @@ from trainer.actions import Layout
 from trainer.advantages import estimate_advantages
 from trainer.config import ConfigError, PolicyConfig
 from trainer.distributions import branch_log_probs, gaussian_log_probs, sample_branches, sample_gaussians
-from trainer.networks import Network
-from trainer.ppo import anneal, update
+from trainer.gradient import ClosedFormGradient
+from trainer.networks import Network, flatten_parameters
+from trainer.ppo import Gradient, anneal, autograd_gradient, update
 from trainer.rollout import Rollout
 
 
@@ -63,7 +65,10 @@ class Policy:
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
         width = self.senses.size * config.stack
         self.network = Network(width, space, config.hidden, shared, seed)
-        self.optimizer = torch.optim.Adam(self.network.parameters(), fused=True)
+        self.weights = flatten_parameters(self.network)
+        self.optimizer = torch.optim.Adam([self.weights], fused=True)
+        reference = partial(autograd_gradient, self.network)
+        self.gradient: Gradient = reference if config.autograd else ClosedFormGradient(self.network)
         self.rollout = Rollout(config.rollout, self.lanes, self.senses.size, config.stack, space)
         self.updates = 0
         self._draw_noise()
@@ -84,25 +89,29 @@ class Policy:
         self.rollout.begin(self.senses.frames(step.observations), step.deciding)
 
     @torch.inference_mode()
-    def act(self, step: StepArrays, act: ActArrays) -> None:
-        """Decide on the present observations and write the decision into the policy's part of `act`."""
+    def act(self, step: StepArrays, act: ActArrays, *, deterministic: bool = False) -> None:
+        """Decide on the present observations and write the decision into the policy's part of `act`.
+
+        deterministic: the likeliest action instead of a sample.
+        """
         rollout, t = self.rollout, self.rollout.step
         network = self.network
         outputs = network(torch.from_numpy(rollout.observations[t]))
         log_probs = torch.zeros(self.lanes)
-        if network.branch_head is not None:
+        if network.space.branches:
             masks = rollout.set_masks(None if step.masks is None else self.layout.masks(step.masks))
             logits = outputs.logits if masks is None else outputs.logits + torch.from_numpy(masks)
-            discrete = sample_branches(logits, self.uniform[t])
+            discrete = logits.argmax(-1) if deterministic else sample_branches(logits, self.uniform[t])
             log_probs += branch_log_probs(logits, discrete)[0]
             rollout.discrete[t] = discrete.numpy()
-        if network.mean_head is not None:
-            continuous = sample_gaussians(outputs.mean, network.log_variance, self.normal[t])
+        if network.space.continuous:
+            normal = torch.zeros_like(outputs.mean) if deterministic else self.normal[t]
+            continuous = sample_gaussians(outputs.mean, network.log_variance, normal)
             log_probs += gaussian_log_probs(outputs.mean, network.log_variance, continuous)[0]
             rollout.continuous[t] = continuous.numpy()
         rollout.values[t] = outputs.value.numpy()
         rollout.log_probs[t] = log_probs.numpy()
-        self.layout.write(rollout.continuous[t], rollout.discrete[t], act)
+        self.layout.write(rollout.continuous[t], rollout.discrete[t], act, step.masks)
 
     def take(self, step: StepArrays) -> Array:
         """Store what followed the decision; return the rewards, float32 [lanes]."""
@@ -130,19 +139,23 @@ class Policy:
         coefficients = anneal(progress, config.learning_rate, config.clip, config.entropy)
         statistics = {"value": float(rollout.values[:-1][live].mean()), "learning_rate": coefficients.learning_rate}
         statistics |= update(
-            self.network, self.optimizer, rollout.batch(advantages, live), coefficients,
+            self.gradient, self.optimizer, rollout.batch(advantages, live), coefficients,
             epochs=config.epochs, minibatch=config.minibatch, rng=self.shuffles,
         )  # fmt: skip
-        rollout.carry_over()
+        self.forget()
+        return statistics
+
+    def forget(self) -> None:
+        """Begin the next rollout; the network stays as it is."""
+        self.rollout.carry_over()
         self.updates += 1
         self._draw_noise()
-        return statistics
 
     def state(self) -> dict[str, Array]:
         """Return copies of everything that fixes what follows, between two rollouts, for a checkpoint."""
         state = {f"network.{name}": t.detach().numpy().copy() for name, t in self.network.state_dict().items()}
-        for index, moments in self.optimizer.state_dict()["state"].items():
-            state |= {f"adam.{index}.{name}": moment.numpy().copy() for name, moment in moments.items()}
+        moments = self.optimizer.state_dict()["state"].get(0, {})
+        state |= {f"adam.{name}": moment.numpy().copy() for name, moment in moments.items()}
         state["updates"] = np.array(self.updates)
         state["observations"] = self.rollout.observations[0].copy()
         state["deciding"] = self.rollout.deciding[0].copy()
@@ -151,13 +164,9 @@ class Policy:
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""
         self.load_network(state)
-        moments: dict[int, dict[str, torch.Tensor]] = {}
-        for key, array in state.items():
-            if key.startswith("adam."):
-                _, index, name = key.split(".")
-                moments.setdefault(int(index), {})[name] = torch.from_numpy(array.copy())
+        moments = {k.removeprefix("adam."): torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("adam.")}
         groups = self.optimizer.state_dict()["param_groups"]
-        self.optimizer.load_state_dict({"state": moments, "param_groups": groups})
+        self.optimizer.load_state_dict({"state": {0: moments} if moments else {}, "param_groups": groups})
         self.updates = int(state["updates"])
         self.rollout.observations[0] = state["observations"]
         self.rollout.deciding[0] = state["deciding"]

@@ -20,19 +20,25 @@ SHARE = 0.75  # of the picture's width that shows the pitch; the rest is the pan
 
 WOOD, WOOD_SHADE, LEAVES, LEAVES_LIGHT = (15, 30, 28), (6, 14, 14), (24, 48, 40), (44, 78, 56)
 BANK, BANK_DARK, NIGHT = (48, 88, 48), (10, 22, 18), (4, 10, 12)
-GRASS_DARK, GRASS_LIGHT, BLADE, BLADE_LIGHT, CHALK = (74, 128, 62), (84, 141, 69), (58, 106, 52), (118, 172, 86), (214, 230, 196)
-INK, WHITE, AMBER, BLINK, SLOW, BLOOD = (18, 20, 26), (248, 248, 242), (250, 190, 70), (92, 225, 240), (146, 124, 250), (232, 60, 50)
+GRASS_DARK, GRASS_LIGHT, BLADE, BLADE_LIGHT = (74, 128, 62), (84, 141, 69), (58, 106, 52), (118, 172, 86)
+INK, WHITE, CHALK, AMBER = (18, 20, 26), (248, 248, 242), (214, 230, 196), (250, 190, 70)
+BLINK, SLOW, BLOOD = (92, 225, 240), (146, 124, 250), (232, 60, 50)
 TUNIC, TUNIC_DARK, SKIN, HAIR, BOOT = (44, 104, 222), (28, 66, 150), (246, 206, 170), (250, 214, 96), (70, 46, 36)
 FUR_CALM, FUR_ANGRY, THROAT, BONE = (70, 54, 92), (186, 24, 30), (44, 4, 8), (240, 230, 206)
 EYE_CALM, EYE_ANGRY = (255, 206, 64), (255, 244, 200)
-PANEL, PANEL_EDGE, GROOVE, FAINT, DIM, PALE = (13, 20, 26), (40, 58, 60), (34, 44, 52), (62, 76, 82), (120, 136, 138), (198, 210, 208)
+PANEL, PANEL_EDGE, GROOVE = (13, 20, 26), (40, 58, 60), (34, 44, 52)
+FAINT, DIM, PALE = (62, 76, 82), (120, 136, 138), (198, 210, 208)
+
+BAR = 28.0  # length of the panel's bars, in hundredths of the picture's height
 
 # The beast faces +x, its place at (0, 0); what is paired is the left one.
 _SPIKES = np.arange(30) * np.pi / 15
 _SPIKE_LENGTHS = np.where(np.arange(30) % 2, 1.0, 0.72)
 FUR = np.stack([-0.36 + 0.84 * _SPIKE_LENGTHS * np.cos(_SPIKES), 0.76 * _SPIKE_LENGTHS * np.sin(_SPIKES)], axis=1)
 MANE = FUR * 0.64 + (-0.24, 0.0)
-HEAD = ((0.46, 0.0), (0.42, 0.24), (0.16, 0.42), (-0.26, 0.42), (-0.42, 0.0), (-0.26, -0.42), (0.16, -0.42), (0.42, -0.24))
+HEAD = (
+    (0.46, 0.0), (0.42, 0.24), (0.16, 0.42), (-0.26, 0.42), (-0.42, 0.0), (-0.26, -0.42), (0.16, -0.42), (0.42, -0.24),
+)  # fmt: skip
 MAW = ((0.46, 0.0), (0.42, 0.25), (0.24, 0.31), (0.14, 0.0), (0.24, -0.31), (0.42, -0.25))
 HORN = ((-0.06, 0.32), (0.06, 0.62), (0.34, 0.8), (0.68, 0.74), (0.4, 0.62), (0.26, 0.36))
 EYE = ((-0.22, 0.07), (0.12, 0.14), (0.0, 0.36))
@@ -113,7 +119,7 @@ def _line(canvas: pygame.Surface, frame: Frame, colour: Colour, points: object, 
 def _haze(
     canvas: pygame.Surface, frame: Frame, colour: Colour, radius: float, inner: int, outer: int, clear: float = 0.0
 ) -> None:
-    """Lay a soft disc over a frame's origin: opacity (0..255) `inner` up to share `clear` of the radius, `outer` at the rim."""
+    """Lay a soft disc at a frame's origin: opacity (0..255) `inner`, from share `clear` of the radius to `outer`."""
     soft = _soft_disc(round(frame.length(radius)), colour, inner, outer, clear)
     canvas.blit(soft, (frame.origin - soft.get_width() / 2).round().tolist())
 
@@ -186,11 +192,11 @@ def _beast(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
         _haze(canvas, puff, _mix(BOOT, BLOOD, round(anger, 1)), 0.75 - 0.07 * k, 105 - 14 * k, 0)
     _haze(canvas, frame.placed(-0.36, 0.0), INK, 1.2, 190, 0, clear=0.4)
     _haze(canvas, frame.placed(-0.3, 0.0), BLOOD, 1.7, round(120 * round(anger, 1)), 0, clear=0.3)
-    for number, (x, y) in enumerate(PAWS):
-        x += step if number in (0, 3) else -step
-        shape(canvas, frame, ellipse(x, y, 0.2, 0.17), _mix(fur, INK, 0.45), INK)
+    for (x, y), stride in zip(PAWS, (step, -step, -step, step), strict=True):
+        paw = frame.placed(x + stride, y)
+        shape(canvas, paw, ellipse(0.0, 0.0, 0.2, 0.17), _mix(fur, INK, 0.45), INK)
         for claw in CLAWS:
-            shape(canvas, frame, ((x + 0.12, y + claw - 0.04), (x + 0.34, y + 1.3 * claw), (x + 0.12, y + claw + 0.04)), BONE)
+            shape(canvas, paw, ((0.12, claw - 0.04), (0.34, 1.3 * claw), (0.12, claw + 0.04)), BONE)
     shape(canvas, frame, FUR, fur, _mix(fur, INK, 0.75))
     shape(canvas, frame, MANE, _mix(fur, INK, 0.3))
     for side in (1.0, -1.0):
@@ -253,9 +259,6 @@ def _panel(canvas: pygame.Surface, arena: np.record) -> None:
     for y, slowed, text in ((88, arena.character_slow, "you are slowed"), (93, arena.beast_slow, "beast is slowed")):
         pygame.draw.circle(canvas, SLOW if slowed else GROOVE, (left + unit, y * unit), unit)
         write(canvas, text, 3.4 * unit, WHITE if slowed else FAINT, left + 3.2 * unit, y * unit)
-
-
-BAR = 28.0  # length of a bar, in hundredths of the picture's height
 
 
 def _bar(canvas: pygame.Surface, left: float, top: float, unit: float, share: float, colour: Colour) -> None:

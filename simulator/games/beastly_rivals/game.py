@@ -97,7 +97,7 @@ METRICS = [
 
 
 class BeastlyRivals(BatchedGame):
-    """A character led by a cursor, a beast that hunts it, and a sphere that slows. One behaviour, one agent per arena."""
+    """A character led by a cursor, a beast that hunts it, a sphere that slows. One behaviour, one agent per arena."""
 
     name: ClassVar[str] = "beastly_rivals"
     description: ClassVar[str] = "Lead a character away from a beast that grows faster: click to walk, blink to escape."
@@ -160,7 +160,7 @@ class BeastlyRivals(BatchedGame):
         r.begin(self.arenas, self.streams, self.rules)
 
     def _set(self, parameters: Mapping[str, float]) -> None:
-        self.rules = self.rules._replace(**parameters)
+        self.rules = self.rules._replace(beast_speed=parameters.get("beast_speed", self.rules.beast_speed))
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin new episodes everywhere, and the clock; see BatchedGame."""
@@ -233,7 +233,7 @@ class BeastlyRivals(BatchedGame):
         """Take back what `save` returned. Raises ValueError for a state that no game can be in."""
         arenas = np.frombuffer(state["arenas"].tobytes(), r.ARENA)
         for body in ("cursor", "character", "beast", "sphere"):
-            for field in r.BODY.names:
+            for field in ("x", "z", "vx", "vz"):
                 check_range(f"{body} {field}", arenas[body][field], -1e6, 1e6)
         for field in ("goal_x", "goal_z", "heading"):
             check_range(field, arenas[field], -1e6, 1e6)

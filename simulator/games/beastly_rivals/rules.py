@@ -163,7 +163,7 @@ def tick(arenas, streams, rules, number, velocity, move, blink, rewards):  # typ
         _grow_beast(arena, rules)
         _confine(arena.sphere, 0.0)
         _turn_sphere(arena, streams, i)
-        _meet(arena, rewards[i])  # before the bodies move, as in the original engine
+        _meet(arena, rules, rewards[i])  # before the bodies move, as in the original engine
         for body in (arena.cursor, arena.character, arena.beast, arena.sphere):
             body.x += body.vx * TICK
             body.z += body.vz * TICK
@@ -205,7 +205,7 @@ def _confine(body, height):  # type: ignore[no-untyped-def]
 def _drive_character(arena, rules):  # type: ignore[no-untyped-def]
     """Set the character's velocity: towards its goal, slower in the sphere; at rest while it does not move."""
     character = arena.character
-    share = _slow_share(character, arena.sphere, 0.0) if arena.character_slow and rules.slow_character else 1.0
+    share = _slow_share(character, arena.sphere, 0.0) if arena.character_slow else 1.0
     arena.slow_ticks += 1 if share < 1.0 else 0
     dx, dz = arena.goal_x - character.x, arena.goal_z - character.z
     square = dx * dx + dz * dz
@@ -277,7 +277,7 @@ def _turn_sphere(arena, streams, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _meet(arena, rewards):  # type: ignore[no-untyped-def]
+def _meet(arena, rules, rewards):  # type: ignore[no-untyped-def]
     """Notice which overlaps began or ended since the last tick; only these changes have an effect."""
     touching = _touching(arena.beast, arena.character)
     if touching and not arena.touching:
@@ -286,7 +286,8 @@ def _meet(arena, rewards):  # type: ignore[no-untyped-def]
     arena.touching = touching
     inside = _character_inside(arena.character, arena.sphere)
     if inside != arena.character_inside:
-        arena.character_inside = arena.character_slow = inside
+        arena.character_inside = inside
+        arena.character_slow = inside and rules.slow_character
     inside = _beast_inside(arena.beast, arena.character, arena.sphere)
     if inside != arena.beast_inside:
         arena.beast_inside = arena.beast_slow = inside

@@ -218,7 +218,7 @@ class ShootingBirds(BatchedGame):
         check_range("ammo", arenas["ammo"], 0, r.MAGAZINE)
         check_range("tick", arenas["tick"], 0, r.EPISODE_TICKS)
         check_range("fixed level", arenas["fixed_level"], -1, LEVELS - 1)
-        check_range("bird size", arenas["birds"]["size"], 0, 2)
+        check_range("bird size", arenas["birds"]["kind"], 0, 2)
         for field in ("x", "y", "vx", "vy", "heading"):
             check_range(field, arenas[field], -1e6, 1e6)
         for field in ("x", "y", "z", "vx", "vy", "phase"):

@@ -52,8 +52,11 @@ ORIGINAL = Rules(True, True, True, -1.1, 1.0)
 CORRECTED = Rules(False, False, False, 0.0, 1.0)
 
 BIRD = np.dtype(
-    [("x", "f8"), ("y", "f8"), ("z", "f8"), ("vx", "f8"), ("vy", "f8"), ("size", "i8"), ("phase", "f8")]
-)
+    [
+        ("x", "f8"), ("y", "f8"), ("z", "f8"), ("vx", "f8"), ("vy", "f8"), ("phase", "f8"),
+        ("kind", "i8"),  # its size: 0 large, 1 medium, 2 small
+    ]
+)  # fmt: skip
 ARENA = np.dtype(
     [
         ("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"),  # the crosshair
@@ -106,12 +109,12 @@ def begin_episode(arena, streams, i):  # type: ignore[no-untyped-def]
 
 @compiled
 def spawn(bird, streams, i, rules):  # type: ignore[no-untyped-def]
-    """Send a bird in from the left or the right edge, with a new height, size, depth and speed."""
+    """Send a bird in from the left or the right edge, with a new height, kind, depth and speed."""
     from_left = uniform(streams, i, 0.0, 1.0) < 0.5
     bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
     bird.y = uniform(streams, i, SPAWN_LOW, SPAWN_HIGH)
-    bird.size = integer(streams, i, 3)
-    bird.z = bird.size - uniform(streams, i, 0.1, 0.2)
+    bird.kind = integer(streams, i, 3)
+    bird.z = bird.kind - uniform(streams, i, 0.1, 0.2)
     speed = uniform(streams, i, SLOWEST, FASTEST) * rules.bird_speed
     bird.vx = speed if from_left else -speed
     bird.vy = 0.0
@@ -149,7 +152,7 @@ def _shoot(arena, streams, i, rules, obstacles, rewards):  # type: ignore[no-unt
     loaded = arena.ammo > 0
     if loaded or rules.dry_shots_are_aimed:
         if target >= 0:
-            rewards[AIMED_HIT] += SIZE_REWARD[arena.birds[target].size]
+            rewards[AIMED_HIT] += SIZE_REWARD[arena.birds[target].kind]
         else:
             rewards[AIMED_MISS] += MISS_REWARD
     if not loaded:
@@ -162,9 +165,9 @@ def _shoot(arena, streams, i, rules, obstacles, rewards):  # type: ignore[no-unt
         return
     arena.hits += 1
     bird = arena.birds[target]
-    true_size = bird.size
+    true_size = bird.kind
     spawn(bird, streams, i, rules)
-    rewards[HIT] += SIZE_REWARD[bird.size if rules.hit_pays_replacement else true_size]
+    rewards[HIT] += SIZE_REWARD[bird.kind if rules.hit_pays_replacement else true_size]
 
 
 @compiled

@@ -35,7 +35,7 @@ def front(arena, obstacles):  # type: ignore[no-untyped-def]
     for j in range(len(arena.birds)):
         bird = arena.birds[j]
         dx, dy = bird.x - arena.x, bird.y - arena.y
-        radius = BIRD_RADIUS[bird.size]
+        radius = BIRD_RADIUS[bird.kind]
         if bird.z < depth and dx * dx + dy * dy <= radius * radius:
             found, depth = j, bird.z
     level = arena.level
@@ -79,10 +79,10 @@ def _cast_at_birds(arena, rays):  # type: ignore[no-untyped-def]
     distance = np.empty(RAYS)
     for bird in arena.birds:
         distance[:] = np.inf
-        _cast_at_disc(bird.x - arena.x, bird.y - arena.y, BIRD_RADIUS[bird.size], distance)
+        _cast_at_disc(bird.x - arena.x, bird.y - arena.y, BIRD_RADIUS[bird.kind], distance)
         for k in range(RAYS):
             if distance[k] < nearest[k] or (distance[k] == nearest[k] and bird.z < depth[k]):
-                nearest[k], depth[k], size[k] = distance[k], bird.z, SIZE_CODE[bird.size]
+                nearest[k], depth[k], size[k] = distance[k], bird.z, SIZE_CODE[bird.kind]
     for k in range(RAYS):
         met = nearest[k] <= RAY_LENGTH
         rays[k, 0] = nearest[k] / RAY_LENGTH if met else ABSENT

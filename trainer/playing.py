@@ -1,0 +1,63 @@
+"""Play a trained policy without learning: what evaluation and recording share."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from joybridge.codec import ActArrays, StepArrays
+from joybridge.v1 import bridge_pb2 as pb
+from trainer.build import make_acts, make_policies
+from trainer.checkpoint import load_checkpoint
+from trainer.config import Config, load_config
+from trainer.policy import Policy
+from trainer.train import select
+
+
+class Players:
+    """The policies of a finished or running training, playing in `arenas` arenas."""
+
+    def __init__(self, run: Path, spec: pb.GameSpec, arenas: int, seed: int, *, deterministic: bool) -> None:
+        """Load the newest checkpoint of `run`. deterministic: always the likeliest action, no sampling.
+
+        `seed` fixes the samples. Raises CheckpointError or ConfigError.
+        """
+        config = run_config(run).model_copy(update={"seed": seed})
+        arrays, manifest = load_checkpoint(run)
+        self.transitions: int = manifest["transitions"]
+        self.deterministic = deterministic
+        self.grouped = make_policies(config, spec, arenas)
+        self.acts = make_acts(spec, arenas)
+        for policy in self.policies:
+            policy.load_network(select(arrays, f"{policy.name}/policy/"))
+
+    @property
+    def policies(self) -> list[Policy]:
+        """Return all policies."""
+        return [policy for group in self.grouped for policy in group]
+
+    def begin(self, steps: Sequence[StepArrays]) -> None:
+        """Take the first observations of new episodes."""
+        for group, step in zip(self.grouped, steps, strict=True):
+            for policy in group:
+                policy.begin(step)
+
+    def act(self, steps: Sequence[StepArrays]) -> list[ActArrays]:
+        """Return the actions for the present observations."""
+        for group, step, act in zip(self.grouped, steps, self.acts, strict=True):
+            for policy in group:
+                policy.act(step, act, deterministic=self.deterministic)
+        return self.acts
+
+    def take(self, steps: Sequence[StepArrays]) -> Mapping[str, object]:
+        """Take what followed; return each policy's rewards [lanes] by its name."""
+        rewards = {}
+        for group, step in zip(self.grouped, steps, strict=True):
+            for policy in group:
+                rewards[policy.name] = policy.take(step)
+                if policy.rollout.full:
+                    policy.forget()
+        return rewards
+
+
+def run_config(run: Path) -> Config:
+    """Return the configuration that a run was made with. Raises ConfigError."""
+    return load_config(run / "config.yaml")

@@ -1,0 +1,51 @@
+"""Recording: watch a run's policy play, as an mp4."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import imageio_ffmpeg
+
+from trainer.client import Session, describe
+from trainer.config import ConfigError
+from trainer.playing import Players, run_config
+
+FASTEST = 30.0  # frames per second; faster games are recorded every few decisions, at their own pace
+SLOWEST = 5.0  # for turn-based games
+
+
+def record(
+    run: Path, address: str, output: Path, *, seconds: float, seed: int, deterministic: bool, say: Callable[[str], None]
+) -> int:
+    """Record `seconds` of video of a run's policy in one arena; return the number of frames.
+
+    The picture is the simulator's, score included. Raises SimulatorError, CheckpointError or ConfigError.
+    """
+    config = run_config(run)
+    spec = describe(address, config.game, config.options)
+    if not spec.HasField("picture"):
+        raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
+    pace = 1.0 / (spec.tick_seconds * spec.decision_interval) if spec.tick_seconds else SLOWEST
+    every = math.ceil(pace / FASTEST)
+    frames = round(seconds * pace / every)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    size = (spec.picture.width, spec.picture.height)
+    with Session(
+        address, config.game, arenas=1, seed=seed, options=config.options, parameters=config.parameters
+    ) as session:
+        players = Players(run, spec, 1, seed, deterministic=deterministic)
+        players.begin(session.steps)
+        video = imageio_ffmpeg.write_frames(str(output), size, fps=pace / every, codec="libx264", macro_block_size=2)
+        video.send(None)
+        try:
+            for frame in range(frames):
+                for _ in range(every - 1):
+                    players.take(session.step(players.act(session.steps)))
+                steps, pictures = session.step_and_draw(players.act(session.steps), [0])
+                players.take(steps)
+                video.send(pictures[0].tobytes())
+                if (frame + 1) % 100 == 0:
+                    say(f"{frame + 1} of {frames} frames")
+        finally:
+            video.close()
+    return frames
