@@ -30,7 +30,11 @@ def main(arguments: list[str] | None = None) -> int:
         help="HOST:PORT (port 0: any free one) or unix:PATH; default %(default)s. There is no encryption and no "
         "password: listen beyond this machine only in a network you trust",
     )
-    server.add_argument("--with-parent", action="store_true", help="end when standard input closes: with the process that started this one")
+    server.add_argument(
+        "--with-parent",
+        action="store_true",
+        help="end when standard input closes: with the process that started this one",
+    )
     server.add_argument("--sessions", type=int, default=64, help="the most sessions at once; default %(default)s")
     commands.add_parser("list", parents=[games], help="list the games with their options")
     options = parser.parse_args(arguments)

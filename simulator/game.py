@@ -28,6 +28,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
 Action = dict[str, float | int]  # value of each axis and index of each branch's choice, by name
@@ -107,7 +108,7 @@ class Game(ABC):
     def step(self, action: Any) -> Turn | list[Turn]:
         """Play one decision (repeat it yourself if the game's ticks are shorter) and return what came of it."""
 
-    def draw(self) -> np.ndarray:  # type: ignore[type-arg]
+    def draw(self) -> Array:
         """Return a picture, uint8 [height, width, 3]; needed where the spec has a picture size."""
         raise NotImplementedError(f"{self.name} has a picture size in its spec but no draw method")
 
@@ -163,8 +164,8 @@ def sensor(
     name: str, shape: Sequence[int], low: float | None = None, high: float | None = None, description: str = ""
 ) -> pb.Sensor:
     """Return a float32 sensor; bounds hold for every element."""
-    bounds = {"low": [] if low is None else [low], "high": [] if high is None else [high]}
-    return pb.Sensor(name=name, description=description, dtype=pb.FLOAT32, shape=shape, **bounds)
+    lows, highs = [] if low is None else [low], [] if high is None else [high]
+    return pb.Sensor(name=name, description=description, dtype=pb.FLOAT32, shape=shape, low=lows, high=highs)
 
 
 def axis(name: str, low: float = -1.0, high: float = 1.0, description: str = "") -> pb.Axis:

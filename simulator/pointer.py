@@ -111,4 +111,3 @@ HEADING_SENSOR = pb.Sensor(
 def observe_heading(heading: Array) -> Array:
     """Return HEADING_SENSOR's values, float32 [lanes, 2], for headings in rad [lanes]."""
     return _polar(heading, np.ones(len(heading))).astype(np.float32)
-

@@ -9,7 +9,7 @@ import logging
 import signal
 import sys
 from collections.abc import Awaitable
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import grpc
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
@@ -25,7 +25,7 @@ log = logging.getLogger("simulator")
 
 SERVICE = pb.DESCRIPTOR.services_by_name["Simulator"].full_name
 GRACE_SECONDS = 2.0
-Context = grpc.aio.ServicerContext[Any, Any]
+Context: TypeAlias = Any  # grpc.aio.ServicerContext; gRPC has no types
 
 
 class Service(rpc.SimulatorServicer):
@@ -78,10 +78,13 @@ class Service(rpc.SimulatorServicer):
 
 
 async def serve(games: Catalogue, address: str, max_sessions: int, with_parent: bool) -> None:
-    """Serve until SIGINT or SIGTERM, or, with_parent, until standard input closes. Prints the bound address as one line. Raises OSError if it cannot bind."""
+    """Serve until SIGINT or SIGTERM or, with_parent, until standard input closes.
+
+    Prints the bound address as one line. Raises OSError if it cannot bind.
+    """
     server = grpc.aio.server(options=_options(games))
     service = Service(games, max_sessions)
-    rpc.add_SimulatorServicer_to_server(service, server)  # type: ignore[no-untyped-call]
+    rpc.add_SimulatorServicer_to_server(service, server)
     healthy = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
     reflection.enable_server_reflection([SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME], server)

@@ -10,12 +10,18 @@ import numpy as np
 from simulator.compiled import compiled
 
 # Taylor coefficients of sin: (-1)^k / (2k + 1)!, k = 10 .. 0. At pi/2 the first one left out is below 1e-18.
-C10, C9, C8, C7, C6 = 1 / 51090942171709440000, -1 / 121645100408832000, 1 / 355687428096000, -1 / 1307674368000, 1 / 6227020800
+C10, C9, C8, C7, C6 = (
+    1 / 51090942171709440000,
+    -1 / 121645100408832000,
+    1 / 355687428096000,
+    -1 / 1307674368000,
+    1 / 6227020800,
+)
 C5, C4, C3, C2, C1 = -1 / 39916800, 1 / 362880, -1 / 5040, 1 / 120, -1 / 6
 
 
 @compiled
-def sine(x):  # type: ignore[no-untyped-def]
+def sine(x):
     """Return sin(x), x in radians: a number or an array."""
     turns = np.floor(x / np.pi + 0.5)
     r = x - turns * np.pi  # in [-pi/2, pi/2]; sin(x) = sin(r) * (-1)^turns
@@ -26,6 +32,6 @@ def sine(x):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def cosine(x):  # type: ignore[no-untyped-def]
+def cosine(x):
     """Return cos(x), x in radians: a number or an array."""
     return sine(x + 0.5 * np.pi)

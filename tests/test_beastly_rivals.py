@@ -275,10 +275,10 @@ def test_new_episodes_spread_the_bodies_evenly_over_the_pitch_and_begin_the_game
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
     r.begin(arenas, open_streams(5, 0, len(arenas)), r.ORIGINAL)
     for body in ("cursor", "character", "sphere"):
-        radius = np.hypot(arenas[body].x, arenas[body].z)
+        radius = np.hypot(arenas[body]["x"], arenas[body]["z"])
         assert 7.4 < radius.max() <= 7.5
         assert np.mean(radius < 7.5 / math.sqrt(2)) == pytest.approx(0.5, abs=0.03)
-        assert np.mean((arenas[body].x > 0) & (arenas[body].z > 0)) == pytest.approx(0.25, abs=0.03)
+        assert np.mean((arenas[body]["x"] > 0) & (arenas[body]["z"] > 0)) == pytest.approx(0.25, abs=0.03)
     assert not any(arenas[body][part].any() for body in BODIES for part in ("vx", "vz"))
     assert not (arenas.beast.x.any() or arenas.beast.z.any() or arenas.cooldown.any() or arenas.moving.any())
     assert (arenas.speed == 0.8).all() and (arenas.accuracy == 0.01).all()

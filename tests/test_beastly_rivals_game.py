@@ -93,8 +93,8 @@ def test_observation_has_its_22_values_in_order_and_units():
     }.items():
         arena[body].x, arena[body].z, arena[body].vx, arena[body].vz = values
     arena.cooldown, arena.speed, arena.accuracy = 50, 4.25, 0.15
-    values = np.concatenate([sensor[0] for sensor in game.observe()[0].observations])
-    assert values == pytest.approx(
+    observed = np.concatenate([sensor[0] for sensor in game.observe()[0].observations])
+    assert observed == pytest.approx(
         np.concatenate(
             [
                 [0.25, 0],  # blink
@@ -124,7 +124,9 @@ def test_spec_is_well_formed_and_observations_keep_to_its_bounds(locomotion):
         (step,) = game.step([random_action(behaviour, 16, random)])
         for sensor, values in zip(behaviour.sensors, step.observations, strict=True):
             assert values.shape == (16, *sensor.shape) and values.dtype == np.float32
-            assert (values >= np.float32(sensor.low)).all() and (values <= np.float32(sensor.high)).all(), sensor.name
+            assert (values >= np.array(sensor.low, np.float32)).all() and (
+                values <= np.array(sensor.high, np.float32)
+            ).all(), sensor.name
 
 
 def test_beast_speed_scales_start_growth_and_limit():

@@ -8,7 +8,6 @@ on its own protobuf release and newer ones, never on older ones.
 """
 
 import argparse
-import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -43,4 +42,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

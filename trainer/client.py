@@ -1,7 +1,7 @@
 """The trainer's end of joybridge.v1: connect to a simulator, open sessions, exchange acts for steps.
 
-    SimulatorError            a simulator refused or failed; the text is its sentence
-    └── SimulatorLost         it went away; the run can be resumed once it is back
+SimulatorError            a simulator refused or failed; the text is its sentence
+└── SimulatorLost         it went away; the run can be resumed once it is back
 """
 
 import queue

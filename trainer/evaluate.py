@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 from trainer.client import Session, describe
 from trainer.config import Config, ConfigError
@@ -41,7 +42,7 @@ def evaluate(
     choices = balanced_choices(config, spec)
     arenas = max(1, min(math.ceil(episodes / len(choices)), spec.max_arenas, 64))
     rounds = math.ceil(episodes / (arenas * len(choices)))
-    finished: dict[str, list[np.ndarray]] = {}  # type: ignore[type-arg]
+    finished: dict[str, list[Array]] = {}
     names: dict[str, list[str]] = {}
     transitions = 0
     for choice in choices:
@@ -99,7 +100,9 @@ def _play(players: Players, session: Session, rounds: int) -> dict[str, Episodes
                 surplus = ~(count[step.ended] > 0) if not limit else np.zeros(len(step.ended), bool)
                 table.add(step, rewards[policy.name])
                 if surplus.any():  # lanes with short episodes must not count more often than others
-                    table.finished = np.delete(table.finished, len(table.finished) - len(surplus) + np.flatnonzero(surplus), 0)
+                    table.finished = np.delete(
+                        table.finished, len(table.finished) - len(surplus) + np.flatnonzero(surplus), 0
+                    )
                 count[step.ended] -= 1
         decision += 1
     return tables

@@ -97,7 +97,7 @@ class TowerPass:
     """Forward and backward pass of one tower, with its intermediate results kept between the two."""
 
     def __init__(self, tower: Tower) -> None:
-        self.layers = [(layer.weight, layer.bias) for layer in tower.hidden]
+        self.layers = [(layer.weight, layer.bias) for layer in tower.layers]
         self.head = tower.head.weight
         self.inputs: list[Tensor] = []  # of each layer, and of the head last
         self.slopes: list[Tensor] = []  # of each layer's activation

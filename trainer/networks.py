@@ -28,6 +28,11 @@ class Tower(nn.Module):
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
         self.head = nn.Linear(sizes[-1], outputs, bias=False)
 
+    @property
+    def layers(self) -> list[nn.Linear]:
+        """Return the hidden layers, input first."""
+        return [layer for layer in self.hidden if isinstance(layer, nn.Linear)]
+
     def forward(self, features: Tensor) -> Tensor:
         """Return the head's outputs [lanes, outputs]; the activation is swish, x · sigmoid(x)."""
         for layer in self.hidden:
@@ -65,7 +70,7 @@ class Network(nn.Module):
 
     def _initialise(self, generator: torch.Generator) -> None:
         for tower in (self.actor, self.critic):
-            for layer in tower.hidden if tower else ():
+            for layer in tower.layers if tower else ():
                 _variance_scaling(layer.weight, 1.0, generator)
                 nn.init.zeros_(layer.bias)
         policy = self.actor.head.weight[: self.pad.numel() + self.space.continuous]

@@ -1,9 +1,10 @@
 """Play a trained policy without learning: what evaluation and recording share."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from joybridge.codec import ActArrays, StepArrays
+from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 from trainer.build import make_acts, make_policies
 from trainer.checkpoint import load_checkpoint
@@ -47,7 +48,7 @@ class Players:
                 policy.act(step, act, deterministic=self.deterministic)
         return self.acts
 
-    def take(self, steps: Sequence[StepArrays]) -> Mapping[str, object]:
+    def take(self, steps: Sequence[StepArrays]) -> dict[str, Array]:
         """Take what followed; return each policy's rewards [lanes] by its name."""
         rewards = {}
         for group, step in zip(self.grouped, steps, strict=True):

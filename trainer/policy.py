@@ -125,7 +125,7 @@ class Policy:
 
     @torch.inference_mode()
     def _values(self, observations: Array) -> Array:
-        return self.network.value(torch.from_numpy(observations)).numpy()  # type: ignore[no-any-return]
+        return self.network.value(torch.from_numpy(observations)).numpy()
 
     def learn(self, progress: float) -> dict[str, float]:
         """Update the network from the full rollout after a share `progress` of the run; return statistics."""
@@ -164,7 +164,9 @@ class Policy:
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""
         self.load_network(state)
-        moments = {k.removeprefix("adam."): torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("adam.")}
+        moments = {
+            k.removeprefix("adam."): torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("adam.")
+        }
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": {0: moments} if moments else {}, "param_groups": groups})
         self.updates = int(state["updates"])

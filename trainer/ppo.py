@@ -6,6 +6,7 @@ which is the readable reference, or in closed form from `gradient.py`, which is 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -30,11 +31,15 @@ class Batch:
 
     def rows(self, index: Tensor) -> "Batch":
         """Return the transitions at `index`."""
-        return Batch(*(None if field is None else field[index] for field in vars(self).values()))
+        return self._each(lambda field: field[index])
 
     def slice(self, start: int, end: int) -> "Batch":
         """Return the transitions start .. end - 1 without copying them."""
-        return Batch(*(None if field is None else field[start:end] for field in vars(self).values()))
+        return self._each(lambda field: field[start:end])
+
+    def _each(self, function: Callable[[Tensor], Tensor]) -> "Batch":
+        fields: dict[str, Any] = {name: None if f is None else function(f) for name, f in vars(self).items()}
+        return Batch(**fields)
 
     def __len__(self) -> int:
         return len(self.returns)
@@ -95,7 +100,7 @@ def autograd_gradient(network: Network, batch: Batch, coefficients: Coefficients
     """Set the gradient of the loss; return [policy loss, value loss, entropy]. The readable reference."""
     network.zero_grad(set_to_none=False)
     loss, parts = ppo_loss(network, batch, coefficients)
-    loss.backward()
+    loss.backward()  # type: ignore[no-untyped-call]
     return torch.stack([part.detach() for part in parts])
 
 

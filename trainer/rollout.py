@@ -122,7 +122,7 @@ class Rollout:
                 return None
             steps, lanes, branches = self.discrete.shape
             self.masks = np.zeros((steps, lanes, branches, max(self.space.branches)), np.float32)
-        row = self.masks[self.step]
+        row: Array = self.masks[self.step]
         row[...] = 0.0
         for branch, mask in enumerate(masks or ()):
             row[:, branch, : mask.shape[1]] = np.where(mask, 0.0, FORBIDDEN)

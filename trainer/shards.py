@@ -100,9 +100,7 @@ def _join_masks(parts: list[StepArrays]) -> list[Array] | None:
     given = next((part.masks for part in parts if part.masks is not None), None)
     if given is None:
         return None
-    filled = [
-        part.masks or [np.ones((len(part.rewards), mask.shape[1]), bool) for mask in given] for part in parts
-    ]
+    filled = [part.masks or [np.ones((len(part.rewards), mask.shape[1]), bool) for mask in given] for part in parts]
     return [np.concatenate(columns) for columns in zip(*filled, strict=True)]
 
 

@@ -47,7 +47,9 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     grouped = make_policies(config, spec, config.arenas)
     policies = [policy for group in grouped for policy in group]
     cycle = rollout_cycle(policies)
-    metrics = {p.name: [m.name for m in b.metrics] for b, group in zip(spec.behaviours, grouped, strict=True) for p in group}
+    metrics = {
+        p.name: [m.name for m in b.metrics] for b, group in zip(spec.behaviours, grouped, strict=True) for p in group
+    }
     episodes = {policy.name: Episodes(policy.lanes, metrics[policy.name]) for policy in policies}
     means = {policy.name: Means() for policy in policies}
     write_config(config, run, resume)
@@ -147,7 +149,9 @@ def unpack_snapshots(
     if parts is None:
         return None
     if len(parts) != simulators:
-        raise ConfigError(f"the checkpoint was made with {len(parts)} simulators; resume with as many, not {simulators}")
+        raise ConfigError(
+            f"the checkpoint was made with {len(parts)} simulators; resume with as many, not {simulators}"
+        )
     return [
         {name: arrays[f"simulator/{index}/{name}"].tobytes() for name in names} for index, names in enumerate(parts)
     ]

@@ -141,9 +141,7 @@ def _unpack_ended(message: pb.Ended, behaviour: pb.Behaviour, step: StepArrays, 
         step.metrics = unpack(message.metrics, pb.FLOAT32, shape, f"{name}.metrics")
 
 
-def _unpack_sensors(
-    tensors: Sequence[pb.Tensor], sensors: Sequence[pb.Sensor], lanes: int, field: str
-) -> list[Array]:
+def _unpack_sensors(tensors: Sequence[pb.Tensor], sensors: Sequence[pb.Sensor], lanes: int, field: str) -> list[Array]:
     if len(tensors) != len(sensors):
         raise TensorError(f"{field}: {len(tensors)} tensors, expected {len(sensors)}, one per sensor")
     return [
@@ -152,9 +150,7 @@ def _unpack_sensors(
     ]
 
 
-def _unpack_masks(
-    tensors: Sequence[pb.Tensor], branches: Sequence[pb.Branch], lanes: int, field: str
-) -> list[Array]:
+def _unpack_masks(tensors: Sequence[pb.Tensor], branches: Sequence[pb.Branch], lanes: int, field: str) -> list[Array]:
     if len(tensors) != len(branches):
         raise TensorError(f"{field}: {len(tensors)} tensors, expected {len(branches)}, one per branch, or none")
     masks = []

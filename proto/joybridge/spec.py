@@ -1,6 +1,6 @@
 """What a well-formed spec is, and what follows from one: chosen options, parameters and message sizes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 
 from joybridge.codec import lane_count
@@ -113,9 +113,7 @@ def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
 
 def request_bytes(spec: pb.GameSpec, arenas: int) -> int:
     """Return an upper bound of the size of a PlayRequest: an Act, or a Start with a snapshot."""
-    rows = sum(
-        lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches)) for b in spec.behaviours
-    )
+    rows = sum(lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches)) for b in spec.behaviours)
     return (1 << 16) + max(rows, arenas * spec.snapshot_bytes_per_arena)
 
 
@@ -130,5 +128,5 @@ def _require(condition: bool, message: str) -> None:
         raise SpecError(message)
 
 
-def _list(names: object) -> str:
-    return ", ".join(names) or "none"  # type: ignore[call-overload, no-any-return]
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"

@@ -14,7 +14,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 Array = npt.NDArray[Any]
 
-NUMPY_TYPES: dict[int, np.dtype[Any]] = {
+NUMPY_TYPES: dict[pb.DType, np.dtype[Any]] = {
     pb.FLOAT32: np.dtype("<f4"),
     pb.INT32: np.dtype("<i4"),
     pb.UINT8: np.dtype("u1"),
@@ -42,7 +42,7 @@ def pack(array: Array) -> pb.Tensor:
     return pb.Tensor(dtype=dtype, shape=array.shape, data=array.astype(NUMPY_TYPES[dtype], copy=False).tobytes())
 
 
-def unpack(tensor: pb.Tensor, dtype: int, shape: tuple[int, ...], field: str) -> Array:
+def unpack(tensor: pb.Tensor, dtype: pb.DType, shape: tuple[int, ...], field: str) -> Array:
     """Return the array in `tensor`, read-only, after checking that it is what `field` demands.
 
     Raises TensorError if dtype, shape or byte length differ, if a float is NaN or infinite, or if a
@@ -67,8 +67,8 @@ def unpack(tensor: pb.Tensor, dtype: int, shape: tuple[int, ...], field: str) ->
     return array
 
 
-def _dtype_name(dtype: int) -> str:
-    return pb.DType.Name(dtype) if dtype in pb.DType.values() else f"unknown ({dtype})"  # type: ignore[arg-type]
+def _dtype_name(dtype: pb.DType) -> str:
+    return pb.DType.Name(dtype) if dtype in pb.DType.values() else f"unknown ({dtype})"
 
 
 def _cut(shape: list[int]) -> str:

@@ -10,8 +10,15 @@ import pygame
 
 from joybridge.tensors import Array
 from simulator.games.beastly_rivals.rules import (
-    BOUNDARY_RADIUS, CHARACTER_RADIUS, CHARACTER_SPEED, CLOCK_TICKS, COOLDOWN_TICKS, PITCH_RADIUS, SPEED_LIMIT,
-    SPHERE_RADIUS, TICK,
+    BOUNDARY_RADIUS,
+    CHARACTER_RADIUS,
+    CHARACTER_SPEED,
+    CLOCK_TICKS,
+    COOLDOWN_TICKS,
+    PITCH_RADIUS,
+    SPEED_LIMIT,
+    SPHERE_RADIUS,
+    TICK,
 )  # fmt: skip
 from simulator.render import FINE, Colour, Frame, ellipse, fit, picture, shape, write
 

@@ -252,7 +252,7 @@ class BeastlyRivals(BatchedGame):
 
 
 @compiled
-def _observe(arenas, blink, cursor, character, beast, slow_sphere):  # type: ignore[no-untyped-def]
+def _observe(arenas, blink, cursor, character, beast, slow_sphere):
     """Write the sensors of every arena."""
     for i in range(len(arenas)):
         arena = arenas[i]
@@ -272,7 +272,7 @@ def _observe(arenas, blink, cursor, character, beast, slow_sphere):  # type: ign
 
 
 @compiled
-def _observe_motion(body, place_unit, speed_unit, values):  # type: ignore[no-untyped-def]
+def _observe_motion(body, place_unit, speed_unit, values):
     """Write position and velocity of a body into `values` [4], in the given units."""
     values[0], values[1] = body.x / place_unit, body.z / place_unit
     values[2], values[3] = body.vx / speed_unit, body.vz / speed_unit

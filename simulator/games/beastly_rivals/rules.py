@@ -89,7 +89,7 @@ def begin(arenas: Array, streams: Streams, rules: Rules) -> None:
 
 
 @compiled
-def begin_episodes(arenas, streams, rules, which):  # type: ignore[no-untyped-def]
+def begin_episodes(arenas, streams, rules, which):
     """Begin a new episode in the arenas of `which` [arenas]; a clock that has run out starts over."""
     for i in range(len(arenas)):
         if which[i]:
@@ -97,7 +97,7 @@ def begin_episodes(arenas, streams, rules, which):  # type: ignore[no-untyped-de
 
 
 @compiled
-def begin_episode(arena, streams, i, rules):  # type: ignore[no-untyped-def]
+def begin_episode(arena, streams, i, rules):
     """Put the bodies of arena i at new places. The sphere's velocity and timer go on under all rules."""
     _put_on_pitch(arena.character, streams, i)
     _put_on_pitch(arena.cursor, streams, i)
@@ -119,7 +119,7 @@ def begin_episode(arena, streams, i, rules):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _draw_place(streams, i):  # type: ignore[no-untyped-def]
+def _draw_place(streams, i):
     """Draw (x, z) uniformly from the pitch."""
     radius = PITCH_RADIUS * math.sqrt(uniform(streams, i, 0.0, 1.0))
     angle = uniform(streams, i, 0.0, 2.0 * np.pi)
@@ -127,17 +127,17 @@ def _draw_place(streams, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _put_on_pitch(body, streams, i):  # type: ignore[no-untyped-def]
+def _put_on_pitch(body, streams, i):
     body.x, body.z = _draw_place(streams, i)
 
 
 @compiled
-def _stop(body):  # type: ignore[no-untyped-def]
+def _stop(body):
     body.vx = body.vz = 0.0
 
 
 @compiled
-def decide(arenas, streams, rules, velocity, move, blink, rewards):  # type: ignore[no-untyped-def]
+def decide(arenas, streams, rules, velocity, move, blink, rewards):
     """Advance every arena by one decision: its action in each of the ticks, death or not. See `tick`."""
     for number in range(DECISION_TICKS):
         tick(arenas, streams, rules, number, velocity, move, blink, rewards)
@@ -146,7 +146,7 @@ def decide(arenas, streams, rules, velocity, move, blink, rewards):  # type: ign
 
 
 @compiled
-def tick(arenas, streams, rules, number, velocity, move, blink, rewards):  # type: ignore[no-untyped-def]
+def tick(arenas, streams, rules, number, velocity, move, blink, rewards):
     """Advance every arena by tick `number` of a decision and add to `rewards` [arenas, channels].
 
     velocity is the commanded one of the cursor [arenas, 2], move and blink are [arenas] of 0 or 1. Episodes
@@ -173,7 +173,7 @@ def tick(arenas, streams, rules, number, velocity, move, blink, rewards):  # typ
 
 
 @compiled
-def _move_or_blink(arena, move, blink, rewards):  # type: ignore[no-untyped-def]
+def _move_or_blink(arena, move, blink, rewards):
     """Send the character to the cursor, then put it there if it may blink, which ends the walk."""
     if move:
         arena.goal_x, arena.goal_z = arena.cursor.x, arena.cursor.z
@@ -190,7 +190,7 @@ def _move_or_blink(arena, move, blink, rewards):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _confine(body, height):  # type: ignore[no-untyped-def]
+def _confine(body, height):
     """Pull a body back towards the centre onto the boundary sphere; then it is set to its height again.
 
     So above the ground one pull does not bring it all the way. Its velocity stays.
@@ -202,7 +202,7 @@ def _confine(body, height):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _drive_character(arena, rules):  # type: ignore[no-untyped-def]
+def _drive_character(arena, rules):
     """Set the character's velocity: towards its goal, slower in the sphere; at rest while it does not move."""
     character = arena.character
     share = _slow_share(character, arena.sphere, 0.0) if arena.character_slow else 1.0
@@ -220,14 +220,14 @@ def _drive_character(arena, rules):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _slow_share(body, sphere, ease):  # type: ignore[no-untyped-def]
+def _slow_share(body, sphere, ease):
     """Return the share of its speed that the slow sphere leaves a body; the centre slows most."""
     dx, dz = body.x - sphere.x, body.z - sphere.z
     return min(max(math.sqrt(dx * dx + dz * dz) / SPHERE_RADIUS + ease, SLOWEST), 1.0)
 
 
 @compiled
-def _steer_beast(arena):  # type: ignore[no-untyped-def]
+def _steer_beast(arena):
     """Turn the beast's velocity a little towards the character: the less accurate and the faster, the less.
 
     The pull is a unit vector in 3D, slightly upwards; the upward part of the velocity is lost each tick.
@@ -248,14 +248,14 @@ def _steer_beast(arena):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _grow_beast(arena, rules):  # type: ignore[no-untyped-def]
+def _grow_beast(arena, rules):
     """Make the beast a little faster and more accurate."""
     arena.speed = min(arena.speed + SPEED_GROWTH * rules.beast_speed, SPEED_LIMIT * rules.beast_speed)
     arena.accuracy = min(arena.accuracy + ACCURACY_GROWTH, ACCURACY_LIMIT)
 
 
 @compiled
-def _turn_sphere(arena, streams, i):  # type: ignore[no-untyped-def]
+def _turn_sphere(arena, streams, i):
     """Every three seconds, turn the slow sphere towards a random place on the pitch.
 
     The timer is compared before it grows, and its rounded sum passes 3 late: the first turn is in tick
@@ -277,7 +277,7 @@ def _turn_sphere(arena, streams, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _meet(arena, rules, rewards):  # type: ignore[no-untyped-def]
+def _meet(arena, rules, rewards):
     """Notice which overlaps began or ended since the last tick; only these changes have an effect."""
     touching = _touching(arena.beast, arena.character)
     if touching and not arena.touching:
@@ -294,14 +294,14 @@ def _meet(arena, rules, rewards):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _touching(beast, character):  # type: ignore[no-untyped-def]
+def _touching(beast, character):
     """Return whether the beast's box overlaps the character."""
     dx, dz = character.x - beast.x, character.z - beast.z
     return dx * dx + dz * dz + BEAST_BELOW * BEAST_BELOW <= KILL_DISTANCE * KILL_DISTANCE
 
 
 @compiled
-def _character_inside(character, sphere):  # type: ignore[no-untyped-def]
+def _character_inside(character, sphere):
     """Return whether the character overlaps the slow sphere, which lies on the ground."""
     dx, dz = character.x - sphere.x, character.z - sphere.z
     reach = SPHERE_RADIUS + CHARACTER_RADIUS
@@ -309,7 +309,7 @@ def _character_inside(character, sphere):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _beast_inside(beast, character, sphere):  # type: ignore[no-untyped-def]
+def _beast_inside(beast, character, sphere):
     """Return whether the beast's box, turned and tilted towards the character, overlaps the slow sphere."""
     dx, dz = character.x - beast.x, character.z - beast.z
     planar = math.sqrt(dx * dx + dz * dz)

@@ -76,7 +76,7 @@ def draw(arena: np.record, width: int, height: int) -> Array:
     for _, paint in sorted(layers, key=itemgetter(0), reverse=True):
         paint()
     _scoreboard(canvas, arena)
-    aimed = front(arena, OBSTACLES) >= 0  # type: ignore[no-untyped-call]
+    aimed = front(arena, OBSTACLES) >= 0
     _crosshair(canvas, world.placed(arena.x, arena.y), aimed)
     return picture(canvas)
 

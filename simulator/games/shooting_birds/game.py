@@ -9,12 +9,12 @@ from joybridge.codec import ActArrays, StepArrays
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 from simulator import pointer
+from simulator.batch import BatchedGame, check_range, quiet_step
 from simulator.compiled import compiled
 from simulator.game import button
 from simulator.games.shooting_birds import rules as r
 from simulator.games.shooting_birds.levels import LEVELS, OBSTACLES
 from simulator.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
-from simulator.batch import BatchedGame, check_range, quiet_step
 from simulator.randomness import Streams, open_streams, reserve, restore_streams, save_streams
 
 REACH_X, REACH_Y = 17.715, 10.215  # where the crosshair rests against a wall: the position sensor's units
@@ -71,7 +71,9 @@ CHANNELS = [
     pb.RewardChannel(name="dry_shot", description="-1 for a shot of an empty gun", default_weight=1),
     pb.RewardChannel(name="reload", description="minus the share of the magazine thrown away", default_weight=1),
     pb.RewardChannel(
-        name="aimed_hit", description="+0.25, +0.75 or +2 for a shot aimed at a bird, by its true size", default_weight=0
+        name="aimed_hit",
+        description="+0.25, +0.75 or +2 for a shot aimed at a bird, by its true size",
+        default_weight=0,
     ),
     pb.RewardChannel(name="aimed_miss", description="-0.1 for a shot aimed at anything else", default_weight=0),
 ]
@@ -148,7 +150,8 @@ class ShootingBirds(BatchedGame):
         r.begin(self.arenas, self.streams, self.rules, self.fixed_level)
 
     def _set(self, parameters: Mapping[str, float]) -> None:
-        self.rules = self.rules._replace(**parameters)
+        if "bird_speed" in parameters:
+            self.rules = self.rules._replace(bird_speed=parameters["bird_speed"])
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin new episodes everywhere; see BatchedGame."""
@@ -230,7 +233,7 @@ class ShootingBirds(BatchedGame):
 
 
 @compiled
-def _observe(arenas, rules, obstacles, gun, crosshair, rays, hovered):  # type: ignore[no-untyped-def]
+def _observe(arenas, rules, obstacles, gun, crosshair, rays, hovered):
     """Write the sensors of every arena."""
     for i in range(len(arenas)):
         arena = arenas[i]

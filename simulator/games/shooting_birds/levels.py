@@ -11,9 +11,12 @@ import numpy as np
 
 from joybridge.tensors import Array
 
+Disc = tuple[float, float, float, float]  # x, y, radius, depth
+Box = tuple[float, float, float, float, float]  # left, bottom, right, top, depth
+
 BARN_DEPTH, TREE_DEPTH = 0.0, 1.1  # lower is nearer to the viewer
 
-# Each box is (left, bottom, right, top), each disc (x, y, radius).
+# Each template box is (left, bottom, right, top), each disc (x, y, radius).
 TREE_TRUNK = (-1.3, -13.95, 1.3, -1.17)
 TREE_CROWN = (
     (-2.06, 2.76, 2.66),
@@ -84,14 +87,14 @@ class Obstacles(NamedTuple):
     box_count: Array  # int64 [levels]
 
 
-def _place(placement: Placement) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
+def _place(placement: Placement) -> tuple[list[Disc], list[Box]]:
     """Return the discs and boxes of one placed template."""
     tree = placement.template == "tree"
     depth = TREE_DEPTH if tree else BARN_DEPTH
     sx, sy = placement.scale_x, placement.scale_y
     radius_scale = max(abs(sx), abs(sy))  # a disc stays round: the engine scales it by the larger of the two
     discs = [(placement.x + sx * x, placement.y + sy * y, radius_scale * r, depth) for x, y, r in TREE_CROWN if tree]
-    boxes = []
+    boxes: list[Box] = []
     for left, bottom, right, top in (TREE_TRUNK,) if tree else BARN_BOXES:
         xs = sorted((placement.x + sx * left, placement.x + sx * right))
         ys = sorted((placement.y + sy * bottom, placement.y + sy * top))

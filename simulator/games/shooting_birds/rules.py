@@ -4,11 +4,10 @@ Follows the game of the paper as its trained networks know it. Each quirk of the
 `Rules`; everything else is the same under both sets of rules.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from joybridge.tensors import Array
 from simulator.compiled import compiled
 from simulator.games.shooting_birds.levels import LEVELS, OBSTACLES, Obstacles
 from simulator.games.shooting_birds.sensing import BIRD_RADIUS, NOTHING, OBSTACLE, front
@@ -72,7 +71,7 @@ ARENA = np.dtype(
 MOST_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
 
 
-def begin(arenas: Array, streams: Streams, rules: Rules, fixed_level: int) -> None:
+def begin(arenas: "np.recarray[Any, Any]", streams: Streams, rules: Rules, fixed_level: int) -> None:
     """Fill arenas as at the start of the program: ten new birds each, and a first episode."""
     arenas[:] = np.zeros((), ARENA)
     arenas.fixed_level = fixed_level
@@ -82,7 +81,7 @@ def begin(arenas: Array, streams: Streams, rules: Rules, fixed_level: int) -> No
 
 
 @compiled
-def _populate(arenas, streams, rules):  # type: ignore[no-untyped-def]
+def _populate(arenas, streams, rules):
     for i in range(len(arenas)):
         for bird in arenas[i].birds:
             bird.phase = uniform(streams, i, -45.0, 45.0)  # once: a bird that comes back keeps it
@@ -90,14 +89,14 @@ def _populate(arenas, streams, rules):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def begin_episodes(arenas, streams):  # type: ignore[no-untyped-def]
+def begin_episodes(arenas, streams):
     """Reset crosshair, gun and level of every arena. Birds and the clock of their flight go on."""
     for i in range(len(arenas)):
         begin_episode(arenas[i], streams, i)
 
 
 @compiled
-def begin_episode(arena, streams, i):  # type: ignore[no-untyped-def]
+def begin_episode(arena, streams, i):
     """Reset crosshair, gun and level of arena i. Its velocity stays until the first action."""
     arena.x = uniform(streams, i, -11.1, 8.9)
     arena.y = uniform(streams, i, -10.0, 10.0)
@@ -108,7 +107,7 @@ def begin_episode(arena, streams, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def spawn(bird, streams, i, rules):  # type: ignore[no-untyped-def]
+def spawn(bird, streams, i, rules):
     """Send a bird in from the left or the right edge, with a new height, kind, depth and speed."""
     from_left = uniform(streams, i, 0.0, 1.0) < 0.5
     bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
@@ -121,7 +120,7 @@ def spawn(bird, streams, i, rules):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):  # type: ignore[no-untyped-def]
+def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
     """Advance every arena by one tick under its action and add to `rewards` [arenas, channels].
 
     velocity is the commanded one [arenas, 2], shoot and reload are [arenas] of 0 or 1. Episodes that reach
@@ -146,7 +145,7 @@ def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):  
 
 
 @compiled
-def _shoot(arena, streams, i, rules, obstacles, rewards):  # type: ignore[no-untyped-def]
+def _shoot(arena, streams, i, rules, obstacles, rewards):
     """Shoot at what is in front under the crosshair, as it was observed for this decision."""
     target = front(arena, obstacles)
     loaded = arena.ammo > 0
@@ -171,7 +170,7 @@ def _shoot(arena, streams, i, rules, obstacles, rewards):  # type: ignore[no-unt
 
 
 @compiled
-def _fly(arena, streams, i, rules):  # type: ignore[no-untyped-def]
+def _fly(arena, streams, i, rules):
     """Set the vertical speed of every bird and replace those that have left."""
     time = arena.clock * TICK
     for bird in arena.birds:
@@ -181,7 +180,7 @@ def _fly(arena, streams, i, rules):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _move_crosshair(arena):  # type: ignore[no-untyped-def]
+def _move_crosshair(arena):
     """Move the crosshair by one tick among the walls, as the original's contact solver does.
 
     A wall acts on the velocity only when it was touched at the start of the tick, so a fast crosshair first
@@ -201,13 +200,13 @@ def _move_crosshair(arena):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _gap(position, wall):  # type: ignore[no-untyped-def]
+def _gap(position, wall):
     """Return the distance from the centre to the nearer of the two walls at +wall and -wall."""
     return wall - abs(position)
 
 
 @compiled
-def _push(position, wall):  # type: ignore[no-untyped-def]
+def _push(position, wall):
     """Return how far one correction moves the centre back from the wall it has sunk into, with its sign."""
     depth = TOUCH - _gap(position, wall)
     push = min(max(PUSH_SHARE * (depth - SLOP), 0.0), PUSH_MOST)

@@ -25,7 +25,7 @@ assert (OBSTACLES.discs[:, :, 3] < _DEEPEST).all()
 
 
 @compiled
-def front(arena, obstacles):  # type: ignore[no-untyped-def]
+def front(arena, obstacles):
     """Return what is in front at the crosshair's centre: a bird's index, OBSTACLE or NOTHING.
 
     Of all colliders that contain the centre the one with the lowest depth is in front. Large birds fly in
@@ -52,7 +52,7 @@ def front(arena, obstacles):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def cast_rays(arena, obstacles, rays):  # type: ignore[no-untyped-def]
+def cast_rays(arena, obstacles, rays):
     """Write what the twelve rays meet into `rays` [12, 3].
 
     Per ray: distance to the nearest bird, that bird's size code, distance to the nearest obstacle; distances
@@ -73,7 +73,7 @@ def cast_rays(arena, obstacles, rays):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _cast_at_birds(arena, rays):  # type: ignore[no-untyped-def]
+def _cast_at_birds(arena, rays):
     """Write bird distance and size code. Of birds at the same distance (0: inside them) the front one counts."""
     nearest, depth, size = np.full(RAYS, np.inf), np.full(RAYS, np.inf), np.zeros(RAYS)
     distance = np.empty(RAYS)
@@ -90,7 +90,7 @@ def _cast_at_birds(arena, rays):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _cast_at_disc(dx, dy, radius, distance):  # type: ignore[no-untyped-def]
+def _cast_at_disc(dx, dy, radius, distance):
     """Lower `distance` [12] to that of a disc whose centre is at (dx, dy) from the rays' start."""
     apart = dx * dx + dy * dy - radius * radius
     if apart <= 0.0:
@@ -106,7 +106,7 @@ def _cast_at_disc(dx, dy, radius, distance):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _cast_at_box(left, bottom, right, top, distance):  # type: ignore[no-untyped-def]
+def _cast_at_box(left, bottom, right, top, distance):
     """Lower `distance` [12] to that of a box given by its edges relative to the rays' start."""
     apart_x, apart_y = max(left, 0.0, -right), max(bottom, 0.0, -top)
     if apart_x * apart_x + apart_y * apart_y > RAY_LENGTH * RAY_LENGTH:

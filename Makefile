@@ -1,0 +1,28 @@
+# make install   .venv with everything, at the versions in constraints.txt
+# make demo      train Shooting Birds for a few minutes; ends with scores, a plot and a video
+# make test      lint, types and all tests
+# make bench     how fast it is on this machine
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: install demo test bench proto
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
+	touch $@
+
+demo: install
+	$(BIN)/python tools/demo.py
+
+test: install
+	$(BIN)/python tools/check.py
+
+bench: install
+	$(BIN)/python tools/bench.py all
+
+proto: install
+	$(BIN)/python tools/generate_proto.py
