@@ -16,10 +16,10 @@ install: .venv/installed
 	touch $@
 
 demo: install
-	$(BIN)/python tools/demo.py
+	$(BIN)/python -m tools.demo
 
 test: install
-	$(BIN)/python tools/check.py
+	$(BIN)/python -m tools.check
 
 bench: install
 	$(BIN)/python tools/bench.py all

@@ -1,6 +1,6 @@
 """Many one-arena games as one batch: makes an author's `Game` into the `BatchedGame` that the service runs."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,8 +18,14 @@ def batched(game: type[Game]) -> type["Arenas"]:
     return type(game.__name__, (Arenas,), members)
 
 
+Places = list[tuple[int, Turn]]  # turns with the arenas they are from
+
+
 class Arenas(BatchedGame):
-    """A batch of one author's game; `batched` makes the subclass."""
+    """A batch of one author's game; `batched` makes the subclass.
+
+    What an author returns is checked here, so a mistake is an error that names the arena and never data.
+    """
 
     game: ClassVar[type[Game]]
 
@@ -42,16 +48,16 @@ class Arenas(BatchedGame):
         # One (behaviour index, agent number) per agent of an arena, in the order of the author's lists.
         self.agents = [(b, a) for b, kind in enumerate(self.spec.behaviours) for a in range(kind.agents_per_arena)]
         self.parameters = {p.name: p.default_value for p in self.spec.parameters}
-        self.games = [self.game() for _ in range(arenas)]
-        for game in self.games:
-            game.option, game.parameter = options, self.parameters
+        self.arenas, self.option = arenas, options
         self.reset(seed, parameters)
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin new episodes everywhere; see BatchedGame."""
         self.parameters.update(parameters)
-        if seed is not None:
+        if seed is not None:  # new games, too: an author's may remember its episodes
+            self.games = [self.game() for _ in range(self.arenas)]
             for arena, game in enumerate(self.games):
+                game.option, game.parameter = self.option, self.parameters
                 game.rng = np.random.Generator(np.random.Philox(key=[seed, self.first_arena + arena]))
         self.turns = [self._reset(arena) for arena in range(len(self.games))]
         # What lanes that wait have earned since they last decided.
@@ -69,7 +75,7 @@ class Arenas(BatchedGame):
         ended: dict[int, list[Turn]] = {}
         for arena, game in enumerate(self.games):
             actions = [self._action(acts[b], b, a, arena) for b, a in self.agents]
-            turns = self._check(arena, game.step(actions[0] if len(actions) == 1 else actions))
+            turns = self._turns(arena, game.step, actions[0] if len(actions) == 1 else actions)
             self._earn(arena, turns)
             if turns[0].terminated or turns[0].truncated:
                 ended[arena] = turns
@@ -82,7 +88,7 @@ class Arenas(BatchedGame):
         return self.games[arena].draw()
 
     def _reset(self, arena: int) -> list[Turn]:
-        turns = self._check(arena, self.games[arena].reset())
+        turns = self._turns(arena, self.games[arena].reset)
         if turns[0].terminated or turns[0].truncated:
             raise GameError(f"arena {arena}: reset returned an end; it begins an episode, return transition(...)")
         return turns
@@ -95,9 +101,15 @@ class Arenas(BatchedGame):
         action |= {branch.name: int(v) for branch, v in zip(device.branches, act.choices[lane], strict=True)}
         return action
 
-    def _check(self, arena: int, turns: Turn | list[Turn]) -> list[Turn]:
-        """Return the turns as a list, after checking that there is one per agent and that they end together."""
-        turns = [turns] if isinstance(turns, Turn) else turns
+    def _turns(self, arena: int, play: Callable[..., Any], *actions: Any) -> list[Turn]:
+        """Return what one arena's game answers, after checking that all agents get a turn and end together."""
+        try:
+            answer = play(*actions)
+        except (Exception, SystemExit) as error:
+            raise GameError(f"arena {arena}: {type(error).__name__}: {error}") from error
+        turns: list[Turn] = [answer] if isinstance(answer, Turn) else answer
+        if not (isinstance(turns, list | tuple) and all(isinstance(turn, Turn) for turn in turns)):
+            raise GameError(f"arena {arena}: got {answer!r}, expected transition(...) or its like, one per agent")
         if len(turns) != len(self.agents):
             raise GameError(f"arena {arena}: got {len(turns)} turns, expected {len(self.agents)}, one per agent")
         if len({(turn.terminated, turn.truncated) for turn in turns}) != 1:
@@ -108,16 +120,15 @@ class Arenas(BatchedGame):
         for (b, agent), turn in zip(self.agents, turns, strict=True):
             kind = self.spec.behaviours[b]
             names = [channel.name for channel in kind.channels]
+            _require_known(arena, f"{kind.name}: reward channel", turn.rewards, names)
             for name, value in turn.rewards.items():
-                if name not in names:
-                    raise GameError(f"arena {arena}: reward channel {name!r} is not in the spec, which has {names}")
                 self.earned[b][arena * kind.agents_per_arena + agent, names.index(name)] += value
 
     def _behaviour_step(self, b: int, ended: Mapping[int, list[Turn]]) -> StepArrays:
         """Collect one behaviour's lanes into arrays."""
         kind = self.spec.behaviours[b]
         slots = [slot for slot, (behaviour, _) in enumerate(self.agents) if behaviour == b]
-        turns = [self.turns[arena][slot] for arena in range(len(self.games)) for slot in slots]
+        turns = [(arena, self.turns[arena][slot]) for arena in range(len(self.games)) for slot in slots]
         ends = [(arena, ended[arena][slot]) for arena in ended for slot in slots]
         lanes = np.arange(len(turns)).reshape(len(self.games), len(slots))
         step = StepArrays(
@@ -127,38 +138,70 @@ class Arenas(BatchedGame):
         for arena, turn in ends:
             step.terminated[lanes[arena]] = turn.terminated
             step.truncated[lanes[arena]] = turn.truncated
-        deciding = np.array([turn.deciding for turn in turns])
+        deciding = np.array([turn.deciding for _, turn in turns])
         if not deciding.all():
             step.deciding = deciding
         due = deciding | step.terminated | step.truncated
+        _require_finite(f"{kind.name}: a reward", self.earned[b], turns)
         step.rewards[due] = self.earned[b][due]
         self.earned[b][due] = 0.0
         if ends:
             step.ended = lanes[list(ended)].reshape(-1).astype(np.int32)
-            step.final_observations = self._observations(kind, [turn for _, turn in ends])
-            if kind.metrics:
-                rows = [[turn.metrics.get(metric.name, 0.0) for metric in kind.metrics] for _, turn in ends]
-                step.metrics = np.array(rows, np.float32)
+            step.final_observations = self._observations(kind, ends)
+            step.metrics = self._metrics(kind, ends)
         return step
 
     @staticmethod
-    def _observations(kind: pb.Behaviour, turns: list[Turn]) -> list[Array]:
+    def _observations(kind: pb.Behaviour, turns: Places) -> list[Array]:
         columns = []
         for sensor in kind.sensors:
+            where = f"{kind.name}: sensor {sensor.name!r}"
             column = np.empty((len(turns), *sensor.shape), NUMPY_TYPES[sensor.dtype])
-            for row, turn in zip(column, turns, strict=True):
+            for row, (arena, turn) in enumerate(turns):
                 if sensor.name not in turn.observation:
-                    raise GameError(f"{kind.name}: the observation has no sensor {sensor.name!r}, which the spec lists")
-                row[...] = turn.observation[sensor.name]
+                    raise GameError(f"arena {arena}: {where} is in the spec but not in the observation")
+                value = turn.observation[sensor.name]
+                if np.shape(value) != column.shape[1:]:
+                    came, wanted = list(np.shape(value)), list(sensor.shape)
+                    raise GameError(f"arena {arena}: {where} has shape {came}, expected {wanted}")
+                column[row] = value
+            _require_finite(where, column, turns)
             columns.append(column)
         return columns
 
     @staticmethod
-    def _masks(kind: pb.Behaviour, turns: list[Turn]) -> list[Array] | None:
-        if not any(turn.masks for turn in turns):
+    def _masks(kind: pb.Behaviour, turns: Places) -> list[Array] | None:
+        if not any(turn.masks for _, turn in turns):
             return None
-        masks: list[Any] = []
-        for branch in kind.device.branches:
-            everything = [True] * len(branch.choices)
-            masks.append(np.array([turn.masks.get(branch.name, everything) for turn in turns], bool))
-        return masks
+        choices = {branch.name: len(branch.choices) for branch in kind.device.branches}
+        for arena, turn in turns:
+            _require_known(arena, f"{kind.name}: masked branch", turn.masks, choices)
+            for name, mask in turn.masks.items():
+                if len(mask) != choices[name] or not any(mask):
+                    came, wanted = list(mask), f"{choices[name]} booleans that are not all false"
+                    raise GameError(f"arena {arena}: {kind.name}: mask of {name!r} is {came}, expected {wanted}")
+        return [
+            np.array([turn.masks.get(name, [True] * count) for _, turn in turns], bool)
+            for name, count in choices.items()
+        ]
+
+    @staticmethod
+    def _metrics(kind: pb.Behaviour, ends: Places) -> Array | None:
+        names = [metric.name for metric in kind.metrics]
+        for arena, turn in ends:
+            _require_known(arena, f"{kind.name}: metric", turn.metrics, names)
+        metrics = np.array([[turn.metrics.get(name, 0.0) for name in names] for _, turn in ends], np.float32)
+        _require_finite(f"{kind.name}: a metric of {names}", metrics, ends)
+        return metrics if names else None
+
+
+def _require_known(arena: int, what: str, given: Iterable[str], known: Collection[str]) -> None:
+    for name in given:
+        if name not in known:
+            raise GameError(f"arena {arena}: {what} {name!r} is not in the spec, which has {list(known)}")
+
+
+def _require_finite(what: str, rows: Array, turns: Places) -> None:
+    if not np.isfinite(rows).all():
+        row, *_ = np.argwhere(~np.isfinite(rows))[0]
+        raise GameError(f"arena {turns[row][0]}: {what} is {rows[row].tolist()}, expected finite numbers")

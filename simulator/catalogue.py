@@ -4,11 +4,12 @@ A game is named as "module:Class"; installed packages offer theirs in the entry 
 "joybridge.games". The class is a `Game` or a `BatchedGame`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 
 from joybridge.spec import SpecError, check_spec, choose_options
+from joybridge.v1 import bridge_pb2 as pb
 from simulator.arenas import batched
 from simulator.batch import BatchedGame
 from simulator.game import Game
@@ -22,7 +23,7 @@ class CatalogueError(Exception):
 
 
 def load_games(extra: Sequence[str] = ()) -> Catalogue:
-    """Return the games by name, their specs checked under the default options. Raises CatalogueError."""
+    """Return the games by name, their specs checked under every choice of an option. Raises CatalogueError."""
     places = [*BUILT_IN.values(), *(point.value for point in entry_points(group="joybridge.games")), *extra]
     games: Catalogue = {}
     for place in places:
@@ -45,7 +46,19 @@ def load_game(place: str) -> type[BatchedGame]:
     if not (isinstance(game, type) and issubclass(game, BatchedGame)):
         raise CatalogueError(f"game {place!r} is not a class derived from simulator.game.Game or BatchedGame")
     try:
-        check_spec(game.describe(choose_options(game.options(), {}, game.name)))
+        for spec in specs(game):
+            check_spec(spec)
     except SpecError as error:
         raise CatalogueError(f"game {place!r} has a spec that breaks the contract: {error}") from error
+    except Exception as error:
+        raise CatalogueError(f"game {place!r} cannot be described: {type(error).__name__}: {error}") from error
     return game
+
+
+def specs(game: type[BatchedGame]) -> Iterator[pb.GameSpec]:
+    """Yield a game's specs: under its default options, then with one option changed at a time."""
+    default = choose_options(game.options(), {}, game.name)
+    yield game.describe(default)
+    for option in game.options():
+        for choice in option.choices:
+            yield game.describe(default | {option.name: choice})

@@ -7,18 +7,20 @@ the step (measured: 330 against 160 µs per round trip of 64 lanes).
 import asyncio
 import logging
 import signal
+import socket
 import sys
 from collections.abc import Awaitable
 from typing import Any, TypeAlias, cast
 
 import grpc
+from google.protobuf.message import DecodeError
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from joybridge.spec import choose_options, request_bytes
+from joybridge.spec import request_bytes
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
-from simulator.catalogue import Catalogue
+from simulator.catalogue import Catalogue, specs
 from simulator.session import Refusal, Session, describe
 
 log = logging.getLogger("simulator")
@@ -63,6 +65,8 @@ class Service(rpc.SimulatorServicer):
                 await context.write(session.answer(request))
         except Refusal as refusal:
             await context.abort(refusal.code, str(refusal))
+        except DecodeError as error:
+            await context.abort(grpc.StatusCode.INVALID_ARGUMENT, f"not a PlayRequest: {error}")
         except asyncio.CancelledError:
             if not self.stopping:  # the client went away: nobody is left to be told
                 raise
@@ -82,12 +86,15 @@ async def serve(games: Catalogue, address: str, max_sessions: int, with_parent: 
 
     Prints the bound address as one line. Raises OSError if it cannot bind.
     """
+    stop = _stop_event(with_parent)
     server = grpc.aio.server(options=_options(games))
     service = Service(games, max_sessions)
     rpc.add_SimulatorServicer_to_server(service, server)
     healthy = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
     reflection.enable_server_reflection([SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME], server)
+    if _taken(address):
+        raise OSError(f"cannot listen on {address}: another server does")
     try:
         port = server.add_insecure_port(address)
     except RuntimeError as error:
@@ -97,12 +104,6 @@ async def serve(games: Catalogue, address: str, max_sessions: int, with_parent: 
         await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
     bound = address if address.startswith("unix:") else f"{address.rsplit(':', 1)[0]}:{port}"
     print(f"joybridge simulator listening on {bound}", flush=True)
-
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    if with_parent:
-        asyncio.get_running_loop().add_reader(sys.stdin, stop.set)  # nothing is ever written there
     await stop.wait()
     log.info("shutting down: %d open sessions end with UNAVAILABLE", len(service.sessions))
     await healthy.enter_graceful_shutdown()
@@ -110,11 +111,36 @@ async def serve(games: Catalogue, address: str, max_sessions: int, with_parent: 
     await server.stop(GRACE_SECONDS)
 
 
+def _stop_event(with_parent: bool) -> asyncio.Event:
+    """Return the event that ends the server: SIGINT, SIGTERM or, with_parent, the end of standard input."""
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    if with_parent:
+        try:
+            loop.add_reader(sys.stdin, stop.set)  # nothing is ever written there
+        except (PermissionError, ValueError) as error:
+            raise OSError("--with-parent watches standard input, which must be a pipe or a terminal") from error
+    return stop
+
+
+def _taken(address: str) -> bool:
+    """Return whether a server listens on a unix socket: gRPC would take its path from it without a word."""
+    if not address.startswith("unix:"):
+        return False
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(address.removeprefix("unix:"))
+        except OSError:  # nothing there, or what a killed server left
+            return False
+    return True
+
+
 def _options(games: Catalogue) -> list[tuple[str, int]]:
     """Return the server's limits: messages no larger than the largest that a spec allows, dead peers noticed."""
-    specs = [game.describe(choose_options(game.options(), {}, game.name)) for game in games.values()]
+    largest = max(request_bytes(spec, spec.max_arenas) for game in games.values() for spec in specs(game))
     return [
-        ("grpc.max_receive_message_length", max(request_bytes(spec, spec.max_arenas) for spec in specs)),
+        ("grpc.max_receive_message_length", largest),
         ("grpc.max_send_message_length", -1),  # what is sent is bounded by what may be asked for
         ("grpc.keepalive_time_ms", 30_000),
         ("grpc.keepalive_timeout_ms", 20_000),

@@ -3,40 +3,67 @@
 Knows nothing of gRPC beyond status codes, so it is tested without a socket.
 """
 
+import hashlib
+import json
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import grpc
 import numpy as np
 
-from joybridge.codec import StepArrays, pack_step, unpack_act
-from joybridge.spec import MAX_PICTURES, SpecError, choose_options, choose_parameters
-from joybridge.tensors import TensorError, pack
+from joybridge.codec import ActArrays, StepArrays, pack_step, unpack_act
+from joybridge.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
+from joybridge.tensors import Array, TensorError, pack
 from joybridge.v1 import bridge_pb2 as pb
 from simulator.batch import BatchedGame, GameError
 from simulator.catalogue import Catalogue
 
 log = logging.getLogger("simulator")
 
+HEAD, TAIL = 400, 200  # characters of a long text that are kept: gRPC gives a status 8 KiB, a character up to 12 bytes
+
 
 class Refusal(Exception):
     """An error that ends the session with a status; the text says what came, what was wanted and what to do."""
 
     def __init__(self, code: grpc.StatusCode, text: str) -> None:
-        super().__init__(text)
+        text = text.encode(errors="backslashreplace").decode()  # a lone surrogate cannot travel
+        super().__init__(text if len(text) <= HEAD + TAIL else f"{text[:HEAD]} … {text[-TAIL:]}")
         self.code = code
 
 
+@contextmanager
+def checking() -> Iterator[None]:
+    """Blame the request for what is found wrong in here. Everything else that fails is the game's fault."""
+    try:
+        yield
+    except (TensorError, SpecError) as error:
+        raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, str(error)) from error
+
+
+def failure(game: str, moment: str, error: BaseException) -> Refusal:
+    """Log an exception of a game, present in the caller, and return what its client is told."""
+    log.exception("game %s failed in %s", game, moment)
+    place = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
+    text = f"{game} failed in {moment}: {place}; the traceback is in the server's log"
+    return Refusal(grpc.StatusCode.INTERNAL, text)
+
+
 def describe(games: Catalogue, name: str, options: Mapping[str, str]) -> pb.GameSpec:
-    """Return the spec of a game. Raises Refusal for an unknown game, option or choice."""
+    """Return the spec of a game. Raises Refusal for an unknown game, option or choice, and for a broken spec."""
     if name not in games:
         known = ", ".join(games)
         raise Refusal(grpc.StatusCode.NOT_FOUND, f"no game named {name!r}; this server has {known}")
+    with checking():
+        chosen = choose_options(games[name].options(), options, name)
     try:
-        return games[name].describe(choose_options(games[name].options(), options, name))
-    except SpecError as error:
-        raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, str(error)) from error
+        spec = games[name].describe(chosen)
+        check_spec(spec)
+    except (Exception, SystemExit) as error:
+        raise failure(name, "describe", error) from error
+    return spec
 
 
 class Session:
@@ -47,6 +74,7 @@ class Session:
         self.games = games
         self.game: BatchedGame | None = None
         self.spec = pb.GameSpec()
+        self.origin = b""  # stands for how the session was started, in its snapshots
         self.previous: list[StepArrays] = []  # what the client decides on now
         self.steps = 0
 
@@ -60,16 +88,10 @@ class Session:
             raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, f"{wanted}; open a new stream and begin with start")
         try:
             return getattr(self, f"_{kind}")(getattr(request, kind))  # type: ignore[no-any-return]
-        except (TensorError, SpecError) as error:
-            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, str(error)) from error
         except Refusal:
             raise
-        except Exception as error:
-            # An author's bug must not take the server with it: report it here, log it there.
-            log.exception("game %s failed in step %d", self.spec.name, self.steps)
-            place = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
-            text = f"{self.spec.name} failed in step {self.steps}: {place}; the traceback is in the server's log"
-            raise Refusal(grpc.StatusCode.INTERNAL, text) from error
+        except (Exception, SystemExit) as error:  # an author's bug, or call of exit, must not take the server with it
+            raise failure(self.spec.name, f"step {self.steps}", error) from error
 
     def _start(self, start: pb.Start) -> pb.PlayResponse:
         spec = describe(self.games, start.game, start.options)
@@ -77,36 +99,37 @@ class Session:
         if not 1 <= start.arenas <= spec.max_arenas:
             code = grpc.StatusCode.INVALID_ARGUMENT if start.arenas == 0 else grpc.StatusCode.RESOURCE_EXHAUSTED
             raise Refusal(code, f"{spec.name}: arenas is {start.arenas}, expected 1..{spec.max_arenas}")
-        options = choose_options(spec.options, start.options, spec.name)
-        parameters = choose_parameters(spec.parameters, start.parameters, spec.name)
+        with checking():
+            options = choose_options(spec.options, start.options, spec.name)
+            parameters = choose_parameters(spec.parameters, start.parameters, spec.name)
         game = self.games[start.game](options, parameters, start.arenas, start.first_arena, start.seed)
+        parameters = {parameter.name: parameter.default_value for parameter in spec.parameters} | parameters
+        how = [spec.name, options, parameters, start.arenas, start.first_arena, start.seed]
+        self.origin = hashlib.blake2b(json.dumps(how, sort_keys=True).encode(), digest_size=16).digest()
         if start.HasField("snapshot"):
             self._require_snapshots()
-            restore(game, start.snapshot)
+            with checking():
+                restore(game, start.snapshot, self.origin)
         self.game = game
         return pb.PlayResponse(started=pb.Started(spec=spec, step=self._observe()))
 
     def _act(self, act: pb.Act) -> pb.PlayResponse:
         assert self.game is not None
-        behaviours = self.spec.behaviours
-        if len(act.behaviours) != len(behaviours):
-            raise TensorError(f"act.behaviours has {len(act.behaviours)} entries, expected {len(behaviours)}")
-        acts = [
-            unpack_act(message, behaviour, previous)
-            for message, behaviour, previous in zip(act.behaviours, behaviours, self.previous, strict=True)
-        ]
-        self._check_draw(act)
+        with checking():
+            acts = self._unpack(act)
+            self._check_draw(act)
+        self.steps += 1
         begin = time.perf_counter()
         self.previous = self.game.step(acts)
         seconds = time.perf_counter() - begin
-        self.steps += 1
         step = pb.Step(behaviours=[pack_step(s) for s in self.previous], simulate_seconds=seconds)
-        step.pictures.extend(pack(np.ascontiguousarray(self.game.draw(arena))) for arena in act.draw)
+        step.pictures.extend(pack(self._draw(arena)) for arena in act.draw)
         return pb.PlayResponse(step=step)
 
     def _reset(self, reset: pb.Reset) -> pb.PlayResponse:
         assert self.game is not None
-        parameters = choose_parameters(self.spec.parameters, reset.parameters, self.spec.name)
+        with checking():
+            parameters = choose_parameters(self.spec.parameters, reset.parameters, self.spec.name)
         self.game.reset(reset.seed if reset.HasField("seed") else None, parameters)
         return pb.PlayResponse(step=self._observe())
 
@@ -114,12 +137,21 @@ class Session:
         assert self.game is not None
         self._require_snapshots()
         parts = {name: array.tobytes() for name, array in self.game.save().items()}
-        return pb.PlayResponse(snapshot=pb.Snapshot(parts=parts))
+        return pb.PlayResponse(snapshot=pb.Snapshot(parts=parts | {"origin": self.origin}))
 
     def _observe(self) -> pb.Step:
         assert self.game is not None
         self.previous = self.game.observe()
         return pb.Step(behaviours=[pack_step(s) for s in self.previous])
+
+    def _unpack(self, act: pb.Act) -> list[ActArrays]:
+        behaviours = self.spec.behaviours
+        if len(act.behaviours) != len(behaviours):
+            raise TensorError(f"act.behaviours has {len(act.behaviours)} entries, expected {len(behaviours)}")
+        return [
+            unpack_act(message, behaviour, previous)
+            for message, behaviour, previous in zip(act.behaviours, behaviours, self.previous, strict=True)
+        ]
 
     def _check_draw(self, act: pb.Act) -> None:
         if not act.draw:
@@ -135,23 +167,37 @@ class Session:
                 f"expected at most {MAX_PICTURES} of arenas 0..{arenas - 1}"
             )
 
+    def _draw(self, arena: int) -> Array:
+        assert self.game is not None
+        picture, size = self.game.draw(arena), (self.spec.picture.height, self.spec.picture.width, 3)
+        if picture.dtype != np.uint8 or picture.shape != size:
+            came = f"{picture.dtype} {list(picture.shape)}"
+            raise GameError(f"arena {arena}: draw returned {came}, expected uint8 {list(size)}")
+        return picture
+
     def _require_snapshots(self) -> None:
         if not self.spec.snapshot_bytes_per_arena:
             text = f"{self.spec.name} has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead"
             raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, text)
 
 
-def restore(game: BatchedGame, snapshot: pb.Snapshot) -> None:
+def restore(game: BatchedGame, snapshot: pb.Snapshot, origin: bytes) -> None:
     """Put a game into a saved state. Raises TensorError where the snapshot is not of a session like this one."""
     present = game.save()
-    if set(snapshot.parts) != set(present):
-        raise TensorError(f"snapshot has parts {sorted(snapshot.parts)}, expected {sorted(present)}")
+    wanted = {"origin", *present}
+    if set(snapshot.parts) != wanted:
+        raise TensorError(f"snapshot has parts {sorted(snapshot.parts)}, expected {sorted(wanted)}")
     state = {}
     for name, array in present.items():
         data = snapshot.parts[name]
         if len(data) != array.nbytes:
             raise TensorError(f"snapshot part {name!r} has {len(data)} bytes, expected {array.nbytes} for this session")
         state[name] = np.frombuffer(data, array.dtype).reshape(array.shape)
+    if snapshot.parts["origin"] != origin:
+        raise TensorError(
+            "snapshot is of a session that was started otherwise; repeat its game, options, parameters, arenas, "
+            "seed and first_arena"
+        )
     try:
         game.restore(state)
     except ValueError as error:

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 
-from trainer.checkpoint import CheckpointError, load_checkpoint
+from trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint
 from trainer.client import SimulatorError, wait_for
 from trainer.config import ConfigError, load_config
 from trainer.evaluate import evaluate
@@ -57,7 +57,11 @@ def main(arguments: list[str] | None = None) -> int:
     records = commands.add_parser("record", parents=[plays, shared], help="record a run's policy as an mp4")
     records.add_argument("output", type=Path, help="e.g. play.mp4")
     records.add_argument("--seconds", type=float, default=40.0, help="length of the video; default %(default)g")
-    options = parser.parse_args(arguments)
+    options, rest = parser.parse_known_args(arguments)
+    if options.command != "train" or any(text.startswith("-") for text in rest):
+        parser.parse_args(arguments)  # ends with argparse's own message where there is anything unknown
+    else:
+        options.overrides += rest  # argparse does not see key=value pairs that stand after an option
 
     signal.signal(signal.SIGTERM, _interrupt)
     try:
@@ -84,7 +88,8 @@ def _train(options: argparse.Namespace, addresses: list[str]) -> None:
         with Display(config.layout, config.end, begin) as display:
             train(config, run, addresses, resume=options.resume, report=display.report)
     except (KeyboardInterrupt, SimulatorError):
-        print(f"saved; go on with: python -m trainer train {options.config} --run {run} --resume", file=sys.stderr)
+        if has_checkpoint(run):
+            _say(f"saved; go on with: python -m trainer train {options.config} --run {run} --resume")
         raise
 
 

@@ -6,10 +6,10 @@ A YAML file may name another one with `extends:`; mappings are merged, everythin
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -18,8 +18,16 @@ class ConfigError(Exception):
     """A configuration that cannot be used; the text names the key, what came and what was wanted."""
 
 
+def _switch(value: Any) -> Any:
+    """Return "on" and "off" for what YAML 1.1 makes of them."""
+    return {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
+
+
+Choice = Annotated[str, BeforeValidator(_switch)]
+
+
 class _Checked(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True)
 
 
 class PolicyConfig(_Checked):
@@ -46,7 +54,7 @@ class Config(_Checked):
     """A whole run."""
 
     game: str
-    options: dict[str, str] = {}  # option -> choice
+    options: dict[str, Choice] = {}  # option -> choice
     parameters: dict[str, float] = {}  # parameter -> value
     layout: str = "hybrid"  # how policies map to the device; see trainer/actions.py
     arenas: int = Field(75, ge=1)

@@ -1,5 +1,6 @@
 """Evaluation: play a run's policy for many episodes and say how well it does, with a confidence interval."""
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,10 +10,11 @@ import numpy as np
 
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
-from trainer.client import Session, describe
+from trainer.client import describe
 from trainer.config import Config, ConfigError
 from trainer.metrics import Episodes, Row
 from trainer.playing import Players, run_config
+from trainer.shards import Shards
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
 
@@ -40,34 +42,37 @@ def evaluate(
     config = run_config(run)
     spec = describe(address, config.game, config.options)
     choices = balanced_choices(config, spec)
-    arenas = max(1, min(math.ceil(episodes / len(choices)), spec.max_arenas, 64))
-    rounds = math.ceil(episodes / (arenas * len(choices)))
-    finished: dict[str, list[Array]] = {}
-    names: dict[str, list[str]] = {}
-    transitions = 0
-    for choice in choices:
-        options = config.options | ({config.balance: choice} if config.balance and choice else {})
-        say(f"{arenas} arenas × {rounds} episodes" + (f", {config.balance} {choice}" if choice else ""))
-        with Session(
-            address, config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
-        ) as session:
-            players = Players(run, session.spec, arenas, seed, deterministic=deterministic)
-            transitions = players.transitions
-            for name, table in _play(players, session, rounds).items():
-                finished.setdefault(name, []).append(table.finished)
-                names[name] = ["reward", "length", *table.metrics]
-    result = {}
-    for name, tables in finished.items():
-        # Every choice weighs the same, however many episodes it took.
-        means = np.mean([table.mean(axis=0) for table in tables], axis=0)
-        variances = [table.var(axis=0, ddof=1) / len(table) if len(table) > 1 else 0 * table[0] for table in tables]
-        errors = CONFIDENCE * np.sqrt(np.sum(variances, axis=0)) / len(tables)
-        by_choice = {choice: float(t[:, 0].mean()) for choice, t in zip(choices, tables, strict=True) if choice}
-        result[name] = Evaluation(
-            transitions, sum(map(len, tables)), dict(zip(names[name], means.tolist(), strict=True)),
-            dict(zip(names[name], errors.tolist(), strict=True)), by_choice,
-        )  # fmt: skip
-    return result
+    each = max(1, min(math.ceil(episodes / len(choices)), spec.max_arenas, 64))
+    rounds = math.ceil(episodes / (each * len(choices)))
+    arenas = each * len(choices)
+    say(f"{arenas} arenas × {rounds} rounds" + (f", as many for each {config.balance}" if choices != [""] else ""))
+    options = [config.options | ({config.balance: choice} if config.balance and choice else {}) for choice in choices]
+    simulators = Shards(
+        [address] * len(choices), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
+    )
+    players = Players(run, spec, arenas, seed, deterministic=deterministic)
+    try:
+        tables = _play(players, simulators, rounds, say)
+    finally:
+        simulators.close()
+    return {name: _summarise(table, choices, players) for name, table in tables.items()}
+
+
+def _summarise(table: Episodes, choices: list[str], players: Players) -> Evaluation:
+    """Return means in which every choice weighs the same, however many episodes it took."""
+    choice_of = table.finished[:, 0].astype(int) * len(choices) // len(table.reward)
+    groups = [table.finished[choice_of == index, 1:] for index in range(len(choices))]
+    means = np.mean([group.mean(axis=0) for group in groups], axis=0)
+    variances = [group.var(axis=0, ddof=1) / len(group) if len(group) > 1 else 0 * group[0] for group in groups]
+    errors = CONFIDENCE * np.sqrt(np.sum(variances, axis=0)) / len(groups)
+    names = ["reward", "length", *table.metrics]
+    return Evaluation(
+        transitions=players.transitions,
+        episodes=len(table.finished),
+        means=dict(zip(names, means.tolist(), strict=True)),
+        half_widths=dict(zip(names, errors.tolist(), strict=True)),
+        by_choice={choice: float(g[:, 0].mean()) for choice, g in zip(choices, groups, strict=True) if choice},
+    )
 
 
 def balanced_choices(config: Config, spec: pb.GameSpec) -> list[str]:
@@ -80,29 +85,42 @@ def balanced_choices(config: Config, spec: pb.GameSpec) -> list[str]:
     return [choice for choice in option.choices if choice != option.default_choice]
 
 
-def _play(players: Players, session: Session, rounds: int) -> dict[str, Episodes]:
+def _play(players: Players, simulators: Shards, rounds: int, say: Callable[[str], None]) -> dict[str, Episodes]:
     """Play `rounds` time limits, or where there is none until every lane has finished `rounds` episodes."""
     tables = {
         policy.name: Episodes(policy.lanes, [metric.name for metric in behaviour.metrics])
-        for behaviour, group in zip(session.spec.behaviours, players.grouped, strict=True)
+        for behaviour, group in zip(simulators.spec.behaviours, players.grouped, strict=True)
         for policy in group
     }
-    players.begin(session.steps)
-    limit = session.spec.max_episode_decisions * rounds
-    left = {name: np.full(table.reward.shape, rounds) for name, table in tables.items()}
-    decision = 0
-    while decision < limit if limit else any(count.max() > 0 for count in left.values()):
-        steps = session.step(players.act(session.steps))
+    players.begin(simulators.steps)
+    limit = simulators.spec.max_episode_decisions
+    for decision in itertools.count(1):
+        steps = simulators.step(players.act(simulators.steps))
         rewards = players.take(steps)
         for group, step in zip(players.grouped, steps, strict=True):
             for policy in group:
-                table, count = tables[policy.name], left[policy.name]
-                surplus = ~(count[step.ended] > 0) if not limit else np.zeros(len(step.ended), bool)
-                table.add(step, rewards[policy.name])
-                if surplus.any():  # lanes with short episodes must not count more often than others
-                    table.finished = np.delete(
-                        table.finished, len(table.finished) - len(surplus) + np.flatnonzero(surplus), 0
-                    )
-                count[step.ended] -= 1
-        decision += 1
+                tables[policy.name].add(step, rewards[policy.name])
+        if decision % 1000 == 0:
+            say(f"{decision} decisions")
+        if decision >= limit * rounds if limit else all(_episodes(t).min() >= rounds for t in tables.values()):
+            break
+    if not limit:  # lanes with short episodes must not count more often than others
+        for table in tables.values():
+            table.finished = _first(table.finished, rounds)
     return tables
+
+
+def _episodes(table: Episodes) -> Array:
+    """Return the finished episodes of each lane."""
+    return np.bincount(table.finished[:, 0].astype(int), minlength=len(table.reward))
+
+
+def _first(finished: Array, rounds: int) -> Array:
+    """Return the first `rounds` episodes of each lane."""
+    seen: dict[int, int] = {}
+    keep = []
+    for row, lane in enumerate(finished[:, 0].astype(int)):
+        seen[lane] = seen.get(lane, 0) + 1
+        if seen[lane] <= rounds:
+            keep.append(row)
+    return finished[keep]

@@ -27,7 +27,7 @@ class Episodes:
         self.metrics = list(metrics)
         self.reward = np.zeros(lanes)
         self.length = np.zeros(lanes, np.int64)
-        self.finished = np.zeros((0, 2 + len(self.metrics)))  # reward, length, metrics of each episode
+        self.finished = np.zeros((0, 3 + len(self.metrics)))  # lane, reward, length, metrics of each episode
 
     def add(self, step: StepArrays, rewards: Array) -> None:
         """Count one step: rewards [lanes] as the policy is paid."""
@@ -35,7 +35,7 @@ class Episodes:
         self.length += 1
         ended = step.ended
         if len(ended):
-            columns = [self.reward[ended, None], self.length[ended, None]]
+            columns = [ended[:, None], self.reward[ended, None], self.length[ended, None]]
             if step.metrics is not None:
                 columns.append(step.metrics)
             self.finished = np.concatenate([self.finished, np.concatenate(columns, axis=1)])
@@ -48,8 +48,8 @@ class Episodes:
         row: Row = {"episodes": len(finished)}
         if len(finished):
             means = finished.mean(axis=0)
-            row |= {"reward": means[0], "reward_std": finished[:, 0].std(), "length": means[1]}
-            row |= dict(zip(self.metrics, means[2:].tolist(), strict=True))
+            row |= {"reward": means[1], "reward_std": finished[:, 1].std(), "length": means[2]}
+            row |= dict(zip(self.metrics, means[3:].tolist(), strict=True))
         return row
 
     def state(self) -> dict[str, Array]:

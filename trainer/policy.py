@@ -12,6 +12,7 @@ from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 from trainer.actions import Layout
 from trainer.advantages import estimate_advantages
+from trainer.checkpoint import CheckpointError
 from trainer.config import ConfigError, PolicyConfig
 from trainer.distributions import branch_log_probs, gaussian_log_probs, sample_branches, sample_gaussians
 from trainer.gradient import ClosedFormGradient
@@ -177,4 +178,8 @@ class Policy:
     def load_network(self, state: dict[str, Array]) -> None:
         """Take back the network alone."""
         weights = {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
-        self.network.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})
+        try:
+            self.network.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})
+        except RuntimeError as error:
+            text = f"{self.name}: the checkpoint's network does not fit this game, layout or version: {error}"
+            raise CheckpointError(text) from error

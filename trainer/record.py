@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
-import imageio_ffmpeg
+import av
 
 from trainer.client import Session, describe
 from trainer.config import ConfigError
@@ -29,23 +30,23 @@ def record(
     every = math.ceil(pace / FASTEST)
     frames = round(seconds * pace / every)
     output.parent.mkdir(parents=True, exist_ok=True)
-    size = (spec.picture.width, spec.picture.height)
-    with Session(
-        address, config.game, arenas=1, seed=seed, options=config.options, parameters=config.parameters
-    ) as session:
+    with (
+        Session(
+            address, config.game, arenas=1, seed=seed, options=config.options, parameters=config.parameters
+        ) as session,
+        av.open(str(output), "w") as video,
+    ):
+        stream = video.add_stream("libx264", rate=Fraction(pace / every).limit_denominator(1000))
+        stream.width, stream.height, stream.pix_fmt = spec.picture.width, spec.picture.height, "yuv420p"
         players = Players(run, spec, 1, seed, deterministic=deterministic)
         players.begin(session.steps)
-        video = imageio_ffmpeg.write_frames(str(output), size, fps=pace / every, codec="libx264", macro_block_size=2)
-        video.send(None)
-        try:
-            for frame in range(frames):
-                for _ in range(every - 1):
-                    players.take(session.step(players.act(session.steps)))
-                steps, pictures = session.step_and_draw(players.act(session.steps), [0])
-                players.take(steps)
-                video.send(pictures[0].tobytes())
-                if (frame + 1) % 100 == 0:
-                    say(f"{frame + 1} of {frames} frames")
-        finally:
-            video.close()
+        for frame in range(frames):
+            for _ in range(every - 1):
+                players.take(session.step(players.act(session.steps)))
+            steps, pictures = session.step_and_draw(players.act(session.steps), [0])
+            players.take(steps)
+            video.mux(stream.encode(av.VideoFrame.from_ndarray(pictures[0], "rgb24")))
+            if (frame + 1) % 100 == 0:
+                say(f"{frame + 1} of {frames} frames")
+        video.mux(stream.encode())
     return frames

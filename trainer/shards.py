@@ -1,7 +1,7 @@
-"""Arenas spread over several simulators, used like one session.
+"""Arenas spread over several sessions, used like one: at several simulators, or under different options.
 
-Simulator k of n runs its share of the arenas as arenas first..last of the one seed, so the game played does
-not depend on how many simulators play it.
+Session k of n plays its share of the arenas as arenas first..last of the one seed, so what is played does not
+depend on how many simulators play it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ Snapshot = dict[str, bytes]
 
 
 class Shards:
-    """Sessions at one or more simulators with the interface of a single one."""
+    """Sessions with the interface of a single one."""
 
     def __init__(
         self,
@@ -26,11 +26,14 @@ class Shards:
         *,
         arenas: int,
         seed: int,
-        options: Mapping[str, str] | None = None,
+        options: Sequence[Mapping[str, str]],
         parameters: Mapping[str, float] | None = None,
         snapshots: Sequence[Snapshot] | None = None,
     ) -> None:
-        """Open a session at every address; `steps` holds the first observations. Raises SimulatorError."""
+        """Open a session per address, with options of its own; `steps` holds the first observations.
+
+        The options must give the same behaviours. Raises SimulatorError.
+        """
         bounds = np.linspace(0, arenas, len(addresses) + 1).round().astype(int)
         self._stack = ExitStack()
         self.sessions: list[Session] = []
@@ -38,7 +41,7 @@ class Shards:
             for index, address in enumerate(addresses):
                 session = Session(
                     address, game, arenas=int(bounds[index + 1] - bounds[index]), seed=seed,
-                    first_arena=int(bounds[index]), options=options, parameters=parameters,
+                    first_arena=int(bounds[index]), options=options[index], parameters=parameters,
                     snapshot=snapshots[index] if snapshots else None,
                 )  # fmt: skip
                 self.sessions.append(self._stack.enter_context(session))

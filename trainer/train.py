@@ -56,7 +56,7 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
 
     transitions: int = manifest["transitions"]
     simulators = Shards(
-        addresses, config.game, arenas=config.arenas, seed=config.seed, options=config.options,
+        addresses, config.game, arenas=config.arenas, seed=config.seed, options=[config.options] * len(addresses),
         parameters=config.parameters, snapshots=unpack_snapshots(arrays, manifest["snapshots"], len(addresses)),
     )  # fmt: skip
     writers = {policy.name: Writer(run, policy.name, transitions) for policy in policies}

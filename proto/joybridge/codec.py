@@ -63,17 +63,20 @@ def unpack_act(message: pb.BehaviourAct, behaviour: pb.Behaviour, previous: Step
         axes = unpack(message.axes, pb.FLOAT32, (lanes, len(device.axes)), f"{name}.axes")
     if message.HasField("choices") or device.branches:
         choices = unpack(message.choices, pb.INT32, (lanes, len(device.branches)), f"{name}.choices")
-    live = slice(None) if previous.deciding is None else previous.deciding
+    if previous.deciding is not None:  # what the other lanes do must not matter: give them any valid action
+        axes = np.where(previous.deciding[:, None], axes, np.float32([axis.low for axis in device.axes]))
+        choices = np.where(previous.deciding[:, None], choices, np.int32(0))
     for index, axis in enumerate(device.axes):
-        _check_range(axes[live, index], axis.low, axis.high, f"{name}.axes: axis {axis.name!r}")
+        _check_range(axes[:, index], axis.low, axis.high, f"{name}.axes: axis {axis.name!r}")
     for index, branch in enumerate(device.branches):
         where = f"{name}.choices: branch {branch.name!r}"
-        _check_range(choices[live, index], 0, len(branch.choices) - 1, where)
+        _check_range(choices[:, index], 0, len(branch.choices) - 1, where)
         if previous.masks is not None:
-            safe = np.clip(choices[:, index], 0, len(branch.choices) - 1)
-            allowed = previous.masks[index][np.arange(lanes), safe]
-            if not allowed[live].all():
-                lane = int(np.flatnonzero(~allowed & (True if previous.deciding is None else previous.deciding))[0])
+            allowed = previous.masks[index][np.arange(lanes), choices[:, index]]
+            if previous.deciding is not None:
+                allowed |= ~previous.deciding
+            if not allowed.all():
+                lane = int(np.argmin(allowed))
                 choice = branch.choices[choices[lane, index]]
                 raise TensorError(f"{where} got {choice!r} in lane {lane}, which its mask forbids in this step")
     return ActArrays(axes, choices)
@@ -81,8 +84,8 @@ def unpack_act(message: pb.BehaviourAct, behaviour: pb.Behaviour, previous: Step
 
 def _check_range(column: Array, low: float, high: float, where: str) -> None:
     if column.size and (column.min() < low or column.max() > high):
-        row = int(np.flatnonzero((column < low) | (column > high))[0])
-        raise TensorError(f"{where} got {column[row]} in deciding lane {row}, expected {low:g}..{high:g}")
+        lane = int(np.argmax((column < low) | (column > high)))
+        raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected {low:g}..{high:g}")
 
 
 def pack_step(step: StepArrays) -> pb.BehaviourStep:

@@ -8,6 +8,7 @@ from joybridge.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_PICTURES = 64  # pictures one Act may ask for
+MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
 
 
 class SpecError(ValueError):
@@ -101,20 +102,20 @@ def element_count(sensor: pb.Sensor) -> int:
 
 def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
     """Return an upper bound of the size of a PlayResponse, for message limits on both ends."""
-    total = 1 << 16  # names, shapes and tags, generously
+    total = (1 << 16) + spec.ByteSize()  # names, shapes and tags, generously
     for behaviour in spec.behaviours:
         row = 16 + 4 * (len(behaviour.channels) + len(behaviour.metrics))
         row += sum(2 * element_count(s) * NUMPY_TYPES[s.dtype].itemsize for s in behaviour.sensors)
         row += sum(len(branch.choices) for branch in behaviour.device.branches)
         total += row * lane_count(behaviour, arenas)
     total += pictures * (64 + 3 * spec.picture.width * spec.picture.height)
-    return max(total, (1 << 16) + arenas * spec.snapshot_bytes_per_arena)
+    return min(max(total, (1 << 16) + arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
 
 
 def request_bytes(spec: pb.GameSpec, arenas: int) -> int:
     """Return an upper bound of the size of a PlayRequest: an Act, or a Start with a snapshot."""
     rows = sum(lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches)) for b in spec.behaviours)
-    return (1 << 16) + max(rows, arenas * spec.snapshot_bytes_per_arena)
+    return min((1 << 16) + max(rows, arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
 
 
 def _check_names(things: Sequence[_Named], where: str) -> None:

@@ -1,0 +1,74 @@
+"""Configurations are checked, merged and overridden; the experiments' files are as the paper has them."""
+
+from pathlib import Path
+
+import pytest
+
+from trainer.config import ConfigError, dump_config, load_config
+
+CONFIGS = sorted(Path(__file__).parents[1].glob("configs/*/*.yaml"))
+BUCKET = Path(__file__).parents[1] / "configs/shooting_birds/bucket-11.yaml"
+
+
+def write(folder: Path, text: str, name: str = "config.yaml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_every_file_loads_and_its_dump_is_the_same_configuration(path, tmp_path):
+    config = load_config(path, [] if path.stem != "common" else ["layout=hybrid"])
+    assert load_config(write(tmp_path, dump_config(config))) == config
+
+
+def test_there_is_a_file_for_each_experiment():
+    layouts = [f"bucket-{n}" for n in (3, 11, 41)] + [f"threshold-{t}" for t in ("0.0", "0.1", "0.5")]
+    for game in ("shooting_birds", "beastly_rivals"):
+        for layout in (*layouts, "multiagent", "hybrid"):
+            config = load_config(BUCKET.parents[1] / game / f"{layout}.yaml")
+            assert (config.game, config.layout) == (game, layout)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("game: g\nlayuot: x", "unknown key 'layuot'; did you mean 'layout'"),
+        ("game: g\npolicy: {learning_rat: 1}", r"unknown key 'policy.learning_rat'; did you mean 'learning_rate'"),
+        ("game: g\npolicies: {axes: {epoch: 1}}", r"unknown key 'policies.axes.epoch'; did you mean 'epochs'"),
+        ("game: g\nzzzz: 1", "known keys are game, options"),
+        ("game: g\narenas: 0", "arenas: got 0"),
+        ("game: g\narenas: many", "arenas: got 'many'"),
+        ("game: g\npolicy: {clip: .nan}", "policy.clip: got nan"),
+        ("game: g\nseed: -1", "seed: got -1"),
+        ("layout: hybrid", "game: "),
+        ("- a", "holds list"),
+        ("a: [", "is not YAML"),
+        ("extends: config.yaml", "leads back to itself"),
+        ("extends: gone.yaml", "cannot read the configuration .*gone.yaml"),
+    ],
+)
+def test_a_wrong_file_is_refused_naming_the_key(text, message, tmp_path):
+    with pytest.raises(ConfigError, match=message):
+        load_config(write(tmp_path, text))
+
+
+def test_files_that_extend_others_merge_mappings_and_replace_the_rest(tmp_path):
+    write(tmp_path, "game: g\npolicy: {epochs: 9, hidden: [5, 5]}\nseed: 3", "base.yaml")
+    config = load_config(write(tmp_path, "extends: base.yaml\npolicy: {hidden: [7]}"))
+    assert (config.policy.epochs, config.policy.hidden, config.seed) == (9, [7], 3)
+
+
+def test_any_key_can_be_overridden_on_the_command_line():
+    config = load_config(BUCKET, ["seed=7", "policy.learning_rate=1e-4", "options.level=3", "layout=hybrid"])
+    assert (config.seed, config.policy.learning_rate, config.layout) == (7, 1e-4, "hybrid")
+    with pytest.raises(ConfigError, match="not of the form key=value"):
+        load_config(BUCKET, ["seed"])
+    with pytest.raises(ConfigError, match=r"unknown key 'policy.lerning_rate'"):
+        load_config(BUCKET, ["policy.lerning_rate=1"])
+
+
+def test_what_differs_for_one_policy_lies_on_top_of_what_all_share():
+    config = load_config(BUCKET.with_name("multiagent.yaml"))
+    assert (config.policy_config("axes").minibatch, config.policy_config("buttons").minibatch) == (512, 256)
+    assert config.policy_config("axes").entropy == config.policy.entropy

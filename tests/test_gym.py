@@ -1,0 +1,522 @@
+"""Gymnasium and PettingZoo environments, through gRPC at a real server process."""
+
+import gc
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
+from gymnasium.spaces import Box, Dict, MultiDiscrete
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
+
+from joybridge.codec import ActArrays
+from trainer.actions import CLIP, make_layouts
+from trainer.client import Session, SimulatorError, SimulatorLost, describe
+from trainer.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv
+from trainer.launch import simulator_process
+
+with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of games that it imports of its own
+    from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+GAMES = [f"tests.gym_games:{name}" for name in ("Brief", "Turns", "Chase")]
+IDS = ["joybridge/ShootingBirds-v0", "joybridge/BeastlyRivals-v0"]
+LAYOUTS = ["bucket-11", "hybrid", "threshold-0.5"]
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    with simulator_process(GAMES) as address:
+        yield address
+
+
+@pytest.fixture
+def make(simulator):
+    """Make environments at the shared simulator, and close them."""
+    made = []
+
+    def make(kind, *arguments, **settings):
+        made.append(kind(*arguments, simulator=simulator, **settings))
+        return made[-1]
+
+    yield make
+    for environment in made:
+        environment.close()
+
+
+def flat(observations):
+    return np.concatenate([o.reshape(len(o), -1) for o in observations], axis=1)
+
+
+def raw_actions(space, actions):
+    """Return what a layout is given for the actions of an environment: continuous and discrete."""
+    parts = (
+        actions
+        if isinstance(space, Dict)
+        else {"discrete" if isinstance(space, MultiDiscrete) else "continuous": actions}
+    )
+    lanes = len(next(iter(parts.values())))
+    return CLIP * parts.get("continuous", np.zeros((lanes, 0))).astype(float), parts.get(
+        "discrete", np.zeros((lanes, 0), int)
+    )
+
+
+# ------------------------------------------------------------------------------------------ many arenas
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals", "brief"])
+def test_playing_is_stepping_a_session(simulator, make, game, layout):
+    envs = make(BridgeVectorEnv, game, 3, layout, stack=2, seed=7)
+    envs.action_space.seed(0)
+    with Session(simulator, game, arenas=3, seed=7) as session:
+        (behaviour,) = session.spec.behaviours
+        (mapping,) = make_layouts(layout, behaviour.device).values()
+        weights = np.array([channel.default_weight for channel in behaviour.channels])
+        observations, _ = envs.reset()
+        frames = flat(session.steps[0].observations)
+        stacked = np.concatenate([np.zeros_like(frames), frames], axis=1)
+        assert np.array_equal(observations, stacked) and observations.dtype == np.float32
+        for _ in range(30):
+            actions = envs.action_space.sample()
+            act = ActArrays(
+                np.zeros((3, len(behaviour.device.axes)), np.float32),
+                np.zeros((3, len(behaviour.device.branches)), np.int32),
+            )
+            mapping.write(*raw_actions(envs.single_action_space, actions), act)
+            (step,) = session.step([act])
+            observations, rewards, terminated, truncated, _ = envs.step(actions)
+            stacked = np.concatenate([stacked[:, frames.shape[1] :], flat(step.observations)], axis=1)
+            stacked[step.ended, : frames.shape[1]] = 0.0
+            assert np.array_equal(observations, stacked)
+            assert np.array_equal(rewards, step.rewards @ weights)
+            assert np.array_equal(terminated, step.terminated) and np.array_equal(truncated, step.truncated)
+
+
+@pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_what_is_returned_keeps_the_conventions(make, game, layout):
+    envs = make(BridgeVectorEnv, game, 4, layout)
+    assert envs.num_envs == 4 and envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert envs.observation_space == batch_space(envs.single_observation_space, 4)
+    assert envs.action_space == batch_space(envs.single_action_space, 4)
+    returned = [envs.reset(seed=1)[0]]
+    assert envs.np_random_seed == 1
+    for _ in range(50):
+        observations, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
+        assert observations in envs.observation_space
+        assert [array.shape for array in (rewards, terminated, truncated)] == [(4,)] * 3
+        assert (rewards.dtype, terminated.dtype, truncated.dtype) == (np.float64, bool, bool)
+        assert isinstance(infos, dict)
+        assert not any(np.shares_memory(observations, earlier) for earlier in returned)
+        observations[:] = np.nan  # a user's arrays are the user's
+        returned.append(observations)
+    assert terminated.flags.writeable and truncated.flags.writeable
+
+
+def test_spaces_follow_layout_and_spec(make):
+    spaces = {layout: make(BridgeVectorEnv, "brief", 2, layout).single_action_space for layout in LAYOUTS}
+    assert spaces["bucket-11"] == MultiDiscrete([11, 3, 2])
+    assert spaces["threshold-0.5"] == Box(-1, 1, (3,))
+    assert spaces["hybrid"] == Dict(continuous=Box(-1, 1, (1,)), discrete=MultiDiscrete([2, 3]))
+    space = make(BridgeVectorEnv, "brief", 2, stack=3).single_observation_space
+    assert space.low.tolist() == [0.0, -1.0, -1.0] * 2 + [10.0, -1.0, -1.0]  # only earlier frames may be zero
+    assert space.high.tolist() == [20.0, np.inf, np.inf] * 3
+    assert make(BridgeVectorEnv, "brief", 2, stack=1).single_observation_space.low[0] == 10.0
+
+
+def test_continuous_actions_span_the_axis_and_are_clipped(make):
+    envs = make(BridgeVectorEnv, "brief", 5, "hybrid", channels={"press": 0.0})
+    envs.reset()
+    lever = np.array([[-1.0], [-0.5], [0.0], [1.0], [7.0]])  # of an axis that reaches from -2 to 4
+    rewards = envs.step({"continuous": lever, "discrete": np.zeros((5, 2), int)})[1]
+    assert rewards.tolist() == [-2.0, -0.5, 1.0, 4.0, 4.0]
+
+
+def test_channels_are_weighted_as_asked(make):
+    envs = make(BridgeVectorEnv, "brief", 2, channels={"press": -3.0, "gear": 0.25})
+    envs.reset()
+    rewards = envs.step(np.array([[10, 2, 0], [0, 1, 1]]))[1]  # lever 4, gear 2, pressed; lever -2, gear 1, nothing
+    assert rewards.tolist() == [4.0 - 3.0 + 0.5, -2.0 + 0.25]
+
+
+def test_an_episode_that_ends_is_followed_by_the_next_in_the_same_step(make):
+    envs = make(BridgeVectorEnv, "brief", 6, "hybrid", stack=3, seed=2)
+    observations, infos = envs.reset()
+    assert infos == {}
+    press = {"continuous": np.zeros((6, 1)), "discrete": np.tile([1, 0], (6, 1))}
+    ages = np.zeros(6, int)
+    seen = set()
+    for _ in range(12):
+        before = observations
+        observations, _, terminated, truncated, infos = envs.step(press)
+        ages += 1
+        ended = terminated | truncated
+        assert ("final_obs" in infos) == ("final_info" in infos) == ended.any()
+        if ended.any():
+            assert np.array_equal(infos["_final_obs"], ended) and np.array_equal(infos["_final_info"], ended)
+            for name in ("length", "presses"):
+                assert np.array_equal(infos["final_info"][name], np.where(ended, ages, 0))
+                assert np.array_equal(infos["final_info"][f"_{name}"], ended)
+        for lane in range(6):
+            if ended[lane]:
+                final = infos["final_obs"][lane]
+                assert final in envs.single_observation_space
+                assert np.array_equal(final[:6], before[lane, 3:]) and final[6] == 10 + ages[lane]
+                assert observations[lane, 6] == 10 and not observations[lane, :6].any()
+                assert terminated[lane] == bool(ages[lane] % 2)
+                seen.add(int(ages[lane]))
+                ages[lane] = 0
+            else:
+                assert np.array_equal(observations[lane, :6], before[lane, 3:])
+                assert not ended.any() or infos["final_obs"][lane] is None
+    assert seen == {1, 2, 3, 4}
+
+
+def test_gymnasiums_wrappers_understand_it(make):
+    envs = RecordEpisodeStatistics(make(BridgeVectorEnv, "brief", 4, "hybrid"))
+    lists = DictInfoToList(envs)
+    lists.reset(seed=3)
+    for _ in range(6):
+        *_, terminated, truncated, infos = lists.step(lists.action_space.sample())
+        for info, ended in zip(infos, terminated | truncated, strict=True):
+            assert ended == ("final_obs" in info) == ("episode" in info)
+            assert not ended or info["final_info"]["length"] == info["episode"]["l"]
+    assert len(envs.length_queue) > 4
+
+
+def test_a_seed_is_honoured(make):
+    envs, others = (make(BridgeVectorEnv, "shooting_birds", 2, seed=seed) for seed in (4, 5))
+    first = envs.reset()[0]
+    other = others.reset()[0]
+    assert not np.array_equal(first, other)
+    assert np.array_equal(others.reset(seed=4)[0], first)
+    again = envs.reset()[0]
+    assert not np.array_equal(again, first)  # new episodes: the streams went on
+    assert np.array_equal(others.reset()[0], again)
+    assert np.array_equal(envs.reset(seed=np.int64(5))[0], other)
+
+
+@pytest.mark.parametrize("seed", [[1, 2], -1, 2**64, 1.5])
+def test_other_seeds_are_refused(make, seed):
+    envs = make(BridgeVectorEnv, "brief", 2)
+    envs.reset()
+    with pytest.raises(ValueError, match=r"seed is .*, expected one int of 0\.\.2\^64-1"):
+        envs.reset(seed=seed)
+    envs.step(envs.action_space.sample())  # and the environment goes on
+
+
+def test_parameters_change_at_a_reset(make):
+    envs = make(BridgeVectorEnv, "brief", 2, stack=1, parameters={"shift": 2.0})
+    assert envs.reset()[0][:, 0].tolist() == [12.0, 12.0]
+    assert envs.reset(options={"parameters": {"shift": 4}})[0][:, 0].tolist() == [14.0, 14.0]
+    assert envs.reset(seed=1, options={})[0][:, 0].tolist() == [14.0, 14.0]
+    with pytest.raises(ValueError, match=r"brief: parameter 'shift' got 9, expected 0\.\.5"):
+        envs.reset(options={"parameters": {"shift": 9.0}})
+    with pytest.raises(ValueError, match="unknown option 'reset_mask', expected parameters"):
+        envs.reset(options={"reset_mask": np.ones(2, bool)})
+
+
+def test_pictures_of_all_arenas_come_with_each_step(make):
+    envs = make(BridgeVectorEnv, "brief", 3, render_mode="rgb_array", seed=1)
+    assert envs.render() is None and envs.metadata["render_fps"] == pytest.approx(10.0)
+    envs.reset()
+    assert envs.render() is None
+    observations = envs.step(envs.action_space.sample())[0]
+    pictures = envs.render()
+    assert isinstance(pictures, tuple) and [picture.shape for picture in pictures] == [(4, 6, 3)] * 3
+    assert [int(picture[0, 0, 0]) for picture in pictures] == observations[:, 6].tolist()
+    envs.reset()
+    assert envs.render() is None
+
+
+def test_lanes_that_wait_are_named_and_masks_given(make):
+    envs = make(BridgeVectorEnv, "turns", 2, "hybrid", stack=2)  # lanes: two agents of each arena
+    observations, infos = envs.reset()
+    assert envs.num_envs == 4 and infos["deciding"].tolist() == [True, False] * 2 and infos["_deciding"].all()
+    for count in range(1, 9):
+        mask = infos["action_mask"]
+        deciding = infos["deciding"]
+        assert mask.shape == (4, 3) and mask.dtype == bool and mask[~deciding].all() and not mask[deciding].all()
+        cards = np.where(deciding, mask.argmax(axis=1), 99)  # actions of lanes that wait may be anything
+        observations, rewards, *_, infos = envs.step(cards[:, None])
+        assert np.array_equal(infos["deciding"], ~deciding)
+        assert not rewards[deciding].any()
+        assert observations[infos["deciding"], 1].tolist() == [count] * 2
+    (last,) = {tuple(pair) for pair in observations[[0, 2]].tolist()}
+    assert last == (6.0, 8.0)  # frames in which the lane waited were not pushed
+    *_, terminated, _, infos = envs.step(np.where(infos["deciding"], infos["action_mask"].argmax(axis=1), 0)[:, None])
+    assert terminated.all() and infos["final_info"] == {}
+
+
+def test_a_forbidden_choice_is_the_end_and_the_simulator_says_why(make):
+    envs = make(BridgeVectorEnv, "turns", 1, "hybrid")
+    envs.reset()
+    with pytest.raises(SimulatorError, match="branch 'card' got 'ace' in lane 0, which its mask forbids"):
+        envs.step(np.zeros((2, 1), int))
+
+
+# ------------------------------------------------------------------------------------------- one arena
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("name", IDS)
+def test_check_env_passes(simulator, name, layout):
+    env = gymnasium.make(name, layout=layout, simulator=simulator)
+    try:
+        check_env(env.unwrapped)
+    finally:
+        env.close()
+
+
+def test_one_arena_plays_as_one_of_many(make):
+    env, envs = make(BridgeEnv, "brief", seed=3), make(BridgeVectorEnv, "brief", 1, seed=3)
+    env.action_space.seed(1)
+    observation, info = env.reset()
+    assert np.array_equal(envs.reset()[0][0], observation) and info == {}
+    for _ in range(20):
+        action = env.action_space.sample()
+        observation, reward, terminated, truncated, info = env.step(action)
+        others = envs.step(action[None])
+        assert (reward, terminated, truncated) == tuple(values[0] for values in others[1:4])
+        if terminated or truncated:
+            assert np.array_equal(observation, others[4]["final_obs"][0])
+            assert info == {name: others[4]["final_info"][name][0] for name in ("length", "presses")}
+            with pytest.raises(ResetNeeded, match="call reset"):
+                env.step(action)
+            observation = env.reset()[0]  # the next episode has begun already
+        assert np.array_equal(observation, others[0][0])
+
+
+def test_one_arenas_picture(make):
+    env = make(BridgeEnv, "brief", render_mode="rgb_array")
+    env.reset(seed=5)
+    assert not env.render().any()
+    env.step(env.action_space.sample())
+    assert env.render().shape == (4, 6, 3) and env.render().any()
+    assert make(BridgeEnv, "brief").render() is None
+
+
+# --------------------------------------------------------------------------------------- several agents
+
+
+def test_two_policies_hold_one_device_together(simulator, make):
+    channels = {"axes": {"hit": 0, "miss": 0, "dry_shot": 0, "reload": 0, "aimed_hit": 1, "aimed_miss": 1}}
+    env = make(BridgeParallelEnv, "shooting_birds", layout="multiagent", channels=channels, seed=9)
+    assert env.possible_agents == ["axes", "buttons"]
+    assert env.action_space("axes") == Box(-1, 1, (2,)) and env.action_space("buttons") == MultiDiscrete([3])
+    env.reset()
+    with Session(simulator, "shooting_birds", arenas=1, seed=9) as session:
+        names = [channel.name for channel in session.spec.behaviours[0].channels]
+        for decision in range(200):
+            moves = {"axes": np.float32([np.sin(decision), 0.5]), "buttons": np.array([decision % 3])}
+            observations, rewards, *_ = env.step(moves)
+            buttons = np.int32([[decision % 3 == 0, decision % 3 == 1]])
+            (step,) = session.step([ActArrays(moves["axes"][None], buttons)])
+            paid = dict(zip(names, step.rewards[0].tolist(), strict=True))
+            assert rewards["buttons"] == sum(paid[name] for name in ("hit", "miss", "dry_shot", "reload"))
+            assert rewards["axes"] == paid["aimed_hit"] + paid["aimed_miss"]
+            for observation in observations.values():
+                assert np.array_equal(observation[-44:], flat(step.observations)[0])
+        assert env.agents == ["axes", "buttons"]
+
+
+def test_each_agent_of_each_behaviour_plays(make):
+    env = make(
+        BridgeParallelEnv,
+        "chase",
+        layout="hybrid",
+        stack=2,
+        render_mode="rgb_array",
+        channels={"runner_1": {"fled": 10}},
+    )
+    assert env.possible_agents == ["hunter", "runner_0", "runner_1"]
+    begun, infos = env.reset(seed=1)
+    assert {agent: len(observation) for agent, observation in begun.items()} == {
+        "hunter": 4,
+        "runner_0": 2,
+        "runner_1": 2,
+    }
+    assert infos == {agent: {} for agent in env.possible_agents} and not env.render().any()
+    moves = {"hunter": [0.5], "runner_0": [2, 1], "runner_1": [0, 0]}
+    for count in range(1, 21):
+        observations, rewards, terminated, truncated, infos = env.step(moves)
+        assert rewards == {"hunter": -5.0 + 0.5 * count, "runner_0": 1.0 - 1.0, "runner_1": -10.0}
+        assert observations["runner_0"][1] == pytest.approx(begun["runner_0"][1] + count, abs=1e-5)
+        assert set(terminated.values()) == {count == 20} and not any(truncated.values())
+    assert env.agents == [] and infos["hunter"] == {}
+    assert infos["runner_1"] == {"place": observations["runner_1"][1]}
+    with pytest.raises(ResetNeeded):
+        env.step({})
+    again = env.reset()[0]
+    assert env.agents == env.possible_agents and not np.array_equal(again["runner_0"], begun["runner_0"])
+
+
+def test_agents_take_turns(make):
+    env = make(BridgeParallelEnv, "turns", layout="hybrid")
+    _, infos = env.reset()
+    while env.agents:
+        (agent,) = (agent for agent in env.agents if infos[agent]["deciding"])
+        move = env.action_space(agent).sample(mask=infos[agent]["action_mask"])
+        with pytest.raises(ValueError, match=f"actions has none of agent '{agent}'"):
+            env.step({})
+        *_, infos = env.step({agent: move})  # those that wait may be left out
+    assert infos == {"player_0": {}, "player_1": {}}
+
+
+PARALLEL = [
+    ("shooting_birds", "multiagent"),
+    ("beastly_rivals", "multiagent"),
+    ("chase", "multiagent"),
+    ("chase", "hybrid"),
+]
+
+
+@pytest.mark.parametrize(("game", "layout"), PARALLEL)
+def test_pettingzoos_tests_pass(make, game, layout):
+    parallel_api_test(make(BridgeParallelEnv, game, layout=layout), num_cycles=150)
+    parallel_seed_test(lambda: make(BridgeParallelEnv, game, layout=layout), num_cycles=50)
+
+
+def test_the_same_seed_plays_the_same_game(make):
+    envs = [make(BridgeParallelEnv, "beastly_rivals", layout="multiagent") for _ in range(2)]
+    returned = [env.reset(seed=8) for env in envs]
+    for _ in range(40):
+        assert data_equivalence(*returned, exact=True)
+        moves = {agent: envs[0].action_space(agent).sample() for agent in envs[0].agents}
+        returned = [env.step(moves) for env in envs]
+
+
+# --------------------------------------------------------------------------------- names, ends, errors
+
+
+def test_the_built_in_games_are_registered():
+    """In a fresh interpreter, without torch, each environment with a simulator of its own."""
+    script = """
+import sys
+import gymnasium
+one = gymnasium.make("trainer.gym:joybridge/ShootingBirds-v0")
+many = gymnasium.make_vec("joybridge/BeastlyRivals-v0", num_envs=4, layout="hybrid")
+assert many.num_envs == 4 and many.unwrapped.game_spec.name == "beastly_rivals"
+assert one.unwrapped.game_spec.name == "shooting_birds"
+for env in (one, many):
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+assert "torch" not in sys.modules
+"""  # which ends without closing them
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+    assert done.stderr.count("shutting down") == 2, done.stderr
+
+
+def test_make_names_every_game(simulator):
+    for name in IDS:
+        env = gymnasium.make(name, simulator=simulator)
+        envs = gymnasium.make_vec(name, num_envs=3, simulator=simulator)
+        assert envs.num_envs == 3 and envs.spec.id == env.spec.id == name
+        env.close()
+        envs.close()
+
+
+def simulators(monkeypatch):
+    """Return the list of simulator processes that are started from now on."""
+    started = []
+
+    class Recorded(subprocess.Popen):
+        def __init__(self, *arguments, **settings):
+            super().__init__(*arguments, **settings)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Recorded)
+    return started
+
+
+def test_closing_ends_the_simulator_and_so_does_forgetting(monkeypatch):
+    started = simulators(monkeypatch)
+    envs = BridgeVectorEnv("shooting_birds", 2)
+    assert started[0].poll() is None
+    envs.close()
+    envs.close()
+    assert started[0].returncode == 0 and envs.closed
+    with pytest.raises(ClosedEnvironmentError):
+        envs.reset()
+    env = BridgeEnv("shooting_birds")
+    assert started[1].poll() is None
+    del env
+    gc.collect()
+    assert started[1].returncode == 0
+
+
+def test_a_failed_start_leaves_no_simulator(monkeypatch):
+    started = simulators(monkeypatch)
+    with pytest.raises(ValueError, match="unknown layout 'buckets'") as kept:
+        BridgeVectorEnv("shooting_birds", layout="buckets")
+    assert started[0].returncode == 0 and kept
+
+
+@pytest.mark.parametrize(
+    ("kind", "game", "settings", "text"),
+    [
+        (BridgeVectorEnv, "chase", {}, r"by 2 \(hunter, runner\).*use trainer.gym.BridgePar"),
+        (BridgeVectorEnv, "brief", {"layout": "multiagent"}, r"by 2 \(axes, buttons\).*use trainer.gym.BridgePar"),
+        (BridgeEnv, "turns", {}, r"by 2 \(player_0, player_1\).*use trainer.gym.BridgePar"),
+        (BridgeEnv, "brief", {"layout": "hybrids"}, "unknown layout 'hybrids', expected hybrid,"),
+        (BridgeEnv, "brief", {"stack": 0}, "stack is 0, expected at least 1"),
+        (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
+        (BridgeEnv, "brief", {"render_mode": "human"}, "render_mode is 'human', expected None or 'rgb_array'"),
+        (BridgeEnv, "brief", {"channels": {"pres": 1}}, "channels: player has no 'pres'; it has lever, press, gear"),
+        (BridgeVectorEnv, "turns", {"render_mode": "rgb_array"}, "turns cannot be drawn"),
+        (BridgeVectorEnv, "brief", {"arenas": 65, "render_mode": "rgb_array"}, "65 arenas, at most 64 can be drawn"),
+        (BridgeParallelEnv, "chase", {"channels": {"runner": {}}}, "no agent 'runner'; there are hunter, runner_0"),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_named(make, kind, game, settings, text):
+    with pytest.raises(ValueError, match=text):
+        make(kind, game, **settings)
+
+
+def test_what_the_simulator_refuses_is_its_sentence(make):
+    with pytest.raises(SimulatorError, match="no game named 'chess'"):
+        make(BridgeVectorEnv, "chess")
+    with pytest.raises(SimulatorError, match=r"brief: arenas is 0, expected 1\.\.1024"):
+        make(BridgeVectorEnv, "brief", 0)
+    with pytest.raises(SimulatorLost, match=r"lost the simulator at 127\.0\.0\.1:1"):
+        BridgeVectorEnv("brief", simulator="127.0.0.1:1")
+
+
+@pytest.mark.parametrize(
+    ("layout", "actions", "text"),
+    [
+        ("bucket-11", np.zeros((2, 2), int), r"actions: int64 of shape \[2, 2\], expected integers of shape \[2, 3\]"),
+        ("bucket-11", np.zeros((2, 3)), "actions: float64 of shape"),
+        ("bucket-11", [[0, 0, 0], [0, 0, 2]], r"actions: 2 at \[1, 2\], expected 0..1"),
+        ("bucket-11", [[-1, 0, 0], [0, 0, 0]], r"actions: -1 at \[0, 0\], expected 0..10"),
+        ("threshold-0.5", np.full((2, 3), np.nan), r"actions: nan at \[0, 0\], expected -1..1"),
+        ("hybrid", np.zeros((2, 3)), r"actions\['continuous'\] is missing"),
+        ("hybrid", {"continuous": np.zeros((2, 1)), "discrete": [0, 0]}, r"actions\['discrete'\]: int64 of"),
+    ],
+)  # fmt: skip
+def test_wrong_actions_are_named_and_harmless(make, layout, actions, text):
+    envs = make(BridgeVectorEnv, "brief", 2, layout)
+    with pytest.raises(ResetNeeded):
+        envs.step(envs.action_space.sample())
+    envs.reset()
+    with pytest.raises(ValueError, match=text):
+        envs.step(actions)
+    envs.step(envs.action_space.sample())
+
+
+def test_an_agents_wrong_action_names_the_agent(make):
+    env = make(BridgeParallelEnv, "chase", layout="hybrid")
+    env.reset()
+    with pytest.raises(ValueError, match=r"actions\['runner_1'\]: 3 at \[0, 0\], expected 0..2"):
+        env.step({"hunter": [0.0], "runner_0": [0, 0], "runner_1": [3, 0]})
+
+
+def test_the_spec_is_at_hand(simulator, make):
+    assert make(BridgeEnv, "brief").game_spec == describe(simulator, "brief", {})

@@ -1,0 +1,63 @@
+"""Every kind of action space is learned where the answer is known, over real sockets, in seconds."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.learning_games import LENGTH
+from trainer.config import Config, PolicyConfig
+from trainer.evaluate import evaluate
+from trainer.launch import simulator_process
+from trainer.train import train
+
+FAST = PolicyConfig(
+    stack=1, hidden=[32, 32], rollout=16, horizon=16, minibatch=128, epochs=6, learning_rate=5e-3, entropy=0.001
+)
+
+
+@pytest.fixture(scope="module")
+def address():
+    games = [f"tests.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid")]
+    with simulator_process(games) as bound:
+        yield bound
+
+
+def learn(address: str, run: Path, game: str, layout: str, transitions: int, **more) -> float:
+    """Return the share of the highest possible reward that the trained policy reaches."""
+    policies = more.pop("policies", {})
+    config = Config(
+        game=game, layout=layout, arenas=32, transitions=transitions, summary=transitions,
+        policy=FAST.model_copy(update=more), policies=policies,
+    )  # fmt: skip
+    train(config, run, [address], resume=False, report=lambda *_: None)
+    scores = evaluate(run, address, episodes=64, seed=5, deterministic=True, say=lambda _: None)
+    return min(score.means["reward"] for score in scores.values()) / LENGTH
+
+
+@pytest.mark.parametrize(
+    ("game", "layout"),
+    [
+        ("identity_discrete", "hybrid"),
+        ("identity_discrete", "bucket-3"),
+        ("identity_continuous", "hybrid"),
+        ("identity_continuous", "bucket-5"),
+        ("identity_hybrid", "hybrid"),
+        ("identity_hybrid", "bucket-11"),
+        ("identity_hybrid", "multiagent"),
+        ("identity_hybrid", "threshold-0.0"),
+    ],
+)
+def test_the_identity_game_is_learned_to_nine_tenths(game, layout, address, tmp_path):
+    # Two buttons at once cannot be pressed in one exclusive branch, so a third of the press is out of reach there.
+    if (game, layout) == ("identity_discrete", "bucket-3"):
+        assert learn(address, tmp_path / "run", game, layout, 24_000) > 0.75
+    else:
+        assert learn(address, tmp_path / "run", game, layout, 40_000) > 0.9
+
+
+def test_plain_autograd_learns_it_too(address, tmp_path):
+    assert learn(address, tmp_path / "run", "identity_hybrid", "hybrid", 40_000, autograd=True) > 0.9
+
+
+def test_an_untrained_policy_does_not_reach_it(address, tmp_path):
+    assert learn(address, tmp_path / "run", "identity_hybrid", "hybrid", 512, learning_rate=1e-9) < 0.75

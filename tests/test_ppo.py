@@ -1,0 +1,154 @@
+"""The loss, its gradient in closed form, and the update."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+
+from trainer.actions import ActionSpace
+from trainer.distributions import FORBIDDEN
+from trainer.gradient import ClosedFormGradient
+from trainer.networks import Network, flatten_parameters
+from trainer.ppo import (
+    Batch,
+    Coefficients,
+    anneal,
+    autograd_gradient,
+    joint_log_probs,
+    ppo_loss,
+    update,
+)
+
+SPACES = {
+    "discrete": (ActionSpace(0, (11, 11, 3)), True, False),
+    "continuous": (ActionSpace(4, ()), False, False),
+    "hybrid": (ActionSpace(2, (2, 2)), False, False),
+    "hybrid in one tower, masked": (ActionSpace(2, (4, 3)), True, True),
+    "discrete in two towers, masked": (ActionSpace(0, (5, 2)), False, True),
+}
+
+
+def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 0):
+    """Return a network away from its initial state, its flat parameters, and a batch it disagrees with."""
+    generator = torch.Generator().manual_seed(seed)
+    normal = partial(torch.randn, generator=generator)
+    network = Network(20, space, [16, 12], shared, seed)
+    flat = flatten_parameters(network)
+    with torch.no_grad():
+        flat += 0.1 * normal(flat.shape)
+    columns = [torch.randint(0, size, (rows,), generator=generator) for size in space.branches]
+    discrete = torch.stack(columns, 1) if columns else torch.zeros(rows, 0, dtype=torch.long)
+    masks = None
+    if masked:
+        forbidden = (torch.rand(rows, len(space.branches), max(space.branches), generator=generator) < 0.3).float()
+        masks = forbidden.scatter(-1, discrete.unsqueeze(-1), 0.0) * FORBIDDEN
+    observations = normal((rows, 20))
+    outputs = network(observations)
+    value = outputs.value.detach()
+    batch = Batch(
+        observations, normal((rows, space.continuous)), discrete, masks, torch.zeros(rows),
+        value + 0.4 * normal(rows), normal(rows), value + normal(rows),
+    )  # fmt: skip
+    batch.log_probs = joint_log_probs(outputs, network.log_variance, batch)[0].detach()
+    return network, flat, batch
+
+
+@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("seed", range(4))
+def test_the_closed_form_gradient_is_autograds(name, seed):
+    network, flat, batch = make(*SPACES[name], rows=200, seed=seed)
+    batch.log_probs += 0.3 * torch.randn(200, generator=torch.Generator().manual_seed(9))
+    coefficients = Coefficients(1e-3, 0.2, 0.05)
+    reference = autograd_gradient(network, batch, coefficients)
+    gradient = flat.grad.clone()
+    flat.grad.fill_(7.0)  # whatever was there before must not matter
+    parts = ClosedFormGradient(network)(batch, coefficients)
+    torch.testing.assert_close(flat.grad, gradient, atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(parts, reference, atol=1e-5, rtol=1e-5)
+    assert gradient.abs().max() > 1e-2
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_on_the_first_minibatch_the_ratio_is_1(name):
+    network, _, batch = make(*SPACES[name], rows=64)
+    log_probs, _ = joint_log_probs(network(batch.observations), network.log_variance, batch)
+    torch.testing.assert_close(torch.exp(log_probs - batch.log_probs), torch.ones(64))
+    _, (policy_loss, _, _) = ppo_loss(network, batch, Coefficients(1e-3, 0.2, 0.0))
+    torch.testing.assert_close(policy_loss, -batch.advantages.mean())
+
+
+def test_the_ratio_is_joint_over_axes_and_branches():
+    network, _, batch = make(*SPACES["hybrid"], rows=8)
+    outputs = network(batch.observations)
+    whole, _ = joint_log_probs(outputs, network.log_variance, batch)
+    parts = []
+    for axes, branches in ((2, 0), (0, 2)):
+        part = Batch(**vars(batch))
+        part.continuous, part.discrete = batch.continuous[:, :axes], batch.discrete[:, :branches]
+        parts.append(joint_log_probs(outputs, network.log_variance, part)[0])
+    torch.testing.assert_close(whole, parts[0] + parts[1])
+
+
+def test_a_ratio_beyond_the_clip_gives_no_gradient_where_it_would_gain():
+    network, flat, batch = make(*SPACES["discrete"], rows=1)
+    batch.log_probs -= 1.0  # ratio e
+    batch.returns = batch.values = network(batch.observations).value.detach()
+    for advantage, moved in ((1.0, False), (-1.0, True)):
+        batch.advantages = torch.tensor([advantage])
+        ClosedFormGradient(network)(batch, Coefficients(1e-3, 0.2, 0.0))
+        assert bool(flat.grad.abs().max() > 1e-6) is moved
+
+
+def test_schedules_are_linear_from_their_start_to_their_end():
+    assert anneal(0.0, 3e-4, 0.2, 0.05) == Coefficients(pytest.approx(3e-4), pytest.approx(0.2), pytest.approx(0.05))
+    half = anneal(0.5, 3e-4, 0.2, 0.05)
+    assert (half.clip, half.entropy) == (pytest.approx(0.15), pytest.approx((0.05 + 1e-5) / 2))
+    assert anneal(1.0, 3e-4, 0.2, 0.05) == Coefficients(pytest.approx(1e-10), pytest.approx(0.1), pytest.approx(1e-5))
+
+
+def test_an_epoch_takes_whole_minibatches_of_all_rows_and_leaves_the_rest():
+    network, flat, batch = make(*SPACES["discrete"], rows=70)
+    sizes, seen = [], []
+
+    def spy(minibatch: Batch, coefficients: Coefficients) -> torch.Tensor:
+        sizes.append(len(minibatch))
+        seen.append(minibatch.returns)
+        return torch.zeros(3)
+
+    update(
+        spy, torch.optim.SGD([flat]), batch, Coefficients(1e-3, 0.2, 0.05),
+        epochs=3, minibatch=32, rng=np.random.default_rng(0),
+    )  # fmt: skip
+    assert sizes == [32] * 6
+    assert len(torch.cat(seen[:2]).unique()) == 64
+    assert not torch.equal(seen[0], seen[2])
+
+
+def test_an_update_raises_the_probability_of_what_paid():
+    network, flat, batch = make(ActionSpace(0, (4,)), True, False, rows=256)
+    batch.advantages = torch.where(batch.discrete[:, 0] == 2, 1.5, -0.5)
+    before = torch.softmax(network(batch.observations).logits, -1)[:, 0, 2].mean()
+    update(
+        ClosedFormGradient(network), torch.optim.Adam([flat]), batch, Coefficients(1e-2, 0.2, 0.0),
+        epochs=4, minibatch=64, rng=np.random.default_rng(0),
+    )  # fmt: skip
+    assert torch.softmax(network(batch.observations).logits, -1)[:, 0, 2].mean() > before + 0.05
+
+
+def test_the_network_begins_as_the_original_does():
+    network = Network(132, ActionSpace(2, (11, 3)), [300, 300], False, 0)
+    for layer in network.actor.layers:
+        fan_in = layer.weight.shape[1]
+        assert layer.weight.std().item() == pytest.approx((1 / fan_in) ** 0.5, rel=0.05)
+        assert layer.weight.abs().max().item() <= 2 * (1.3 / fan_in) ** 0.5
+        assert not layer.bias.any()
+    assert network.actor.head.weight.std().item() == pytest.approx((0.01 / 300) ** 0.5, rel=0.05)
+    assert network.critic is not None
+    assert network.critic.head.weight.abs().max().item() <= (6 / 301) ** 0.5
+    assert not network.log_variance.any()
+    observation = torch.randn(3, 132)
+    outputs = network(observation)
+    assert outputs.logits.shape == (3, 2, 11)
+    assert (torch.softmax(outputs.logits, -1)[:, 1, 3:] == 0).all()
+    torch.testing.assert_close(network.value(observation), outputs.value)

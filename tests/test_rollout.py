@@ -1,0 +1,97 @@
+"""Stacking, waiting lanes and what reaches an update."""
+
+import numpy as np
+
+from joybridge.codec import StepArrays
+from trainer.actions import ActionSpace
+from trainer.rollout import Rollout
+
+LANES, STACK = 2, 3
+
+
+def make_rollout(steps: int = 4) -> Rollout:
+    rollout = Rollout(steps, LANES, 1, STACK, ActionSpace(1, (2,)))
+    rollout.begin(np.array([[1.0], [10.0]], np.float32), None)
+    return rollout
+
+
+def add(rollout, frames, rewards=(0, 0), *, terminated=(False, False), truncated=(False, False), deciding=None):
+    """Store one step in which the given lanes ended."""
+    terminated, truncated = np.array(terminated), np.array(truncated)
+    step = StepArrays(
+        [], np.zeros((LANES, 1)), terminated, truncated,
+        deciding=None if deciding is None else np.array(deciding),
+        ended=np.flatnonzero(terminated | truncated).astype(np.int32),
+    )  # fmt: skip
+    rollout.add_step(step, np.array(frames, np.float32)[:, None], np.array(rewards, np.float32))
+
+
+def test_frames_stack_oldest_first_behind_zeros():
+    rollout = make_rollout()
+    add(rollout, [2, 20])
+    add(rollout, [3, 30])
+    add(rollout, [4, 40])
+    np.testing.assert_array_equal(rollout.observations[0], [[0, 0, 1], [0, 0, 10]])
+    np.testing.assert_array_equal(rollout.observations[3], [[2, 3, 4], [20, 30, 40]])
+
+
+def test_an_end_clears_the_stack_and_the_final_one_holds_the_episodes_last_frames():
+    rollout = make_rollout()
+    add(rollout, [2, 20])
+    final = rollout.final_stack(np.array([1]), np.array([[30.0]], np.float32))
+    add(rollout, [3, 99], truncated=(False, True))
+    np.testing.assert_array_equal(final, [[10, 20, 30]])
+    np.testing.assert_array_equal(rollout.observations[2], [[1, 2, 3], [0, 0, 99]])
+
+
+def test_a_waiting_lane_pushes_no_frame_and_is_paid_at_its_next_decision():
+    rollout = make_rollout()
+    add(rollout, [2, 20], (1, 0), deciding=(True, False))
+    add(rollout, [3, 30], (1, 0), deciding=(True, False))
+    add(rollout, [4, 40], (1, 7), deciding=(True, True))
+    add(rollout, [5, 50], (1, 8))
+    np.testing.assert_array_equal(rollout.observations[2, 1], [0, 0, 10])
+    np.testing.assert_array_equal(rollout.observations[3, 1], [0, 10, 40])
+    np.testing.assert_array_equal(rollout.rewards[:, 1], [7, 0, 0, 8])
+    np.testing.assert_array_equal(rollout.live()[:, 1], [True, False, False, True])
+    assert rollout.live()[:, 0].all()
+
+
+def test_an_episode_that_ends_while_a_lane_waits_ends_its_last_decision():
+    rollout = make_rollout()
+    add(rollout, [2, 20], deciding=(True, False))
+    add(rollout, [3, 30], (0, 5), terminated=(False, True), deciding=(True, False))
+    add(rollout, [4, 40], deciding=(True, True))
+    np.testing.assert_array_equal(rollout.rewards[:, 1], [5, 0, 0, 0])
+    np.testing.assert_array_equal(rollout.terminated[:, 1], [True, False, False, False])
+    np.testing.assert_array_equal(rollout.observations[3, 1], [0, 30, 40])
+
+
+def test_a_decision_still_open_at_the_end_is_left_out_of_the_batch():
+    rollout = make_rollout(2)
+    add(rollout, [2, 20], (1, 0), deciding=(True, False))
+    add(rollout, [3, 30], (1, 0), deciding=(True, False))
+    live = rollout.live()
+    np.testing.assert_array_equal(live, [[True, False], [True, False]])
+    batch = rollout.batch(np.array([[1, 0], [3, 0]], np.float32), live)
+    np.testing.assert_allclose(batch.advantages, [-1, 1])
+    np.testing.assert_array_equal(batch.observations, [[0, 0, 1], [0, 1, 2]])
+
+
+def test_the_next_rollout_begins_where_the_last_ended():
+    rollout = make_rollout(1)
+    add(rollout, [2, 20])
+    assert rollout.full
+    rollout.carry_over()
+    assert not rollout.full
+    np.testing.assert_array_equal(rollout.observations[0], [[0, 1, 2], [0, 10, 20]])
+
+
+def test_masks_are_kept_from_the_first_one_on():
+    rollout = make_rollout()
+    assert rollout.set_masks(None) is None
+    add(rollout, [2, 20])
+    row = rollout.set_masks([np.array([[True, False], [True, True]])])
+    assert (row < 0).tolist() == [[[False, True]], [[False, False]]]
+    add(rollout, [3, 30])
+    assert not rollout.set_masks(None).any()

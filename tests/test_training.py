@@ -1,0 +1,257 @@
+"""Training as a person runs it: two processes, a socket, and everything that may go wrong between them."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from trainer.checkpoint import load_checkpoint
+from trainer.launch import simulator_process
+from trainer.metrics import read_rows
+
+CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.yaml"
+SMALL = ["arenas=4", "policy.rollout=20", "policy.minibatch=40", "summary=400", "checkpoint=400"]
+
+
+def command(run: Path, *more: str, config: Path = CONFIG) -> list[str]:
+    return [sys.executable, "-m", "trainer", "train", str(config), "--run", str(run), *more]
+
+
+def train(run: Path, *more: str, config: Path = CONFIG) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(run, *more, config=config), capture_output=True, text=True, timeout=120, check=False)
+
+
+def weights(run: Path) -> dict[str, np.ndarray]:
+    return load_checkpoint(run)[0]
+
+
+def assert_same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    assert one.keys() == other.keys()
+    for name, array in one.items():
+        np.testing.assert_array_equal(array, other[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def address():
+    with simulator_process() as bound:
+        yield bound
+
+
+@pytest.fixture(scope="module")
+def whole(address, tmp_path_factory) -> Path:
+    """Return a run of 24 updates that was never interrupted."""
+    run = tmp_path_factory.mktemp("whole") / "run"
+    result = train(run, *SMALL, "stop=1900", "--simulator", address)
+    assert result.returncode == 0, result.stderr
+    return run
+
+
+def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
+    assert {path.name for path in whole.iterdir()} == {
+        "config.yaml", "metrics-hunter.csv", "tensorboard", "checkpoints",
+    }  # fmt: skip
+    rows = read_rows(whole / "metrics-hunter.csv")
+    assert [row["transitions"] for row in rows] == [400, 800, 1200, 1600]
+    for row in rows:
+        assert 0.9 < row["simulate"] + row["wire"] + row["act"] + row["learn"] <= 1.01
+        assert row["entropy"] == pytest.approx(np.log(11 * 11 * 3), abs=1.0)
+        assert row["transitions_per_second"] > 0
+    assert list((whole / "tensorboard" / "hunter").glob("events*"))
+    assert load_checkpoint(whole)[1]["transitions"] == 1920
+
+
+def test_the_same_seed_gives_the_same_weights_bit_for_bit_with_a_simulator_of_its_own(whole, tmp_path):
+    assert train(tmp_path / "run", *SMALL, "stop=1900").returncode == 0
+    assert_same(weights(tmp_path / "run"), weights(whole))
+
+
+def test_another_seed_gives_other_weights(whole, address, tmp_path):
+    assert train(tmp_path / "run", *SMALL, "stop=1900", "seed=1", "--simulator", address).returncode == 0
+    name = "hunter/policy/network.actor.head.weight"
+    assert (weights(tmp_path / "run")[name] != weights(whole)[name]).any()
+
+
+def test_arenas_spread_over_two_simulators_play_and_learn_the_same(whole, address, tmp_path):
+    with simulator_process() as second:
+        result = train(tmp_path / "run", *SMALL, "stop=1900", "--simulator", address, "--simulator", second)
+    assert result.returncode == 0, result.stderr
+    for name, array in weights(whole).items():
+        if not name.startswith("simulator/"):
+            np.testing.assert_array_equal(array, weights(tmp_path / "run")[name], err_msg=name)
+
+
+def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
+    run = tmp_path / "run"
+    assert train(run, *SMALL, "stop=700", "--simulator", address).returncode == 0
+    again = train(run, *SMALL, "stop=1900", "--simulator", address)
+    assert again.returncode == 1
+    assert "go on with --resume, or name another folder with --run" in again.stderr
+    assert train(run, *SMALL, "stop=1900", "--resume", "--simulator", address).returncode == 0
+    assert_same(weights(run), weights(whole))
+    figures = [{k: v for k, v in r.items() if k in ("transitions", "value", "entropy", "policy_loss")}
+               for path in (run, whole) for r in read_rows(path / "metrics-hunter.csv")]  # fmt: skip
+    assert len(figures) == 8
+    # The row after the resumption averages over fewer updates; the last ones are the same.
+    assert figures[3] == figures[7]
+
+
+def start_and_wait_for_a_row(run: Path, *more: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen(command(run, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not read_rows(run / "metrics-hunter.csv"):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return process
+
+
+def resume_and_compare(run: Path, tmp_path: Path, address: str) -> None:
+    """Resume a run that was cut off; it must end like one that was not."""
+    done = load_checkpoint(run)[1]["transitions"]
+    end = f"stop={done + 300}"
+    assert train(run, *SMALL, end, "--resume", "--simulator", address).returncode == 0
+    assert train(tmp_path / "straight", *SMALL, end, "--simulator", address).returncode == 0
+    assert_same(weights(run), weights(tmp_path / "straight"))
+
+
+def test_a_simulator_killed_in_the_middle_gives_an_error_a_checkpoint_and_an_exact_resumption(address, tmp_path):
+    server = subprocess.Popen(
+        [sys.executable, "-m", "simulator", "serve", "--address", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
+    )
+    assert server.stdout is not None
+    own = server.stdout.readline().split()[-1]
+    process = start_and_wait_for_a_row(tmp_path / "run", *SMALL, "--simulator", own)
+    server.kill()
+    output, errors = process.communicate(timeout=60)
+    server.wait()
+    server.stdout.close()
+    assert process.returncode == 1
+    assert f"error: lost the simulator at {own}" in errors
+    assert "--resume" in errors
+    resume_and_compare(tmp_path / "run", tmp_path, address)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly(number, address, tmp_path):
+    process = start_and_wait_for_a_row(tmp_path / "run", *SMALL)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    assert len(children) == 1
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "--resume" in errors
+    assert "Traceback" not in errors
+    assert not Path(f"/proc/{children[0]}").exists()
+    resume_and_compare(tmp_path / "run", tmp_path, address)
+
+
+def test_a_killed_trainer_takes_its_simulator_with_it(tmp_path):
+    process = start_and_wait_for_a_row(tmp_path / "run", *SMALL)
+    child = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0]
+    process.kill()
+    process.communicate()
+    deadline = time.monotonic() + 20
+    while Path(f"/proc/{child}").exists() and "Z" not in Path(f"/proc/{child}/stat").read_text().split()[2]:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--simulator", "127.0.0.1:1", "--wait", "1.2"], "no simulator at 127.0.0.1:1 after 1.2 s"),
+        (["game=shooting_brids"], "no game named 'shooting_brids'; this server has beastly_rivals, shooting_birds"),
+        (["options.rules=strict"], "option 'rules' got 'strict', expected one of original, corrected"),
+        (["options.wind=on"], "unknown option 'wind', expected one of rules, locomotion, level"),
+        (["parameters.bird_speed=9"], "parameter 'bird_speed' got 9, expected 0..4"),
+        (["parameters.wind=9"], "unknown parameter 'wind'"),
+        (["layout=bukket-11"], "unknown layout 'bukket-11'"),
+        (["policy.sensors=[gnu]"], "hunter: sensors: the game has no 'gnu'; it has gun, crosshair"),
+        (["policy.channels={hits: 1}"], "hunter: channels: the game has no 'hits'"),
+        (["policies.hnter.epochs=1"], "there is no policy 'hnter'; this game and layout have hunter"),
+        (["arenas=99999"], "arenas is 99999, expected 1..4096"),
+        (["epocs=3"], "unknown key 'epocs'"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence_that_names_it(more, message, address, tmp_path):
+    simulator = [] if "--simulator" in more else ["--simulator", address]
+    result = train(tmp_path / "run", *SMALL, "stop=100", *more, *simulator)
+    assert result.returncode == 1
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path):
+    address = f"unix:{tmp_path}/simulator.sock"
+    process = subprocess.Popen(
+        command(tmp_path / "run", *SMALL, "stop=160", "--simulator", address),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stderr is not None
+    assert "waiting up to 60 s for a simulator at unix:" in process.stderr.readline()
+    server = subprocess.Popen(
+        [sys.executable, "-m", "simulator", "serve", "--address", address],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    _, errors = process.communicate(timeout=90)
+    server.terminate()
+    server.wait()
+    assert process.returncode == 0, errors
+
+
+def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(address, tmp_path):
+    run = tmp_path / "run"
+    assert train(run, *SMALL, "stop=100", "--simulator", address).returncode == 0
+    other = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
+    assert "seed changed" in other.stderr
+    two = train(run, *SMALL, "stop=400", "--resume", "--simulator", address, "--simulator", address)
+    assert "was made with 1 simulators" in two.stderr
+
+
+def test_evaluation_balances_levels_and_prints_json_last(whole, address):
+    result = subprocess.run(
+        [sys.executable, "-m", "trainer", "evaluate", str(whole), "--episodes", "7", "--json",
+         "--simulator", address],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    report = json.loads(result.stdout.splitlines()[-1])["hunter"]
+    assert report["episodes"] == 7
+    assert sorted(report["by_choice"]) == list("0123456")
+    assert report["means"]["length"] == 2000
+    assert report["means"]["reward"] == pytest.approx(np.mean(list(report["by_choice"].values())))
+    assert -1000 < report["means"]["reward"] < 20  # hardly trained
+
+
+def test_a_recording_is_a_video_of_the_length_asked_for(whole, address, tmp_path):
+    video = tmp_path / "folder" / "play.mp4"
+    subprocess.run(
+        [sys.executable, "-m", "trainer", "record", str(whole), str(video), "--seconds", "2", "--simulator", address],
+        capture_output=True, timeout=120, check=True,
+    )  # fmt: skip
+    with av.open(str(video)) as file:
+        assert file.streams.video[0].average_rate == 25
+        frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+    assert len(frames) == 50
+    assert frames[0].shape == (400, 640, 3)
+    assert frames[0].std() > 10
+    assert (frames[0] != frames[-1]).mean() > 0.01
+
+
+def test_multiagent_trains_two_policies_with_their_own_rollouts_on_the_same_lanes(address, tmp_path):
+    run = tmp_path / "run"
+    config = CONFIG.with_name("multiagent.yaml")
+    small = ["arenas=4", "policy.rollout=20", "policies.axes.rollout=40", "summary=800"]
+    result = train(run, *small, "stop=1600", "--simulator", address, config=config)
+    assert result.returncode == 0, result.stderr
+    arrays = weights(run)
+    assert int(arrays["axes/policy/updates"]) * 2 == int(arrays["buttons/policy/updates"]) == 20
+    rows = {name: read_rows(run / f"metrics-{name}.csv") for name in ("axes", "buttons")}
+    assert [row["transitions"] for row in rows["axes"]] == [row["transitions"] for row in rows["buttons"]]
+    assert arrays["axes/policy/observations"].shape == (4, 3 * 42)
+    assert arrays["buttons/policy/observations"].shape == (4, 3 * 44)

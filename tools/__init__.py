@@ -1,0 +1,1 @@
+"""Programs around the project: checks, benchmarks, plots, the paper's experiments."""
