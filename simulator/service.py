@@ -13,7 +13,7 @@ from collections.abc import Awaitable
 from typing import Any, TypeAlias, cast
 
 import grpc
-from google.protobuf.message import DecodeError
+from google.protobuf.message import DecodeError, Message
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
@@ -21,7 +21,7 @@ from joybridge.spec import request_bytes
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from simulator.catalogue import Catalogue, specs
-from simulator.session import Refusal, Session, describe
+from simulator.session import Refusal, Session, describe, refuse_unknown
 
 log = logging.getLogger("simulator")
 
@@ -42,11 +42,13 @@ class Service(rpc.SimulatorServicer):
 
     async def ListGames(self, request: pb.ListGamesRequest, context: Context) -> pb.ListGamesResponse:
         """List the games of this server."""
+        await _refuse_unknown(request, context)
         games = [pb.GameSummary(name=game.name, description=game.description) for game in self.games.values()]
         return pb.ListGamesResponse(games=games)
 
     async def DescribeGame(self, request: pb.DescribeGameRequest, context: Context) -> pb.DescribeGameResponse:
         """Describe one game under the given options."""
+        await _refuse_unknown(request, context)
         try:
             return pb.DescribeGameResponse(spec=describe(self.games, request.game, request.options))
         except Refusal as refusal:
@@ -109,6 +111,13 @@ async def serve(games: Catalogue, address: str, max_sessions: int, with_parent: 
     await healthy.enter_graceful_shutdown()
     service.end_sessions()
     await server.stop(GRACE_SECONDS)
+
+
+async def _refuse_unknown(request: Message, context: Context) -> None:
+    try:
+        refuse_unknown(request)
+    except Refusal as refusal:
+        await context.abort(refusal.code, str(refusal))
 
 
 def _stop_event(with_parent: bool) -> asyncio.Event:

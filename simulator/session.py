@@ -12,6 +12,8 @@ from contextlib import contextmanager
 
 import grpc
 import numpy as np
+from google.protobuf.message import Message
+from google.protobuf.unknown_fields import UnknownFieldSet
 
 from joybridge.codec import ActArrays, StepArrays, pack_step, unpack_act
 from joybridge.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
@@ -41,6 +43,29 @@ def checking() -> Iterator[None]:
         yield
     except (TensorError, SpecError) as error:
         raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, str(error)) from error
+
+
+def refuse_unknown(request: Message) -> None:
+    """Raise Refusal if a request has fields that this contract does not: ignored, they would be broken promises."""
+    data = request.SerializeToString()
+    request.DiscardUnknownFields()
+    if request.ByteSize() != len(data):
+        path = _unknown_field(type(request).FromString(data), request.DESCRIPTOR.name)
+        text = f"{path} is unknown to this server or of another type; send what its bridge.proto has"
+        raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, text)
+
+
+def _unknown_field(message: Message, path: str) -> str:
+    """Return the path of the first unknown field of a message, or nothing."""
+    unknown = UnknownFieldSet(message)
+    if len(unknown):
+        return f"{path}: field {unknown[0].field_number}"
+    for field, value in message.ListFields():
+        if field.message_type and not field.message_type.GetOptions().map_entry:
+            for part in [value] if isinstance(value, Message) else value:
+                if found := _unknown_field(part, f"{path}.{field.name}"):
+                    return found
+    return ""
 
 
 def failure(game: str, moment: str, error: BaseException) -> Refusal:
@@ -80,6 +105,7 @@ class Session:
 
     def answer(self, request: pb.PlayRequest) -> pb.PlayResponse:
         """Return the response to one request. Raises Refusal; the session must then end."""
+        refuse_unknown(request)
         kind = request.WhichOneof("request")
         if kind is None:
             raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "an empty PlayRequest; send start, act, reset or save")

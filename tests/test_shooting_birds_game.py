@@ -160,14 +160,14 @@ def test_y_counts_from_the_centre_in_units_of_10_215(rules):
         ((30.0, -40.0), [0.6, -0.8, 1.0]),
         ((0.0, 25.0), [0.0, 1.0, 0.5]),
         ((0.0, 0.0), [0.0, 0.0, 0.0]),
-        ((0.0, 1.1e-5), [0.0, 1.0, 2.2e-7]),
-        ((0.0, 0.9e-5), [0.0, 0.0, 1.8e-7]),  # too slow to have a direction
+        ((0.0, 1.01e-5), [0.0, 1.0, 2.02e-7]),
+        ((0.0, 0.99e-5), [0.0, 0.0, 1.98e-7]),  # too slow to have a direction
     ],
 )
 def test_the_velocity_is_observed_as_a_direction_and_a_share_of_50(velocity, seen):
     game = new_game()
     game.arenas.vx, game.arenas.vy = velocity
-    assert sense(game)[1][2:] == pytest.approx(seen, abs=1e-8, rel=1e-6)
+    assert sense(game)[1][2:] == pytest.approx(seen, abs=1e-10, rel=1e-6)
 
 
 def test_the_observed_velocity_has_lost_its_part_into_a_wall():

@@ -342,6 +342,12 @@ def test_a_ray_is_14_long(edge, distance):
         assert scene.rays()[0] == pytest.approx([distance, 1.0 if distance > 0 else -1.0, distance], abs=1e-5)
 
 
+def test_a_ray_does_not_meet_what_begins_within_14_beside_it_and_crosses_it_beyond():
+    scene = Scene(things=obstacles(boxes=[(13, 4, 15, 9)], discs=[(-14.5, 1.2, 1.26)]))
+    scene.put(0, LARGE, at=(14.5, 1.2))
+    assert (scene.rays() == -1.0).all()
+
+
 def test_a_ray_that_meets_nothing_reports_minus_1_three_times_and_walls_are_not_met():
     assert (Scene(place=(17.715, 10.215)).rays() == -1.0).all()
 

@@ -96,7 +96,8 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         """Begin new episodes everywhere; return observations and infos.
 
         With a seed, what follows is what a new environment with it would play. Without, the arenas' random streams
-        go on, and episodes that have begun already but not been played, as all have after the start, are taken.
+        go on; where all episodes have only just begun, as at the start or when all ended in the last step, those are
+        taken.
         options: {"parameters": {name: value}} changes parameters of the game. Raises ValueError.
         """
         seed = self._bridge.reset(seed, _parameters(options))
@@ -178,7 +179,11 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
         return outcome
 
     def render(self) -> Array | None:
-        """Return the picture after the last step; see `_Bridge.picture`."""
+        """Return the picture after the last step, uint8 [height, width, 3]; None without `render_mode`.
+
+        The simulator draws with a step: where an episode ended in it, the picture is of the next one's beginning,
+        and before the first step it is black.
+        """
         return self._bridge.picture()
 
     def close(self) -> None:
@@ -225,10 +230,9 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         """
         self._bridge.reset(seed, (options or {}).get("parameters", {}))
         self.agents = list(self.possible_agents)
-        firsts = {agent: player.first() for agent, player in self._bridge.players.items()}
-        return {agent: first[0] for agent, first in firsts.items()}, {
-            agent: first[1] for agent, first in firsts.items()
-        }
+        firsts = [player.first() for player in self._bridge.players.values()]
+        observations, infos = (dict(zip(self.agents, column, strict=True)) for column in zip(*firsts, strict=True))
+        return observations, infos
 
     def step(
         self, actions: Mapping[str, Any]
@@ -250,7 +254,11 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         return observations, rewards, terminated, truncated, infos
 
     def render(self) -> Array | None:
-        """Return the picture after the last step; see `_Bridge.picture`."""
+        """Return the picture after the last step, uint8 [height, width, 3]; None without `render_mode`.
+
+        The simulator draws with a step: where an episode ended in it, the picture is of the next one's beginning,
+        and before the first step it is black.
+        """
         return self._bridge.picture()
 
     def close(self) -> None:
@@ -338,29 +346,28 @@ class _Player:
 
     def _part(self, actions: Any, kind: str) -> Array:
         """Return the continuous or the discrete actions [rows, width], checked; 0 in lanes that wait."""
-        step = self.lanes.step
-        count = len(step.rewards[self.rows])
+        step, where = self.lanes.step, self.where
+        rows = len(step.rewards[self.rows])
         if kind not in self.parts:
-            return np.zeros((count, 0), np.int64)
-        where = self.where
+            return np.zeros((rows, 0), np.int64)
         if len(self.parts) > 1:
             where = f"{where}[{kind!r}]"
             if not isinstance(actions, Mapping) or kind not in actions:
-                raise ValueError(f"{where} is missing; expected a dict of continuous and discrete actions")
+                raise ValueError(f"{where} is missing, expected a dict of continuous and discrete actions")
             actions = actions[kind]
         values: Array = np.asarray(actions)
         space = self.parts[kind]
-        kinds = "iu" if kind == "discrete" else "iuf"
-        if values.shape != (count, *space.shape) or values.dtype.kind not in kinds:
-            wanted = f"{'integers' if kind == 'discrete' else 'numbers'} of shape {[count, *space.shape]}"
-            raise ValueError(f"{where}: {values.dtype} of shape {list(values.shape)}, expected {wanted}")
+        shape = [rows, *space.shape]
+        kinds, wanted = ("iu", "integers") if kind == "discrete" else ("iuf", "numbers")
+        if list(values.shape) != shape or values.dtype.kind not in kinds:
+            raise ValueError(f"{where}: {values.dtype} of shape {list(values.shape)}, expected {wanted} of {shape}")
         if step.deciding is not None:
             values = np.where(step.deciding[self.rows, None], values, 0)
         wrong = (values < 0) | (values >= space.nvec) if kind == "discrete" else ~np.isfinite(values)
         if wrong.any():
-            lane, column = np.argwhere(wrong)[0].tolist()
-            wanted = f"0..{space.nvec[column] - 1}" if kind == "discrete" else "-1..1"
-            raise ValueError(f"{where}: {values[lane, column]} at [{lane}, {column}], expected {wanted}")
+            row, column = np.argwhere(wrong)[0].tolist()
+            wanted = f"0..{space.nvec[column] - 1}" if kind == "discrete" else "a finite number"
+            raise ValueError(f"{where}: {values[row, column]} at [{row}, {column}], expected {wanted}")
         return values
 
     def rewards(self) -> Array:
@@ -433,7 +440,7 @@ class _Bridge:
             raise ValueError(f"stack is {stack}, expected at least 1")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
-        _check_seed(seed)
+        seed = _check_seed(seed)
         with ExitStack() as resources:
             address = simulator or resources.enter_context(simulator_process())
             self.session = resources.enter_context(
@@ -494,7 +501,7 @@ class _Bridge:
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> int | None:
         """Begin new episodes everywhere; return the seed as Python's int. Raises ValueError."""
         self._require_open()
-        seed = _check_seed(seed)
+        seed = None if seed is None else _check_seed(seed)
         if seed is not None or parameters or not self.fresh:
             chosen = choose_parameters(self.spec.parameters, parameters, self.spec.name)
             self.session.reset(seed, chosen)
@@ -521,11 +528,7 @@ class _Bridge:
         self.fresh = all((step.terminated | step.truncated).all() for step in steps)
 
     def picture(self) -> Array | None:
-        """Return the only arena's picture, uint8 [height, width, 3], or None without `render_mode`.
-
-        The simulator draws with a step: where an episode ended in it, the picture is of the next one's beginning, and
-        before the first step it is black.
-        """
+        """Return the only arena's picture, as BridgeEnv says."""
         if not self.drawn:
             return None
         size = (self.spec.picture.height, self.spec.picture.width, 3)
@@ -587,10 +590,8 @@ def _parameters(options: Mapping[str, Any] | None) -> Mapping[str, float]:
     return parameters
 
 
-def _check_seed(seed: Any) -> int | None:
+def _check_seed(seed: Any) -> int:
     """Return a seed as Python's int. Raises ValueError for one that the contract does not carry."""
-    if seed is None:
-        return None
     if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**64:
         raise ValueError(f"seed is {seed!r}, expected one int of 0..2^64-1, which fixes the games of all arenas")
     return int(seed)

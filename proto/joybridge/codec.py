@@ -64,7 +64,8 @@ def unpack_act(message: pb.BehaviourAct, behaviour: pb.Behaviour, previous: Step
     if message.HasField("choices") or device.branches:
         choices = unpack(message.choices, pb.INT32, (lanes, len(device.branches)), f"{name}.choices")
     if previous.deciding is not None:  # what the other lanes do must not matter: give them any valid action
-        axes = np.where(previous.deciding[:, None], axes, np.float32([axis.low for axis in device.axes]))
+        rest = np.array([axis.low for axis in device.axes], np.float32)
+        axes = np.where(previous.deciding[:, None], axes, rest)
         choices = np.where(previous.deciding[:, None], choices, np.int32(0))
     for index, axis in enumerate(device.axes):
         _check_range(axes[:, index], axis.low, axis.high, f"{name}.axes: axis {axis.name!r}")

@@ -1,0 +1,15 @@
+"""What tests share: a real server process, with the tests' own games."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.games import PLACES
+from trainer.launch import simulator_process
+
+
+@pytest.fixture(scope="session")
+def simulator() -> Iterator[str]:
+    """Yield the address of a simulator in a process of its own."""
+    with simulator_process(PLACES) as address:
+        yield address

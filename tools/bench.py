@@ -1,0 +1,234 @@
+"""How fast it is on this machine: medians over windows, with their spread.
+
+python tools/bench.py [simulator | wire | learner | train | all] [--json]
+
+simulator   a game alone, in this process, by number of arenas
+wire        simulator process and client with random actions, and the round trip of one arena
+learner     sample passes of an update, beside the bare matrix products of the same shapes
+train       all of it: what `python -m trainer train` reaches
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from joybridge.codec import ActArrays
+from joybridge.spec import choose_options
+from joybridge.v1 import bridge_pb2 as pb
+from simulator.catalogue import load_games
+from trainer.actions import make_layouts
+from trainer.client import Session
+from trainer.config import load_config
+from trainer.gradient import ClosedFormGradient
+from trainer.launch import simulator_process
+from trainer.networks import Network, flatten_parameters
+from trainer.ppo import Batch, Coefficients, Gradient, autograd_gradient, update
+from trainer.train import train
+
+WINDOWS = 7
+GAMES = ("shooting_birds", "beastly_rivals")
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
+Figures = dict[str, dict[str, float]]  # what -> {"median", "low", "high"} per second, or seconds
+
+
+def measure(work: Callable[[], float]) -> dict[str, float]:
+    """Return median, lowest and highest rate over windows; `work` does a window's work and returns its size."""
+    work()
+    rates = []
+    for _ in range(WINDOWS):
+        begin = time.perf_counter()
+        size = work()
+        rates.append(size / (time.perf_counter() - begin))
+    return {"median": statistics.median(rates), "low": min(rates), "high": max(rates)}
+
+
+def random_acts(spec: pb.GameSpec, arenas: int, rng: np.random.Generator) -> list[list[ActArrays]]:
+    """Return a few random actions for all lanes to play in turn."""
+    device = spec.behaviours[0].device
+    axes = [rng.uniform(-1, 1, (arenas, len(device.axes))).astype(np.float32) for _ in range(16)]
+    choices = [rng.integers(0, 2, (arenas, len(device.branches))).astype(np.int32) for _ in range(16)]
+    return [[ActArrays(a, c)] for a, c in zip(axes, choices, strict=True)]
+
+
+def bench_simulator() -> Figures:
+    """Agent-steps per second of the games alone, with random actions."""
+    figures = {}
+    for name, game_class in load_games().items():
+        if name not in GAMES:
+            continue
+        for arenas in (1, 4, 16, 64, 256, 1024):
+            options = choose_options(game_class.options(), {}, name)
+            game = game_class(options, {}, arenas, 0, 0)
+            acts = random_acts(game_class.describe(options), arenas, np.random.default_rng(0))
+            steps = max(20, 20_000 // arenas)
+
+            def work(game=game, acts=acts, steps=steps, arenas=arenas) -> float:  # type: ignore[no-untyped-def]
+                for step in range(steps):
+                    game.step(acts[step % len(acts)])
+                return float(steps * arenas)
+
+            figures[f"{name}, {arenas} arenas, agent-steps/s"] = measure(work)
+    return figures
+
+
+def bench_wire() -> Figures:
+    """Agent-steps per second through a simulator process, and round trips of one arena."""
+    figures: Figures = {}
+    with simulator_process() as address:
+        for name in GAMES:
+            for arenas in (1, 64, 256):
+                with Session(address, name, arenas=arenas, seed=0) as session:
+                    acts = random_acts(session.spec, arenas, np.random.default_rng(0))
+                    trips: list[float] = []
+
+                    def work(session=session, acts=acts, arenas=arenas, trips=trips) -> float:  # type: ignore[no-untyped-def]
+                        for step in range(400):
+                            begin = time.perf_counter()
+                            session.step(acts[step % len(acts)])
+                            trips.append(time.perf_counter() - begin)
+                        return float(400 * arenas)
+
+                    figures[f"{name}, {arenas} arenas, agent-steps/s"] = measure(work)
+                    if arenas == 1:
+                        low, median, high = np.percentile(trips[400:], [5, 50, 95]) * 1e6
+                        key = f"{name}, 1 arena, round trip in µs (p50, p5, p95)"
+                        figures[key] = {"median": median, "low": low, "high": high}
+    return figures
+
+
+def bench_learner() -> Figures:
+    """Sample passes per second of an update of Shooting Birds bucket-11, batch 256, and of its matrix products."""
+    torch.set_num_threads(1)
+    rows, minibatch, inputs, hidden = 4425, 256, 132, 100
+    figures: Figures = {}
+    layout = make_layouts("bucket-11", _device())[""]
+    for shared in (True, False):
+        body = "one tower" if shared else "two towers"
+        network = Network(inputs, layout.space, [hidden, hidden], shared, 0)
+        flat = flatten_parameters(network)
+        optimizer = torch.optim.Adam([flat], fused=True)
+        batch = Batch(
+            torch.randn(rows, inputs), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
+            torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
+        )  # fmt: skip
+
+        def autograd(minibatch: Batch, coefficients: Coefficients, network: Network = network) -> torch.Tensor:
+            return autograd_gradient(network, minibatch, coefficients)
+
+        gradients: dict[str, Gradient] = {"autograd": autograd, "closed form": ClosedFormGradient(network)}
+        for name, gradient in gradients.items():
+
+            def work(gradient=gradient, optimizer=optimizer, batch=batch) -> float:  # type: ignore[no-untyped-def]
+                update(
+                    gradient, optimizer, batch, Coefficients(3e-4, 0.2, 0.05),
+                    epochs=4, minibatch=minibatch, rng=np.random.default_rng(0),
+                )  # fmt: skip
+                return 4.0 * (rows // minibatch) * minibatch
+
+            figures[f"{name}, {body}, sample passes/s"] = measure(work)
+        outputs = [
+            head.weight for head in (network.actor.head, network.critic.head if network.critic else None) if head
+        ]
+        figures[f"bare matrix products, {body}, sample passes/s"] = measure(
+            lambda outputs=outputs: _products(outputs, minibatch, inputs, hidden)  # type: ignore[misc]
+        )
+        bare = figures[f"bare matrix products, {body}, sample passes/s"]["median"]
+        ratio = figures[f"closed form, {body}, sample passes/s"]["median"] / bare
+        figures[f"closed form / bare products, {body}"] = {"median": ratio, "low": ratio, "high": ratio}
+    return figures
+
+
+def _products(heads: list[torch.Tensor], minibatch: int, inputs: int, hidden: int) -> float:
+    """Run the matrix products of forward and backward passes, nothing else."""
+    x, g1, g2 = torch.randn(minibatch, inputs), torch.randn(minibatch, hidden), torch.randn(minibatch, hidden)
+    w1, w2 = torch.randn(hidden, inputs), torch.randn(hidden, hidden)
+    for _ in range(50):
+        for head in heads:
+            weight = head.detach()
+            torch.mm(x, w1.t())
+            torch.mm(g1, w2.t())
+            outputs = torch.mm(g2, weight.t())
+            torch.mm(outputs.t(), g2)
+            torch.mm(outputs, weight)
+            torch.mm(g2.t(), g1)
+            torch.mm(g2, w2)
+            torch.mm(g1.t(), x)
+    return 50.0 * minibatch
+
+
+def _device() -> pb.Device:
+    return load_games()["shooting_birds"].describe(
+        choose_options(load_games()["shooting_birds"].options(), {}, "shooting_birds")
+    ).behaviours[0].device  # fmt: skip
+
+
+def bench_train(transitions: int = 1_500_000) -> Figures:
+    """Transitions per second of whole training runs, simulator in its own process."""
+    figures: Figures = {}
+    for experiment in ("shooting_birds/bucket-11", "beastly_rivals/bucket-3"):
+        rates: list[float] = []
+        shares: list[dict[str, float]] = []
+        config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop={transitions}", "summary=150000"])
+        with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
+
+            def report(
+                done: int, live: dict[str, float], row: dict[str, float] | None,
+                rates: list[float] = rates, shares: list[dict[str, float]] = shares,
+            ) -> None:  # fmt: skip
+                if row is not None:
+                    rates.append(row["transitions_per_second"])
+                    shares.append(row)
+
+            train(config, Path(folder) / "run", [address], resume=False, report=report)
+        rates = rates[1:]
+        figures[f"{experiment}, transitions/s"] = {
+            "median": statistics.median(rates), "low": min(rates), "high": max(rates)
+        }  # fmt: skip
+        for activity in ("simulate", "wire", "act", "learn"):
+            share = statistics.median(row[activity] for row in shares[1:])
+            figures[f"{experiment}, share of {activity}"] = {"median": share, "low": share, "high": share}
+    return figures
+
+
+BENCHES = {"simulator": bench_simulator, "wire": bench_wire, "learner": bench_learner, "train": bench_train}
+
+
+def machine() -> str:
+    """Return what this was measured on."""
+    return (
+        f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}, torch {torch.__version__}"
+    )
+
+
+def main() -> int:
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(description="Measure how fast it is on this machine.")
+    parser.add_argument("what", nargs="?", default="all", choices=[*BENCHES, "all"], help="default %(default)s")
+    parser.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
+    options = parser.parse_args()
+    print(machine(), flush=True)
+    results = {}
+    for name in BENCHES if options.what == "all" else [options.what]:
+        print(f"\n{name}", flush=True)
+        results[name] = BENCHES[name]()
+        for what, figure in results[name].items():
+            low, median, high = (f"{figure[key]:,.4g}" if figure[key] < 100 else f"{figure[key]:,.0f}"
+                                 for key in ("low", "median", "high"))  # fmt: skip
+            print(f"  {what:<64} {median:>12}  ({low} – {high})", flush=True)
+    if options.json:
+        print(json.dumps({"machine": machine(), "results": results}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""Stable-Baselines3's PPO learns Shooting Birds: another library's learner on the same simulator.
+
+python tools/sb3_example.py --transitions 200000 --arenas 15
+"""
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from joybridge.tensors import Array
+from trainer.gym import BridgeVectorEnv
+
+STRETCH = 20_000  # transitions between two lines
+
+
+class BridgeVecEnv(VecEnv):
+    """A BridgeVectorEnv as Stable-Baselines3 wants it; both begin the next episode in the step that ends one."""
+
+    def __init__(self, envs: BridgeVectorEnv) -> None:
+        """Wrap environments; closing this closes them."""
+        self.envs = envs
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+
+    def reset(self) -> Array:
+        """Begin new episodes; of the seeds that were set, the first fixes all."""
+        observations, _ = self.envs.reset(seed=self._seeds[0])
+        self._reset_seeds()
+        return observations
+
+    def step_async(self, actions: Array) -> None:
+        """Keep the actions for `step_wait`."""
+        self.actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Advance every arena by one decision."""
+        observations, rewards, terminated, truncated, infos = self.envs.step(self.actions)
+        ended = terminated | truncated
+        each: list[dict[str, Any]] = [{} for _ in ended]
+        for lane in np.flatnonzero(ended):
+            each[lane]["terminal_observation"] = infos["final_obs"][lane]
+            each[lane]["TimeLimit.truncated"] = bool(truncated[lane])  # PPO then values the future that was cut off
+        return observations, rewards.astype(np.float32), ended, each
+
+    def close(self) -> None:
+        """Close the environments."""
+        self.envs.close()
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return an attribute, once per lane."""
+        return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Refuse: lanes have no attributes of their own."""
+        raise NotImplementedError
+
+    def env_method(
+        self, method_name: str, *arguments: Any, indices: VecEnvIndices = None, **settings: Any
+    ) -> list[Any]:
+        """Refuse: lanes have no methods of their own."""
+        raise NotImplementedError
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: VecEnvIndices = None) -> list[bool]:
+        """Return that no lane is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+
+class Report(BaseCallback):
+    """Prints what each stretch of transitions paid, and the speed so far."""
+
+    def __init__(self, episode: int) -> None:
+        """Report rewards per `episode` decisions."""
+        super().__init__()
+        self.episode, self.paid, self.told = episode, 0.0, 0
+
+    def _on_training_start(self) -> None:
+        self.begin = time.perf_counter()
+
+    def _on_step(self) -> bool:
+        self.paid += float(self.locals["rewards"].sum())
+        if self.num_timesteps - self.told >= STRETCH:
+            reward = self.paid / (self.num_timesteps - self.told) * self.episode
+            speed = self.num_timesteps / (time.perf_counter() - self.begin)
+            print(
+                f"{self.num_timesteps:>10,} transitions  reward {reward:8.1f}  {speed:7,.0f} transitions/s", flush=True
+            )
+            self.paid, self.told = 0.0, self.num_timesteps
+        return True
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description="Train Shooting Birds with Stable-Baselines3's PPO.")
+    parser.add_argument("--transitions", type=int, default=200_000, help="length of the run; default %(default)s")
+    parser.add_argument("--arenas", type=int, default=15, help="default %(default)s")
+    parser.add_argument("--layout", default="bucket-11", help="without hybrid ones; default %(default)s")
+    parser.add_argument("--seed", type=int, default=0, help="of game and learner; default %(default)s")
+    options = parser.parse_args()
+    torch.set_num_threads(1)  # networks this small are slower with more
+    envs = BridgeVectorEnv("shooting_birds", options.arenas, options.layout)
+    model = PPO(
+        "MlpPolicy", BridgeVecEnv(envs), seed=options.seed, device="cpu",
+        n_steps=59, batch_size=256, n_epochs=4, learning_rate=3.25e-4, ent_coef=0.05,
+        policy_kwargs={"net_arch": [100, 100], "activation_fn": torch.nn.SiLU},
+    )  # fmt: skip
+    print(f"rewards are per episode of {envs.game_spec.max_episode_decisions} decisions")
+    model.learn(options.transitions, Report(envs.game_spec.max_episode_decisions))
+    envs.close()
+
+
+if __name__ == "__main__":
+    main()
