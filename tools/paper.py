@@ -72,7 +72,8 @@ class Job:
 def run_grid(jobs: list[Job], parallel: int, results: Path) -> list[Job]:
     """Run the jobs that are not finished, `parallel` at a time; return those that failed.
 
-    The metrics of each are kept in `results` as soon as it is finished. An interruption is passed on to the running jobs, which save.
+    The metrics of each are kept in `results` as soon as it is finished. An interruption is passed
+    on to the running jobs, which save.
     """
     waiting = [job for job in jobs if not job.finished()]
     for job in set(jobs) - set(waiting):

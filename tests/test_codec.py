@@ -1,0 +1,481 @@
+"""Actions and steps into messages and back, and every rule of bridge.proto about them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from joybridge.codec import ActArrays, StepArrays, lane_count, pack_act, pack_step, unpack_act, unpack_step
+from joybridge.spec import (
+    MAX_MESSAGE,
+    SpecError,
+    check_spec,
+    choose_options,
+    choose_parameters,
+    element_count,
+    request_bytes,
+    response_bytes,
+)
+from joybridge.tensors import NUMPY_TYPES, TensorError, pack
+from joybridge.v1 import bridge_pb2 as pb
+from tests.games import Hybrid
+
+ARENAS = 3
+PILOT = pb.Behaviour(
+    name="pilot",
+    agents_per_arena=2,
+    sensors=[
+        pb.Sensor(name="radar", dtype=pb.FLOAT32, shape=[2, 2]),
+        pb.Sensor(name="fuel", dtype=pb.INT32, shape=[1]),
+        pb.Sensor(name="camera", dtype=pb.UINT8, shape=[3, 2, 1]),
+        pb.Sensor(name="lamps", dtype=pb.BOOL, shape=[4]),
+    ],
+    device=pb.Device(
+        axes=[pb.Axis(name="pitch", low=-1.0, high=1.0), pb.Axis(name="throttle", low=0.25, high=4.0)],
+        branches=[
+            pb.Branch(name="gear", choices=["up", "hold", "down"]),
+            pb.Branch(name="fire", choices=["no", "yes"]),
+        ],
+    ),
+    channels=[pb.RewardChannel(name="hits"), pb.RewardChannel(name="fuel")],
+    metrics=[pb.Metric(name="accuracy")],
+)
+LANES = lane_count(PILOT, ARENAS)
+quick = settings(derandomize=True, deadline=None, max_examples=60)
+
+
+def a_step(ended=(), truncated=(), masks=False, deciding=None, seed=0, behaviour=PILOT):
+    """Return a step of random but right content; `ended` lanes terminated, `truncated` lanes were cut."""
+    random = np.random.default_rng(seed)
+    lanes = lane_count(behaviour, ARENAS)
+
+    def sense(rows):
+        shapes = [(sensor.dtype, (rows, *sensor.shape)) for sensor in behaviour.sensors]
+        return [random.integers(0, 2, shape).astype(NUMPY_TYPES[dtype]) for dtype, shape in shapes]
+
+    ends = np.isin(np.arange(lanes), ended), np.isin(np.arange(lanes), truncated)
+    step = StepArrays(sense(lanes), random.normal(size=(lanes, 2)).astype(np.float32), *ends)
+    if masks:
+        step.masks = [random.random((lanes, len(b.choices))) < 0.5 for b in behaviour.device.branches]
+        for mask in step.masks:
+            mask[np.arange(lanes), random.integers(mask.shape[1], size=lanes)] = True
+    if deciding is not None:
+        step.deciding = np.isin(np.arange(lanes), deciding)
+    step.ended = np.flatnonzero(ends[0] | ends[1]).astype(np.int32)
+    if len(step.ended):
+        step.final_observations = sense(len(step.ended))
+        if behaviour.metrics:
+            step.metrics = random.normal(size=(len(step.ended), len(behaviour.metrics))).astype(np.float32)
+    return step
+
+
+def an_act(lanes=LANES):
+    return ActArrays(np.full((lanes, 2), 0.5, np.float32), np.zeros((lanes, 2), np.int32))
+
+
+def act_refusal(act, previous=None):
+    with pytest.raises(TensorError, match=r"^pilot\.(axes|choices)") as caught:
+        unpack_act(act if isinstance(act, pb.BehaviourAct) else pack_act(act), PILOT, previous or a_step())
+    return str(caught.value)
+
+
+def step_refusal(message):
+    with pytest.raises(TensorError, match=r"^pilot") as caught:
+        unpack_step(message, PILOT, ARENAS)
+    return str(caught.value)
+
+
+# ------------------------------------------------------------------------------------------------------ acts
+
+
+@quick
+@given(st.data())
+def test_an_act_comes_back_as_it_was(data):
+    axes = [[data.draw(st.floats(axis.low, axis.high, width=32)) for axis in PILOT.device.axes] for _ in range(LANES)]
+    choices = [
+        [data.draw(st.integers(0, len(branch.choices) - 1)) for branch in PILOT.device.branches] for _ in range(LANES)
+    ]
+    act = ActArrays(np.array(axes, np.float32), np.array(choices, np.int32))
+    back = unpack_act(pb.BehaviourAct.FromString(pack_act(act).SerializeToString()), PILOT, a_step())
+    assert back.axes.tobytes() == act.axes.tobytes() and back.axes.shape == (LANES, 2)
+    assert back.choices.tobytes() == act.choices.tobytes() and back.choices.shape == (LANES, 2)
+
+
+def test_the_ends_of_an_axis_are_inside_and_the_next_numbers_outside():
+    for index, axis in enumerate(PILOT.device.axes):
+        for value, beyond in ((axis.low, -np.inf), (axis.high, np.inf)):
+            act = an_act()
+            act.axes[4, index] = value
+            unpack_act(pack_act(act), PILOT, a_step())
+            act.axes[4, index] = np.nextafter(np.float32(value), np.float32(beyond))
+            text = act_refusal(act)
+            assert (
+                f"axis {axis.name!r} got {act.axes[4, index]} in lane 4, expected {axis.low:g}..{axis.high:g}" in text
+            )
+
+
+@pytest.mark.parametrize("value", [-1, -(2**31), 3, 2**31 - 1])
+def test_a_choice_that_a_branch_does_not_have_is_refused(value):
+    act = an_act()
+    act.choices[5, 0] = value
+    assert f"branch 'gear' got {value} in lane 5, expected 0..2" in act_refusal(act)
+    act.choices[5] = 0, 2
+    assert "branch 'fire' got 2 in lane 5, expected 0..1" in act_refusal(act)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_axis_that_is_not_finite_is_refused(value):
+    act = an_act()
+    act.axes[3, 1] = value
+    assert f"pilot.axes: value {value} at [3, 1]" in act_refusal(act)
+
+
+@pytest.mark.parametrize("field", ["axes", "choices"])
+def test_the_half_of_an_act_that_a_device_has_cannot_be_left_out(field):
+    message = pack_act(an_act())
+    message.ClearField(field)
+    assert act_refusal(message).startswith(f"pilot.{field}: dtype is DTYPE_UNSPECIFIED")
+
+
+@pytest.mark.parametrize("lanes", [0, 1, LANES - 1, LANES + 1, 2 * LANES])
+def test_an_act_has_a_row_for_every_lane(lanes):
+    for field, right in (("axes", "choices"), ("choices", "axes")):
+        message = pack_act(an_act(lanes))
+        getattr(message, right).CopyFrom(getattr(pack_act(an_act()), right))
+        assert act_refusal(message) == f"pilot.{field}: shape is [{lanes}, 2], expected [{LANES}, 2]"
+
+
+@pytest.mark.parametrize("kind", ["axes", "branches"])
+def test_a_device_may_lack_axes_or_branches_and_an_act_then_lacks_their_half(kind):
+    behaviour = pb.Behaviour()
+    behaviour.CopyFrom(PILOT)
+    behaviour.device.ClearField(kind)
+    act = an_act()
+    act.axes = act.axes[:, : len(behaviour.device.axes)]
+    act.choices = act.choices[:, : len(behaviour.device.branches)]
+    message = pack_act(act)
+    assert (message.HasField("axes"), message.HasField("choices")) == (kind != "axes", kind != "branches")
+    back = unpack_act(message, behaviour, a_step())
+    assert back.axes.shape == act.axes.shape and back.choices.shape == act.choices.shape
+    extra = pack_act(an_act())
+    with pytest.raises(TensorError, match=r"shape is \[6, 2\], expected \[6, 0\]"):
+        unpack_act(extra, behaviour, a_step())
+
+
+def test_a_masked_choice_is_refused_by_its_label_and_lane():
+    previous = a_step()
+    previous.masks = [np.ones((LANES, 3), bool), np.ones((LANES, 2), bool)]
+    act = an_act()
+    act.choices[4, 0] = 2
+    unpack_act(pack_act(act), PILOT, previous)
+    previous.masks[0][4, 2] = False
+    assert "branch 'gear' got 'down' in lane 4, which its mask forbids" in act_refusal(act, previous)
+
+
+@quick
+@given(st.integers(0, 2**32 - 1), st.integers(0, LANES - 1), st.integers(0, 1), st.integers(0, 2))
+def test_a_choice_is_accepted_exactly_if_its_mask_allows_it(seed, lane, branch, choice):
+    previous = a_step(masks=True, seed=seed)
+    choice = min(choice, previous.masks[branch].shape[1] - 1)
+    act = an_act()
+    act.choices[:] = np.stack([mask.argmax(axis=1) for mask in previous.masks], axis=1)
+    act.choices[lane, branch] = choice
+    if previous.masks[branch][lane, choice]:
+        assert (unpack_act(pack_act(act), PILOT, previous).choices == act.choices).all()
+    else:
+        assert f"in lane {lane}, which its mask forbids" in act_refusal(act, previous)
+
+
+def test_lanes_that_do_not_decide_may_ask_for_anything_and_their_games_get_something_valid():
+    previous = a_step(masks=True, deciding=[1, 4])
+    previous.masks[0][[0, 2]] = [False, True, False]
+    act = an_act()
+    act.axes[[0, 2, 3, 5]] = [-1e30, 99.0]
+    act.choices[[0, 2, 3, 5]] = [-7, 2**31 - 1]
+    act.choices[[1, 4]] = np.stack([mask[[1, 4]].argmax(axis=1) for mask in previous.masks], axis=1)
+    back = unpack_act(pack_act(act), PILOT, previous)
+    assert (back.axes[[1, 4]] == act.axes[[1, 4]]).all() and (back.choices[[1, 4]] == act.choices[[1, 4]]).all()
+    for index, axis in enumerate(PILOT.device.axes):
+        assert ((back.axes[:, index] >= axis.low) & (back.axes[:, index] <= axis.high)).all()
+    for index, branch in enumerate(PILOT.device.branches):
+        assert ((back.choices[:, index] >= 0) & (back.choices[:, index] < len(branch.choices))).all()
+
+
+def test_lanes_that_do_not_decide_must_still_be_well_formed():
+    act = an_act()
+    act.axes[0, 0] = np.nan
+    assert "value nan at [0, 0]" in act_refusal(act, a_step(deciding=[1, 4]))
+
+
+def test_a_lane_that_decides_is_named_by_its_own_number_among_those_that_wait():
+    previous = a_step(deciding=[1, 4], masks=True)
+    act = an_act()
+    act.choices[[1, 4]] = np.stack([mask[[1, 4]].argmax(axis=1) for mask in previous.masks], axis=1)
+    act.axes[4, 0] = 2.0
+    assert "axis 'pitch' got 2.0 in lane 4" in act_refusal(act, previous)
+    act.axes[4, 0] = 0.0
+    act.choices[4, 1] = 9
+    assert "branch 'fire' got 9 in lane 4" in act_refusal(act, previous)
+    act.choices[4, 1] = 1
+    previous.masks[1][4] = [True, False]
+    assert "branch 'fire' got 'yes' in lane 4" in act_refusal(act, previous)
+
+
+# ----------------------------------------------------------------------------------------------------- steps
+
+
+@quick
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    ends=st.lists(st.sampled_from("-tc"), min_size=LANES, max_size=LANES),
+    masks=st.booleans(),
+    deciding=st.none() | st.sets(st.integers(0, LANES - 1)),
+    metrics=st.booleans(),
+)
+def test_a_step_comes_back_as_it_was(seed, ends, masks, deciding, metrics):
+    behaviour = pb.Behaviour()
+    behaviour.CopyFrom(PILOT)
+    if not metrics:
+        behaviour.ClearField("metrics")
+    ended = [lane for lane, end in enumerate(ends) if end == "t"], [lane for lane, end in enumerate(ends) if end == "c"]
+    step = a_step(*ended, masks, None if deciding is None else list(deciding), seed, behaviour)
+    message = pb.BehaviourStep.FromString(pack_step(step).SerializeToString())
+    back = unpack_step(message, behaviour, ARENAS)
+    for name in vars(step):
+        assert same(getattr(back, name), getattr(step, name)), name
+    assert message.HasField("ended") == bool(ended[0] + ended[1])
+    assert message.HasField("deciding") == (deciding is not None)
+    assert bool(message.masks) == masks
+
+
+def same(one, other):
+    if one is None or other is None:
+        return one is other
+    if isinstance(one, list):
+        return len(one) == len(other) and all(same(*pair) for pair in zip(one, other, strict=True))
+    return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+
+
+TENSORS = {  # every tensor of a step and what it is called in an error
+    "observations[radar]": lambda m: m.observations[0],
+    "observations[fuel]": lambda m: m.observations[1],
+    "observations[camera]": lambda m: m.observations[2],
+    "observations[lamps]": lambda m: m.observations[3],
+    "rewards": lambda m: m.rewards,
+    "terminated": lambda m: m.terminated,
+    "truncated": lambda m: m.truncated,
+    "masks[gear]": lambda m: m.masks[0],
+    "masks[fire]": lambda m: m.masks[1],
+    "deciding": lambda m: m.deciding,
+    "ended.lanes": lambda m: m.ended.lanes,
+    "ended.final_observations[radar]": lambda m: m.ended.final_observations[0],
+    "ended.final_observations[fuel]": lambda m: m.ended.final_observations[1],
+    "ended.final_observations[camera]": lambda m: m.ended.final_observations[2],
+    "ended.final_observations[lamps]": lambda m: m.ended.final_observations[3],
+    "ended.metrics": lambda m: m.ended.metrics,
+}
+
+
+def a_full_message():
+    return pack_step(a_step(ended=[1], truncated=[4], masks=True, deciding=range(LANES)))
+
+
+def test_a_full_step_is_accepted():
+    assert unpack_step(a_full_message(), PILOT, ARENAS).ended.tolist() == [1, 4]
+
+
+@pytest.mark.parametrize("field", TENSORS)
+def test_every_tensor_of_a_step_is_checked_and_named(field):
+    for damage in (
+        lambda t: t.Clear(),
+        lambda t: setattr(t, "dtype", pb.UINT8 if t.dtype != pb.UINT8 else pb.BOOL),
+        lambda t: t.shape.append(1),
+        lambda t: t.shape.__setitem__(0, t.shape[0] + 1),
+        lambda t: setattr(t, "data", t.data + b"\0"),
+        lambda t: setattr(t, "data", t.data[:-1]),
+    ):
+        message = a_full_message()
+        damage(TENSORS[field](message))
+        assert step_refusal(message).startswith(f"pilot.{field}: ")
+
+
+@pytest.mark.parametrize(
+    "field", ["rewards", "observations[radar]", "ended.final_observations[radar]", "ended.metrics"]
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_every_float_of_a_step_must_be_finite(field, value):
+    message = a_full_message()
+    tensor = TENSORS[field](message)
+    tensor.data = tensor.data[:-4] + np.float32(value).tobytes()
+    assert step_refusal(message).startswith(f"pilot.{field}: value {value} at ")
+
+
+@pytest.mark.parametrize(
+    "field", ["terminated", "truncated", "masks[gear]", "masks[fire]", "deciding", "observations[lamps]"]
+)
+def test_every_boolean_of_a_step_must_be_0_or_1(field):
+    message = a_full_message()
+    tensor = TENSORS[field](message)
+    tensor.data = tensor.data[:-1] + b"\x02"
+    assert step_refusal(message) == f"pilot.{field}: a boolean is 2, expected 0 or 1"
+
+
+@pytest.mark.parametrize("number", [0, 3, 5])
+def test_a_step_has_one_observation_per_sensor(number):
+    message = a_full_message()
+    parts = [*message.observations, *message.observations][:number]
+    message.ClearField("observations")
+    message.observations.extend(parts)
+    assert step_refusal(message) == f"pilot.observations: {number} tensors, expected 4, one per sensor"
+    message = a_full_message()
+    message.ended.ClearField("final_observations")
+    message.ended.final_observations.extend(parts)
+    assert step_refusal(message) == f"pilot.ended.final_observations: {number} tensors, expected 4, one per sensor"
+
+
+def test_masks_come_for_every_branch_or_not_at_all():
+    message = a_full_message()
+    del message.masks[1]
+    assert step_refusal(message) == "pilot.masks: 1 tensors, expected 2, one per branch, or none"
+    message.ClearField("masks")
+    assert unpack_step(message, PILOT, ARENAS).masks is None
+
+
+def test_a_mask_must_allow_something_in_every_lane():
+    step = a_step(masks=True)
+    step.masks[1][3] = False
+    assert step_refusal(pack_step(step)) == "pilot.masks[fire]: lane 3 allows no choice, expected at least one"
+
+
+def test_no_lane_ends_twice():
+    step = a_step(ended=[1, 2], truncated=[2, 3])
+    assert step_refusal(pack_step(step)) == "pilot: lane 2 is both terminated and truncated, expected at most one"
+
+
+@pytest.mark.parametrize("lanes", [[4, 1], [1, 1], [1, 3], [-1, 4], [1, 6]])
+def test_the_lanes_that_ended_are_those_that_terminated_or_truncated_ascending(lanes):
+    message = a_full_message()
+    message.ended.lanes.CopyFrom(pack(np.array(lanes, np.int32)))
+    assert step_refusal(message) == f"pilot.ended.lanes: {lanes}, expected the terminated or truncated [1, 4]"
+
+
+def test_an_end_cannot_be_left_out_nor_made_up():
+    message = a_full_message()
+    message.ClearField("ended")
+    assert step_refusal(message).startswith("pilot.ended.lanes: ")
+    quiet = pack_step(a_step())
+    quiet.ended.CopyFrom(a_full_message().ended)
+    assert step_refusal(quiet) == "pilot.ended.lanes: shape is [2], expected [0]"
+
+
+def test_metrics_come_only_from_a_behaviour_that_has_some():
+    behaviour = pb.Behaviour()
+    behaviour.CopyFrom(PILOT)
+    behaviour.ClearField("metrics")
+    message = pack_step(a_step(ended=[1], behaviour=behaviour))
+    assert not message.ended.HasField("metrics")
+    assert unpack_step(message, behaviour, ARENAS).metrics is None
+    assert step_refusal(message).startswith("pilot.ended.metrics: ")
+
+
+# ------------------------------------------------------------------------------------------------------ specs
+
+
+def a_spec():
+    return Hybrid.describe({"size": "small", "masks": "on"})
+
+
+BREAKS = {
+    "a game without a name: name is empty": lambda s: s.ClearField("name"),
+    "decision_interval is 0": lambda s: s.ClearField("decision_interval"),
+    "max_arenas is 0": lambda s: s.ClearField("max_arenas"),
+    "options: a name is empty": lambda s: s.options[0].ClearField("name"),
+    "options: a name stands twice": lambda s: s.options.append(s.options[0]),
+    "option 'size' has default 'huge'": lambda s: setattr(s.options[0], "default_choice", "huge"),
+    "parameters: a name stands twice": lambda s: s.parameters.append(s.parameters[0]),
+    "parameter 'drift' has its default outside": lambda s: setattr(s.parameters[0], "default_value", 2.5),
+    "parameter 'drift' has its default outside low": lambda s: setattr(s.parameters[0], "low", np.nan),
+    "no behaviours": lambda s: s.ClearField("behaviours"),
+    "behaviours: a name stands twice": lambda s: s.behaviours.append(s.behaviours[0]),
+    "agents_per_arena is 0": lambda s: s.behaviours[0].ClearField("agents_per_arena"),
+    "no sensors": lambda s: s.behaviours[0].ClearField("sensors"),
+    "no reward channels": lambda s: s.behaviours[0].ClearField("channels"),
+    "a device needs an axis or a branch": lambda s: s.behaviours[0].ClearField("device"),
+    "sensors: a name stands twice": lambda s: s.behaviours[0].sensors.append(s.behaviours[0].sensors[0]),
+    "axes: a name is empty": lambda s: s.behaviours[0].device.axes[0].ClearField("name"),
+    "branches: a name is empty": lambda s: s.behaviours[0].device.branches[0].ClearField("name"),
+    "channels: a name is empty": lambda s: s.behaviours[0].channels[0].ClearField("name"),
+    "metrics: a name is empty": lambda s: s.behaviours[0].metrics[0].ClearField("name"),
+    "axis 'x' has low 1 not below high 1": lambda s: setattr(s.behaviours[0].device.axes[0], "low", 1.0),
+    "axis 'x' has low nan": lambda s: setattr(s.behaviours[0].device.axes[0], "low", np.nan),
+    "branch 'press' needs at least two choices": lambda s: s.behaviours[0].device.branches[1].choices.pop(),
+    "branch 'press' repeats a choice": lambda s: s.behaviours[0].device.branches[1].choices.append("pressed"),
+    "sensor 'place' has no valid dtype": lambda s: s.behaviours[0].sensors[0].ClearField("dtype"),
+    "sensor 'count' has no valid dtype": lambda s: setattr(s.behaviours[0].sensors[1], "dtype", 5),
+    "sensor 'place' has shape []": lambda s: s.behaviours[0].sensors[0].ClearField("shape"),
+    "sensor 'image' has shape [2, 2, 0]": lambda s: s.behaviours[0].sensors[2].shape.append(0),
+    "sensor 'place' names 1 elements of 2": lambda s: s.behaviours[0].sensors[0].elements.append("x"),
+    "sensor 'lamps' has 2 bounds": lambda s: s.behaviours[0].sensors[3].high.extend([1.0, 1.0]),
+}
+
+
+def test_a_spec_that_follows_the_contract_is_accepted():
+    check_spec(a_spec())
+
+
+@pytest.mark.parametrize("text", BREAKS)
+def test_a_spec_that_breaks_the_contract_is_refused(text):
+    spec = a_spec()
+    BREAKS[text](spec)
+    with pytest.raises(SpecError) as caught:
+        check_spec(spec)
+    assert text in str(caught.value)
+
+
+def test_options_left_out_have_their_defaults():
+    options = a_spec().options
+    assert choose_options(options, {}, "hybrid") == {"size": "small", "masks": "on"}
+    assert choose_options(options, {"size": "large"}, "hybrid") == {"size": "large", "masks": "on"}
+    with pytest.raises(SpecError, match="unknown option 'colour', expected one of size, masks"):
+        choose_options(options, {"colour": "red"}, "hybrid")
+    with pytest.raises(SpecError, match="option 'size' got 'huge', expected one of small, large"):
+        choose_options(options, {"size": "huge"}, "hybrid")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1e-300, np.nextafter(2.0, 3.0)])
+def test_a_parameter_outside_its_range_is_refused(value):
+    assert choose_parameters(a_spec().parameters, {"drift": 2.0}, "hybrid") == {"drift": 2.0}
+    with pytest.raises(SpecError, match=r"parameter 'drift' got .*, expected 0\.\.2"):
+        choose_parameters(a_spec().parameters, {"drift": value}, "hybrid")
+
+
+@quick
+@given(st.integers(1, 40), st.integers(0, 2**32 - 1), st.booleans())
+def test_the_limits_of_a_message_hold_the_largest_that_a_spec_allows(arenas, seed, large):
+    spec = Hybrid.describe({"size": "large" if large else "small", "masks": "on"})
+    spec.behaviours[0].agents_per_arena = 3
+    spec.snapshot_bytes_per_arena = 1000
+    spec.behaviours[0].sensors[0].description = "long " * 100_000
+    behaviour, random = spec.behaviours[0], np.random.default_rng(seed)
+    lanes = 3 * arenas
+
+    def sense():
+        return [random.bytes(lanes * element_count(s) * NUMPY_TYPES[s.dtype].itemsize) for s in behaviour.sensors]
+
+    rest = 4 * lanes * 2 * 2 + lanes * (3 + 2 + 3)  # channels, metrics; masks, ends, deciding
+    observations = [pb.Tensor(data=data) for data in sense() + sense() + [random.bytes(rest)]]
+    pictures = [pb.Tensor(data=bytes(6 * 8 * 3))] * 64
+    step = pb.Step(behaviours=[pb.BehaviourStep(observations=observations)], pictures=pictures)
+    started = pb.PlayResponse(started=pb.Started(spec=spec, step=step))
+    assert started.ByteSize() <= response_bytes(spec, arenas, 64)
+    snapshot = pb.Snapshot(parts={"all": random.bytes(1000 * arenas)})
+    assert pb.PlayResponse(snapshot=snapshot).ByteSize() <= response_bytes(spec, arenas)
+    assert pb.PlayRequest(start=pb.Start(game="hybrid", snapshot=snapshot)).ByteSize() <= request_bytes(spec, arenas)
+    act = pb.BehaviourAct(axes=pb.Tensor(data=bytes(8 * lanes)), choices=pb.Tensor(data=bytes(8 * lanes)))
+    assert pb.PlayRequest(act=pb.Act(behaviours=[act], draw=range(64))).ByteSize() <= request_bytes(spec, arenas)
+
+
+def test_no_limit_is_larger_than_a_message_can_be():
+    spec = a_spec()
+    spec.snapshot_bytes_per_arena = 2**32 - 1
+    assert response_bytes(spec, 1024) == request_bytes(spec, 1024) == MAX_MESSAGE
