@@ -58,7 +58,8 @@ class Arenas(BatchedGame):
             self.games = [self.game() for _ in range(self.arenas)]
             for arena, game in enumerate(self.games):
                 game.option, game.parameter = self.option, self.parameters
-                game.rng = np.random.Generator(np.random.Philox(key=[seed, self.first_arena + arena]))
+                key = np.array([seed, self.first_arena + arena], np.uint64)  # a list of both may become float64
+                game.rng = np.random.Generator(np.random.Philox(key=key))
         self.turns = [self._reset(arena) for arena in range(len(self.games))]
         # What lanes that wait have earned since they last decided.
         self.earned = [

@@ -41,18 +41,17 @@ def load_game(place: str) -> type[BatchedGame]:
         game = getattr(import_module(module_name), class_name)
     except (ImportError, AttributeError, ValueError) as error:
         raise CatalogueError(f"game {place!r} cannot be imported ({error}); name it as module:Class") from error
-    if isinstance(game, type) and issubclass(game, Game):
-        game = batched(game)
-    if not (isinstance(game, type) and issubclass(game, BatchedGame)):
+    if not (isinstance(game, type) and issubclass(game, Game | BatchedGame)):
         raise CatalogueError(f"game {place!r} is not a class derived from simulator.game.Game or BatchedGame")
     try:
-        for spec in specs(game):
+        served = batched(game) if issubclass(game, Game) else game
+        for spec in specs(served):
             check_spec(spec)
     except SpecError as error:
         raise CatalogueError(f"game {place!r} has a spec that breaks the contract: {error}") from error
     except Exception as error:
         raise CatalogueError(f"game {place!r} cannot be described: {type(error).__name__}: {error}") from error
-    return game
+    return served
 
 
 def specs(game: type[BatchedGame]) -> Iterator[pb.GameSpec]:

@@ -54,7 +54,7 @@ def reserve(streams: Streams, draws: int) -> None:
 
 def save_streams(streams: Streams) -> dict[str, Array]:
     """Return the state of the streams by name, for a game's `save`."""
-    return {"cursor": streams.cursor, "block": streams.block, "key": streams.key}
+    return {"cursor": streams.cursor.copy(), "block": streams.block.copy(), "key": streams.key.copy()}
 
 
 def restore_streams(streams: Streams, state: Mapping[str, Array]) -> None:

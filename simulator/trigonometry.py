@@ -19,12 +19,15 @@ C10, C9, C8, C7, C6 = (
 )
 C5, C4, C3, C2, C1 = -1 / 39916800, 1 / 362880, -1 / 5040, 1 / 120, -1 / 6
 
+# Pi in two parts, the first short enough for its product with a number of turns to be exact.
+PI_HIGH, PI_LOW = 2 * 1.57079632673412561417, 2 * 6.07710050650619224932e-11
+
 
 @compiled
 def sine(x):
     """Return sin(x), x in radians: a number or an array."""
     turns = np.floor(x / np.pi + 0.5)
-    r = x - turns * np.pi  # in [-pi/2, pi/2]; sin(x) = sin(r) * (-1)^turns
+    r = (x - turns * PI_HIGH) - turns * PI_LOW  # in [-pi/2, pi/2]; sin(x) = sin(r) * (-1)^turns
     sign = 1.0 - 2.0 * (turns - 2.0 * np.floor(turns / 2.0))
     q = r * r
     series = ((((((((C10 * q + C9) * q + C8) * q + C7) * q + C6) * q + C5) * q + C4) * q + C3) * q + C2) * q + C1

@@ -13,11 +13,11 @@ from trainer.networks import Network, flatten_parameters
 from trainer.ppo import (
     Batch,
     Coefficients,
+    Update,
     anneal,
     autograd_gradient,
     joint_log_probs,
     ppo_loss,
-    update,
 )
 
 SPACES = {
@@ -116,10 +116,10 @@ def test_an_epoch_takes_whole_minibatches_of_all_rows_and_leaves_the_rest():
         seen.append(minibatch.returns)
         return torch.zeros(3)
 
-    update(
+    Update(
         spy, torch.optim.SGD([flat]), batch, Coefficients(1e-3, 0.2, 0.05),
         epochs=3, minibatch=32, rng=np.random.default_rng(0),
-    )  # fmt: skip
+    ).finish()  # fmt: skip
     assert sizes == [32] * 6
     assert len(torch.cat(seen[:2]).unique()) == 64
     assert not torch.equal(seen[0], seen[2])
@@ -129,10 +129,10 @@ def test_an_update_raises_the_probability_of_what_paid():
     network, flat, batch = make(ActionSpace(0, (4,)), True, False, rows=256)
     batch.advantages = torch.where(batch.discrete[:, 0] == 2, 1.5, -0.5)
     before = torch.softmax(network(batch.observations).logits, -1)[:, 0, 2].mean()
-    update(
+    Update(
         ClosedFormGradient(network), torch.optim.Adam([flat]), batch, Coefficients(1e-2, 0.2, 0.0),
         epochs=4, minibatch=64, rng=np.random.default_rng(0),
-    )  # fmt: skip
+    ).finish()  # fmt: skip
     assert torch.softmax(network(batch.observations).logits, -1)[:, 0, 2].mean() > before + 0.05
 
 

@@ -82,9 +82,10 @@ def test_the_next_rollout_begins_where_the_last_ended():
     rollout = make_rollout(1)
     add(rollout, [2, 20])
     assert rollout.full
-    rollout.carry_over()
-    assert not rollout.full
-    np.testing.assert_array_equal(rollout.observations[0], [[0, 1, 2], [0, 10, 20]])
+    after = make_rollout(1)
+    after.continue_from(rollout)
+    assert not after.full
+    np.testing.assert_array_equal(after.observations[0], [[0, 1, 2], [0, 10, 20]])
 
 
 def test_masks_are_kept_from_the_first_one_on():

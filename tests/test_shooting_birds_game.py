@@ -495,8 +495,8 @@ def refuses(game: ShootingBirds, because: str, **parts: Array) -> None:
 
 
 GOLDEN = {
-    "original": "3259b9bde4a8b897f2487827d345fb1fabc0c392c871af4dadd2db1dbad0c66c",
-    "corrected": "4cb4a97a1014ba00f72c33e546aee7eb48aec25a801a831f9628a05ff6533f8f",
+    "original": "0cb994be5e85c09c5727b31c4989452fb2c3882cc6ff5d70323f83b8d3b322ec",
+    "corrected": "3e65ce1a6bedaee65a8babf577d93ef560b57272032504582657df95712a4a38",
 }
 
 

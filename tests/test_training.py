@@ -250,7 +250,7 @@ def test_multiagent_trains_two_policies_with_their_own_rollouts_on_the_same_lane
     result = train(run, *small, "stop=1600", "--simulator", address, config=config)
     assert result.returncode == 0, result.stderr
     arrays = weights(run)
-    assert int(arrays["axes/policy/updates"]) * 2 == int(arrays["buttons/policy/updates"]) == 20
+    assert int(arrays["axes/policy/rollouts"]) * 2 == int(arrays["buttons/policy/rollouts"]) == 20
     rows = {name: read_rows(run / f"metrics-{name}.csv") for name in ("axes", "buttons")}
     assert [row["transitions"] for row in rows["axes"]] == [row["transitions"] for row in rows["buttons"]]
     assert arrays["axes/policy/observations"].shape == (4, 3 * 42)

@@ -32,7 +32,7 @@ from trainer.config import load_config
 from trainer.gradient import ClosedFormGradient
 from trainer.launch import simulator_process
 from trainer.networks import Network, flatten_parameters
-from trainer.ppo import Batch, Coefficients, Gradient, autograd_gradient, update
+from trainer.ppo import Batch, Coefficients, Gradient, Update, autograd_gradient
 from trainer.train import train
 
 WINDOWS = 7
@@ -129,10 +129,10 @@ def bench_learner() -> Figures:
         for name, gradient in gradients.items():
 
             def work(gradient=gradient, optimizer=optimizer, batch=batch) -> float:  # type: ignore[no-untyped-def]
-                update(
+                Update(
                     gradient, optimizer, batch, Coefficients(3e-4, 0.2, 0.05),
                     epochs=4, minibatch=minibatch, rng=np.random.default_rng(0),
-                )  # fmt: skip
+                ).finish()  # fmt: skip
                 return 4.0 * (rows // minibatch) * minibatch
 
             figures[f"{name}, {body}, sample passes/s"] = measure(work)

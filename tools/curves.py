@@ -10,6 +10,7 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
 
 from tools.original import original_curve
 from trainer.config import Config, load_config
@@ -59,7 +60,7 @@ def plot(runs: list[Path], output: Path) -> None:
     plt.close(figure)
 
 
-def _add_original(axes: plt.Axes, config: Config, policy: str, rows: list[Row], colour: str) -> None:
+def _add_original(axes: Axes, config: Config, policy: str, rows: list[Row], colour: str) -> None:
     """Draw the original's mean and two standard deviations at the steps that the run has reached."""
     end = rows[-1]["transitions"]
     points = [p for p in original_curve(config.game, config.layout, policy) if p.transitions <= 1.05 * end]

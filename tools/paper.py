@@ -8,6 +8,7 @@ stopped, so the command may be interrupted and given again at any moment.
 """
 
 import argparse
+import signal
 import subprocess
 import sys
 import time
@@ -170,6 +171,7 @@ def main() -> int:
         for seed in options.seeds
         for experiment in options.experiments
     ]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         failed = run_grid(jobs, options.jobs, options.results)
     except KeyboardInterrupt:

@@ -7,7 +7,6 @@ import sys
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from types import FrameType
 
 from trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint
 from trainer.client import SimulatorError, wait_for
@@ -63,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
     else:
         options.overrides += rest  # argparse does not see key=value pairs that stand after an option
 
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with ExitStack() as stack:
             addresses = options.simulator or [stack.enter_context(simulator_process(options.game))]
@@ -118,10 +117,6 @@ def _record(options: argparse.Namespace, addresses: list[str]) -> None:
 
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

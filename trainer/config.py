@@ -47,6 +47,7 @@ class PolicyConfig(_Checked):
     clip: float = Field(0.2, gt=0, lt=1)
     gamma: float = Field(0.99, ge=0, le=1)
     lam: float = Field(0.95, ge=0, le=1)
+    overlap: bool = False  # learn while the next rollout is collected, which is then played one update behind
     autograd: bool = False  # take gradients from autograd, the reference, not from their closed form
 
 

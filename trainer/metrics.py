@@ -62,22 +62,20 @@ class Episodes:
 
 
 class Means:
-    """The mean of each statistic over the updates since the last row."""
+    """The mean of each statistic since the last row."""
 
     def __init__(self) -> None:
-        self.sums: Row = {}
-        self.count = 0
+        self.values: dict[str, list[float]] = {}
 
     def add(self, statistics: Row) -> None:
-        """Count one update."""
-        self.count += 1
+        """Count the statistics of one update."""
         for name, value in statistics.items():
-            self.sums[name] = self.sums.get(name, 0.0) + value
+            self.values.setdefault(name, []).append(value)
 
     def summarise(self) -> Row:
         """Return the means and begin anew."""
-        row = {name: total / self.count for name, total in self.sums.items()}
-        self.sums, self.count = {}, 0
+        row = {name: float(np.mean(values)) for name, values in self.values.items()}
+        self.values = {}
         return row
 
 

@@ -55,7 +55,7 @@ class Players:
             for policy in group:
                 rewards[policy.name] = policy.take(step)
                 if policy.rollout.full:
-                    policy.forget()
+                    policy.next_rollout()
         return rewards
 
 

@@ -1,55 +1,32 @@
-"""One policy in training: what it senses and is paid, its network, its rollout, its updates."""
+"""One policy in training: its network, the rollout it collects, and the update from the rollout before.
 
-from collections.abc import Sequence
+Update u learns from rollout u. With `overlap` it does so while rollout u + 1 is collected, some minibatches
+whenever the trainer would wait for the simulator; that rollout is then played by the network as it was before
+update u, exactly one update behind. Which minibatches are learned when depends on the step alone, never on a
+clock, so a run is reproducible either way.
+"""
+
+import copy
 from functools import partial
 
 import numpy as np
 import torch
 
 from joybridge.codec import ActArrays, StepArrays, lane_count
-from joybridge.spec import element_count
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 from trainer.actions import Layout
 from trainer.advantages import estimate_advantages
 from trainer.checkpoint import CheckpointError
-from trainer.config import ConfigError, PolicyConfig
+from trainer.config import PolicyConfig
 from trainer.distributions import branch_log_probs, gaussian_log_probs, sample_branches, sample_gaussians
 from trainer.gradient import ClosedFormGradient
 from trainer.networks import Network, flatten_parameters
-from trainer.ppo import Gradient, anneal, autograd_gradient, update
+from trainer.ppo import Batch, Gradient, Update, anneal, autograd_gradient
 from trainer.rollout import Rollout
+from trainer.senses import Senses
 
-
-class Senses:
-    """The part of a behaviour's step that concerns one policy: its sensors and its reward."""
-
-    def __init__(self, name: str, behaviour: pb.Behaviour, config: PolicyConfig) -> None:
-        """Choose sensors and weights. Raises ConfigError for a sensor or channel the game does not have."""
-        sensors = [sensor.name for sensor in behaviour.sensors]
-        channels = [channel.name for channel in behaviour.channels]
-        wanted = sensors if config.sensors is None else config.sensors
-        _require_known(f"{name}: sensors", wanted, sensors)
-        _require_known(f"{name}: channels", config.channels, channels)
-        self.sensors = [sensors.index(sensor) for sensor in wanted]
-        self.size = sum(element_count(behaviour.sensors[i]) for i in self.sensors)
-        weights = {c.name: c.default_weight for c in behaviour.channels} | config.channels
-        self.weights = np.array([weights[channel] for channel in channels], np.float32)
-
-    def frames(self, observations: Sequence[Array]) -> Array:
-        """Return the chosen sensors side by side, float32 [rows, size]."""
-        rows = len(observations[0])
-        return np.concatenate([observations[i].reshape(rows, -1) for i in self.sensors], axis=1, dtype=np.float32)
-
-    def rewards(self, step: StepArrays) -> Array:
-        """Return the weighted sum of the channels, float32 [lanes]."""
-        return step.rewards @ self.weights
-
-
-def _require_known(where: str, names: object, known: Sequence[str]) -> None:
-    for name in names:  # type: ignore[attr-defined]
-        if name not in known:
-            raise ConfigError(f"{where}: the game has no {name!r}; it has {', '.join(known)}")
+SAMPLES, SHUFFLES = range(2)  # what random numbers are for
 
 
 class Policy:
@@ -64,26 +41,28 @@ class Policy:
         self.lanes = lane_count(behaviour, arenas)
         space = layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
-        width = self.senses.size * config.stack
-        self.network = Network(width, space, config.hidden, shared, seed)
+        self.network = Network(self.senses.size * config.stack, space, config.hidden, shared, seed)
+        self.acting = copy.deepcopy(self.network) if config.overlap else self.network
         self.weights = flatten_parameters(self.network)
         self.optimizer = torch.optim.Adam([self.weights], fused=True)
         reference = partial(autograd_gradient, self.network)
         self.gradient: Gradient = reference if config.autograd else ClosedFormGradient(self.network)
-        self.rollout = Rollout(config.rollout, self.lanes, self.senses.size, config.stack, space)
-        self.updates = 0
-        self._draw_noise()
+        self.rollout, self.last = (
+            Rollout(config.rollout, self.lanes, self.senses.size, config.stack, space) for _ in range(2)
+        )
+        self.rollouts = 0  # finished ones
+        self.progress = 0.0  # share of the run at the end of the last rollout
+        self.update: Update | None = None  # from the last rollout, where it is not finished
+        self._draw_samples()
 
-    def _rng(self) -> np.random.Generator:
-        """Return the generator of the present rollout and its update; nothing of it need be saved."""
-        return np.random.Generator(np.random.Philox(key=[self.seed, self.updates]))
+    def _rng(self, rollout: int, purpose: int) -> np.random.Generator:
+        """Return the generator of one rollout for one purpose; so nothing random need ever be saved."""
+        return np.random.Generator(np.random.Philox(key=[self.seed, rollout], counter=[0, 0, 0, purpose]))
 
-    def _draw_noise(self) -> None:
-        rng = self._rng()
-        rollout = self.rollout
-        self.normal = torch.from_numpy(rng.standard_normal(rollout.continuous.shape, np.float32))
-        self.uniform = torch.from_numpy(rng.random(rollout.discrete.shape, np.float32))
-        self.shuffles = rng
+    def _draw_samples(self) -> None:
+        rng = self._rng(self.rollouts, SAMPLES)
+        self.normal = torch.from_numpy(rng.standard_normal(self.rollout.continuous.shape, np.float32))
+        self.uniform = torch.from_numpy(rng.random(self.rollout.discrete.shape, np.float32))
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
@@ -95,8 +74,7 @@ class Policy:
 
         deterministic: the likeliest action instead of a sample.
         """
-        rollout, t = self.rollout, self.rollout.step
-        network = self.network
+        rollout, network, t = self.rollout, self.acting, self.rollout.step
         outputs = network(torch.from_numpy(rollout.observations[t]))
         log_probs = torch.zeros(self.lanes)
         if network.space.branches:
@@ -126,60 +104,90 @@ class Policy:
 
     @torch.inference_mode()
     def _values(self, observations: Array) -> Array:
-        return self.network.value(torch.from_numpy(observations)).numpy()
+        return self.acting.value(torch.from_numpy(observations)).numpy()
 
-    def learn(self, progress: float) -> dict[str, float]:
-        """Update the network from the full rollout after a share `progress` of the run; return statistics."""
+    def learn_on(self) -> None:
+        """Do the present step's share of an update that overlaps with the rollout."""
+        if self.update is not None:
+            self.update.advance((self.rollout.step + 1) / self.config.rollout)
+
+    def turn_over(self, progress: float) -> dict[str, float]:
+        """Begin to learn from the full rollout, after a share `progress` of the run, and to collect the next.
+
+        Return the statistics of an update that was finished by it; with `overlap` that is the one before.
+        """
+        statistics = self.update.finish() if self.update is not None else {}
+        batch, value = self._batch()
+        self.next_rollout()
+        self.progress = progress
+        self.update = self._begin_update(batch)
+        if self.config.overlap:
+            self.acting.load_state_dict(self.network.state_dict())
+        else:
+            statistics, self.update = self.update.finish(), None
+        return statistics | {"value": value}
+
+    def next_rollout(self) -> None:
+        """Begin the next rollout where this one ended."""
+        self.last, self.rollout = self.rollout, self.last
+        self.rollout.continue_from(self.last)
+        self.rollouts += 1
+        self._draw_samples()
+
+    def _batch(self) -> tuple[Batch, float]:
+        """Return what the full rollout has to teach, and its mean value estimate."""
         config, rollout = self.config, self.rollout
         live = rollout.live()
         advantages = estimate_advantages(
-            rollout.rewards, rollout.values[:-1], self._values(rollout.observations[-1]), rollout.terminated,
+            rollout.rewards, rollout.values, self._values(rollout.observations[-1]), rollout.terminated,
             rollout.truncated, rollout.final_values, live,
             gamma=config.gamma, lam=config.lam, horizon=config.horizon,
         )  # fmt: skip
-        coefficients = anneal(progress, config.learning_rate, config.clip, config.entropy)
-        statistics = {"value": float(rollout.values[:-1][live].mean()), "learning_rate": coefficients.learning_rate}
-        statistics |= update(
-            self.gradient, self.optimizer, rollout.batch(advantages, live), coefficients,
-            epochs=config.epochs, minibatch=config.minibatch, rng=self.shuffles,
-        )  # fmt: skip
-        self.forget()
-        return statistics
+        return rollout.batch(advantages, live), float(rollout.values[live].mean())
 
-    def forget(self) -> None:
-        """Begin the next rollout; the network stays as it is."""
-        self.rollout.carry_over()
-        self.updates += 1
-        self._draw_noise()
+    def _begin_update(self, batch: Batch) -> Update:
+        config = self.config
+        return Update(
+            self.gradient, self.optimizer, batch,
+            anneal(self.progress, config.learning_rate, config.clip, config.entropy),
+            epochs=config.epochs, minibatch=config.minibatch, rng=self._rng(self.rollouts - 1, SHUFFLES),
+        )  # fmt: skip
 
     def state(self) -> dict[str, Array]:
-        """Return copies of everything that fixes what follows, between two rollouts, for a checkpoint."""
+        """Return copies of everything that fixes what follows, right after `turn_over`, for a checkpoint."""
         state = {f"network.{name}": t.detach().numpy().copy() for name, t in self.network.state_dict().items()}
         moments = self.optimizer.state_dict()["state"].get(0, {})
         state |= {f"adam.{name}": moment.numpy().copy() for name, moment in moments.items()}
-        state["updates"] = np.array(self.updates)
-        state["observations"] = self.rollout.observations[0].copy()
-        state["deciding"] = self.rollout.deciding[0].copy()
+        state |= {"rollouts": np.array(self.rollouts), "progress": np.array(self.progress)}
+        state |= {"observations": self.rollout.observations[0].copy(), "deciding": self.rollout.deciding[0].copy()}
+        if self.update is not None:
+            fields = vars(self.update.batch).items()
+            state |= {f"batch.{name}": field.numpy().copy() for name, field in fields if field is not None}
         return state
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""
         self.load_network(state)
-        moments = {
-            k.removeprefix("adam."): torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith("adam.")
-        }
+        moments = _tensors(state, "adam.")
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": {0: moments} if moments else {}, "param_groups": groups})
-        self.updates = int(state["updates"])
+        self.rollouts, self.progress = int(state["rollouts"]), float(state["progress"])
         self.rollout.observations[0] = state["observations"]
         self.rollout.deciding[0] = state["deciding"]
-        self._draw_noise()
+        batch = _tensors(state, "batch.")
+        self.update = self._begin_update(Batch(**({"masks": None} | batch))) if batch else None  # type: ignore[arg-type]
+        self._draw_samples()
 
     def load_network(self, state: dict[str, Array]) -> None:
-        """Take back the network alone."""
-        weights = {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
+        """Take back the network alone. Raises CheckpointError where it does not fit."""
         try:
-            self.network.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})
+            self.network.load_state_dict(_tensors(state, "network."))
+            self.acting.load_state_dict(self.network.state_dict())
         except RuntimeError as error:
             text = f"{self.name}: the checkpoint's network does not fit this game, layout or version: {error}"
             raise CheckpointError(text) from error
+
+
+def _tensors(state: dict[str, Array], prefix: str) -> dict[str, torch.Tensor]:
+    """Return the arrays whose names begin with `prefix`, without it, as tensors of their own."""
+    return {k.removeprefix(prefix): torch.from_numpy(v.copy()) for k, v in state.items() if k.startswith(prefix)}

@@ -104,27 +104,46 @@ def autograd_gradient(network: Network, batch: Batch, coefficients: Coefficients
     return torch.stack([part.detach() for part in parts])
 
 
-def update(
-    gradient: Gradient,
-    optimizer: torch.optim.Optimizer,
-    batch: Batch,
-    coefficients: Coefficients,
-    *,
-    epochs: int,
-    minibatch: int,
-    rng: np.random.Generator,
-) -> dict[str, float]:
-    """Learn from a batch; return the means of the loss's parts.
+class Update:
+    """One update from one batch, done at once or a few minibatches at a time.
 
     Each epoch shuffles and takes as many whole minibatches as there are; the rest is left out.
     """
-    for group in optimizer.param_groups:
-        group["lr"] = coefficients.learning_rate
-    minibatch = min(minibatch, len(batch))
-    parts = []
-    for _ in range(epochs):
-        shuffled = batch.rows(torch.from_numpy(rng.permutation(len(batch))))
-        for start in range(0, len(batch) - minibatch + 1, minibatch):
-            parts.append(gradient(shuffled.slice(start, start + minibatch), coefficients))
-            optimizer.step()
-    return dict(zip(("policy_loss", "value_loss", "entropy"), torch.stack(parts).mean(0).tolist(), strict=True))
+
+    def __init__(
+        self,
+        gradient: Gradient,
+        optimizer: torch.optim.Optimizer,
+        batch: Batch,
+        coefficients: Coefficients,
+        *,
+        epochs: int,
+        minibatch: int,
+        rng: np.random.Generator,
+    ) -> None:
+        """Prepare to learn from `batch`; `rng` shuffles. A batch smaller than a minibatch is one."""
+        self.gradient, self.optimizer, self.batch, self.coefficients = gradient, optimizer, batch, coefficients
+        self.minibatch = min(minibatch, len(batch))
+        self.per_epoch = len(batch) // self.minibatch
+        self.total = epochs * self.per_epoch
+        self.rng = rng
+        self.shuffled = batch
+        self.parts: list[Tensor] = []
+
+    def advance(self, share: float) -> None:
+        """Learn until at least `share` of all minibatches are done."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.coefficients.learning_rate
+        while len(self.parts) < min(share, 1.0) * self.total:
+            number = len(self.parts) % self.per_epoch
+            if number == 0:
+                self.shuffled = self.batch.rows(torch.from_numpy(self.rng.permutation(len(self.batch))))
+            rows = self.shuffled.slice(number * self.minibatch, (number + 1) * self.minibatch)
+            self.parts.append(self.gradient(rows, self.coefficients))
+            self.optimizer.step()
+
+    def finish(self) -> dict[str, float]:
+        """Learn from what is left; return the means of the loss's parts over all minibatches."""
+        self.advance(1.0)
+        means = torch.stack(self.parts).mean(0).tolist()
+        return dict(zip(("policy_loss", "value_loss", "entropy"), means, strict=True))

@@ -29,7 +29,7 @@ class Rollout:
         self.discrete = np.zeros((steps, lanes, len(space.branches)), np.int64)
         self.masks: Array | None = None  # [steps, lanes, branches, widest], made when a game first forbids a choice
         self.log_probs = np.zeros((steps, lanes), np.float32)
-        self.values = np.zeros((steps + 1, lanes), np.float32)
+        self.values = np.zeros((steps, lanes), np.float32)
         self.rewards = np.zeros((steps, lanes), np.float32)
         self.terminated = np.zeros((steps, lanes), bool)
         self.truncated = np.zeros((steps, lanes), bool)
@@ -107,9 +107,9 @@ class Rollout:
             discrete=flat(self.discrete),
             masks=None if self.masks is None else flat(self.masks),
             log_probs=flat(self.log_probs),
-            values=flat(self.values[:-1]),
+            values=flat(self.values),
             advantages=torch.from_numpy((chosen - chosen.mean()) / (chosen.std() + 1e-10)),
-            returns=flat(advantages + self.values[:-1]),
+            returns=flat(advantages + self.values),
         )
 
     def set_masks(self, masks: Sequence[Array] | None) -> Array | None:
@@ -128,9 +128,9 @@ class Rollout:
             row[:, branch, : mask.shape[1]] = np.where(mask, 0.0, FORBIDDEN)
         return row
 
-    def carry_over(self) -> None:
-        """Begin the next rollout where this one ended."""
-        for array in (self.observations, self.deciding):
-            array[0] = array[-1]
+    def continue_from(self, last: "Rollout") -> None:
+        """Begin anew where the rollout before ended, which stays as it is."""
+        self.observations[0] = last.observations[-1]
+        self.deciding[0] = last.deciding[-1]
         self.open[:] = -1
         self.step = 0

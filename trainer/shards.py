@@ -55,15 +55,23 @@ class Shards:
         """Return the games' own time in the last step; simulators work side by side, so the longest counts."""
         return max(session.simulate_seconds for session in self.sessions)
 
-    def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
-        """Advance every arena by one decision. Raises SimulatorError."""
+    def send(self, acts: Sequence[ActArrays]) -> None:
+        """Send the actions of one decision without waiting for the step; `receive` returns it."""
         for index, session in enumerate(self.sessions):
             session.send([
                 ActArrays(act.axes[lanes[index] : lanes[index + 1]], act.choices[lanes[index] : lanes[index + 1]])
                 for act, lanes in zip(acts, self.bounds, strict=True)
             ])  # fmt: skip
+
+    def receive(self) -> list[StepArrays]:
+        """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
         self.steps = _join([session.receive() for session in self.sessions])
         return self.steps
+
+    def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
+        """Advance every arena by one decision. Raises SimulatorError."""
+        self.send(acts)
+        return self.receive()
 
     def save(self) -> list[Snapshot]:
         """Return a snapshot per simulator."""

@@ -77,8 +77,12 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
                     for group, step, act in zip(grouped, simulators.steps, acts, strict=True):
                         for policy in group:
                             policy.act(step, act)
+                simulators.send(acts)
+                with watch.measure("learn"):
+                    for policy in policies:
+                        policy.learn_on()
                 with watch.measure("wire"):
-                    steps = simulators.step(acts)
+                    steps = simulators.receive()
                 watch.seconds["wire"] -= simulators.simulate_seconds
                 watch.seconds["simulate"] += simulators.simulate_seconds
                 with watch.measure("act"):
@@ -90,7 +94,7 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
                 with watch.measure("learn"):
                     for policy in policies:
                         if policy.rollout.full:
-                            means[policy.name].add(policy.learn(transitions / config.transitions))
+                            means[policy.name].add(policy.turn_over(transitions / config.transitions))
                 if transitions // config.summary > (transitions - policies[0].lanes) // config.summary:
                     row = write_rows(transitions, policies, episodes, means, writers, watch)
                     report(transitions, row, row)

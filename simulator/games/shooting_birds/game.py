@@ -219,8 +219,10 @@ class ShootingBirds(BatchedGame):
         arenas = np.frombuffer(state["arenas"].tobytes(), r.ARENA)
         check_range("level", arenas["level"], 0, LEVELS - 1)
         check_range("ammo", arenas["ammo"], 0, r.MAGAZINE)
-        check_range("tick", arenas["tick"], 0, r.EPISODE_TICKS)
-        check_range("fixed level", arenas["fixed_level"], -1, LEVELS - 1)
+        check_range("tick", arenas["tick"], 0, r.EPISODE_TICKS - 1)
+        if (arenas["tick"] != arenas["tick"][0]).any():
+            raise ValueError("arenas are in different ticks of their episodes, which they share")
+        check_range("fixed level", arenas["fixed_level"], self.fixed_level, self.fixed_level)
         check_range("bird size", arenas["birds"]["kind"], 0, 2)
         for field in ("x", "y", "vx", "vy", "heading"):
             check_range(field, arenas[field], -1e6, 1e6)

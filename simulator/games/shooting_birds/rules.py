@@ -183,11 +183,12 @@ def _fly(arena, streams, i, rules):
 def _move_crosshair(arena):
     """Move the crosshair by one tick among the walls, as the original's contact solver does.
 
-    A wall acts on the velocity only when it was touched at the start of the tick, so a fast crosshair first
-    sinks into it and is then pushed out over several ticks. The axes are independent but for friction.
+    A wall acts only if it was touched at the start of the tick, so a fast crosshair first sinks into it and is
+    then pushed out over several ticks. The axes are independent but for friction.
     """
-    into_x = arena.vx if (arena.vx > 0.0) == (arena.x > 0.0) and _gap(arena.x, WALL_X) <= TOUCH else 0.0
-    into_y = arena.vy if (arena.vy > 0.0) == (arena.y > 0.0) and _gap(arena.y, WALL_Y) <= TOUCH else 0.0
+    touch_x, touch_y = _gap(arena.x, WALL_X) <= TOUCH, _gap(arena.y, WALL_Y) <= TOUCH
+    into_x = arena.vx if touch_x and (arena.vx > 0.0) == (arena.x > 0.0) else 0.0
+    into_y = arena.vy if touch_y and (arena.vy > 0.0) == (arena.y > 0.0) else 0.0
     arena.vx -= into_x
     arena.vy -= into_y
     arena.vx -= min(max(arena.vx, -FRICTION * abs(into_y)), FRICTION * abs(into_y))
@@ -195,8 +196,10 @@ def _move_crosshair(arena):
     arena.x += arena.vx * TICK
     arena.y += arena.vy * TICK
     for _ in range(PUSH_PASSES):
-        arena.x -= _push(arena.x, WALL_X)
-        arena.y -= _push(arena.y, WALL_Y)
+        if touch_x:
+            arena.x -= _push(arena.x, WALL_X)
+        if touch_y:
+            arena.y -= _push(arena.y, WALL_Y)
 
 
 @compiled
