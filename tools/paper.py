@@ -1,7 +1,8 @@
-"""The experiments of the paper: run any part of the grid.
+"""The experiments of the paper: run any part of the grid, and set it beside the original's.
 
 python tools/paper.py run                                    all experiments, seed 0, 3 M transitions each
 python tools/paper.py run --experiments shooting_birds/bucket-11 --seeds 0 1 2 --transitions 30000000
+python tools/paper.py report                                 results/README.md, from what has finished
 
 Every run is a process of its own. Finished runs are not repeated and interrupted ones go on where they
 stopped, so the command may be interrupted and given again at any moment.
@@ -17,6 +18,7 @@ from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from tools.report import write_report
 from trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint
 from trainer.metrics import read_rows
 
@@ -162,7 +164,13 @@ def main() -> int:
     run.add_argument("--jobs", type=int, default=1, help="runs at a time; one keeps two cores busy")
     run.add_argument("--runs", type=Path, default=Path("runs/paper"), help="default %(default)s")
     run.add_argument("--results", type=Path, default=Path("results"), help="where CSVs are kept; default %(default)s")
+    report = commands.add_parser("report", help="write a page about all finished runs")
+    report.add_argument("--results", type=Path, default=Path("results"), help="where CSVs are; default %(default)s")
     options = parser.parse_args()
+    if options.command == "report":
+        write_report(options.results, options.results / "README.md")
+        print(options.results / "README.md")
+        return 0
     for experiment in options.experiments:
         if not (ROOT / "configs" / f"{experiment}.yaml").exists():
             parser.error(f"there is no configs/{experiment}.yaml; known are {', '.join(EXPERIMENTS)}")

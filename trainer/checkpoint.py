@@ -15,7 +15,7 @@ from safetensors.numpy import load_file, save
 from joybridge.tensors import Array
 
 KEPT = 2
-FORMAT = 1
+FORMAT = 2
 
 
 class CheckpointError(Exception):
