@@ -5,7 +5,8 @@ from torch.distributions import Categorical, Normal
 
 from trainer.distributions import (
     FORBIDDEN,
-    branch_log_probs,
+    branch_entropy,
+    chosen_log_probs,
     gaussian_log_probs,
     sample_branches,
     sample_gaussians,
@@ -30,7 +31,8 @@ def random_branches(lanes: int) -> list[torch.Tensor]:
 def test_branch_log_probs_and_entropies_are_those_of_independent_categoricals():
     branches = random_branches(64)
     choices = torch.stack([torch.arange(64) % size for size in SIZES], 1)
-    log_probs, entropy = branch_log_probs(padded(*branches), choices)
+    log_p = torch.log_softmax(padded(*branches), -1)
+    log_probs, entropy = chosen_log_probs(log_p, choices), branch_entropy(log_p)
     truth = [Categorical(logits=logits) for logits in branches]
     torch.testing.assert_close(log_probs, sum(d.log_prob(choices[:, i]) for i, d in enumerate(truth)))
     torch.testing.assert_close(entropy, sum(d.entropy() for d in truth))
@@ -49,7 +51,7 @@ def test_sampled_branches_follow_their_probabilities_and_never_take_a_forbidden_
     logits = padded(*[branch[:1] for branch in random_branches(1)]).repeat(200_000, 1, 1)
     logits[:, 0, 1] = FORBIDDEN
     uniform = torch.rand(200_000, 3, generator=torch.Generator().manual_seed(1))
-    choices = sample_branches(logits, uniform)
+    choices = sample_branches(torch.log_softmax(logits, -1), uniform)
     truth = torch.softmax(logits[0], -1)
     for branch, size in enumerate(SIZES):
         frequency = torch.bincount(choices[:, branch], minlength=5) / len(choices)
@@ -59,9 +61,9 @@ def test_sampled_branches_follow_their_probabilities_and_never_take_a_forbidden_
 
 
 def test_the_extremes_of_the_uniform_numbers_stay_within_allowed_choices():
-    logits = torch.tensor([[[FORBIDDEN, 0.3, 0.1, FORBIDDEN]]])
-    assert sample_branches(logits, torch.tensor([[0.0]])).item() == 1
-    assert sample_branches(logits, torch.tensor([[1.0 - 2**-24]])).item() == 2
+    log_p = torch.log_softmax(torch.tensor([[[FORBIDDEN, 0.3, 0.1, FORBIDDEN]]]), -1)
+    assert sample_branches(log_p, torch.tensor([[0.0]])).item() == 1
+    assert sample_branches(log_p, torch.tensor([[1.0 - 2**-24]])).item() == 2
 
 
 def test_sampled_gaussians_have_the_mean_and_spread_asked_for():

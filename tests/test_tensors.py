@@ -113,10 +113,10 @@ def test_a_shape_of_very_many_sizes_is_refused_in_few_words():
 
 
 @pytest.mark.parametrize("dtype", DTYPES, ids=pb.DType.Name)
-@pytest.mark.parametrize("error", [-1, 1, "none", "double"])
-def test_data_of_another_length_is_refused(dtype, error):
+@pytest.mark.parametrize("cut", [lambda n: 0, lambda n: n - 1, lambda n: n + 1, lambda n: 2 * n])
+def test_data_of_another_length_is_refused(dtype, cut):
     right = 6 * NUMPY_TYPES[dtype].itemsize
-    length = {"none": 0, "double": 2 * right}.get(error) if isinstance(error, str) else right + error
+    length = cut(right)
     text = refusal(a_tensor(dtype, data=bytes(length)), dtype)
     assert f"{length} bytes of data, expected {right} for shape [2, 3]" in text
 

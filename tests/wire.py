@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from queue import SimpleQueue
+from typing import Any
 
 import grpc
 import numpy as np
@@ -36,7 +37,7 @@ class Stream:
 
     def __init__(self, address, **call):
         self.channel = grpc.insecure_channel(address, ANY_LENGTH)
-        self.requests = SimpleQueue()
+        self.requests: SimpleQueue[Any] = SimpleQueue()
         play = self.channel.stream_stream(PLAY, encode, pb.PlayResponse.FromString)
         self.responses = play(iter(self.requests.get, None), timeout=SECONDS, **call)
 

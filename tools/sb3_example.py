@@ -104,6 +104,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)  # networks this small are slower with more
     envs = BridgeVectorEnv("shooting_birds", options.arenas, options.layout)
+    # As configs/shooting_birds/bucket-11.yaml; the network has a critic of its own.
     model = PPO(
         "MlpPolicy", BridgeVecEnv(envs), seed=options.seed, device="cpu",
         n_steps=59, batch_size=256, n_epochs=4, learning_rate=3.25e-4, ent_coef=0.05,

@@ -13,14 +13,17 @@ from torch import Tensor
 FORBIDDEN = -1e9  # a logit whose probability is exactly 0 and whose p·log p is 0, not NaN
 
 
-def branch_log_probs(logits: Tensor, discrete: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the log-probability of the choices and the entropy, both summed over branches: [lanes] each.
+def chosen_log_probs(log_p: Tensor, discrete: Tensor) -> Tensor:
+    """Return the log-probability of the choices, summed over branches, [lanes].
 
-    logits [lanes, branches, widest], discrete int64 [lanes, branches].
+    log_p [lanes, branches, widest]: log-softmax of the logits; discrete int64 [lanes, branches].
     """
-    log_p = torch.log_softmax(logits, -1)
-    chosen = log_p.gather(-1, discrete.unsqueeze(-1)).squeeze(-1).sum(-1)
-    return chosen, -(log_p.exp() * log_p).sum((-1, -2))
+    return log_p.gather(-1, discrete.unsqueeze(-1)).sum((-1, -2))
+
+
+def branch_entropy(log_p: Tensor) -> Tensor:
+    """Return the entropy, summed over branches, [lanes]."""
+    return -(log_p.exp() * log_p).sum((-1, -2))
 
 
 def gaussian_log_probs(mean: Tensor, log_variance: Tensor, continuous: Tensor) -> tuple[Tensor, Tensor]:
@@ -34,15 +37,15 @@ def gaussian_log_probs(mean: Tensor, log_variance: Tensor, continuous: Tensor) -
     return log_probs, 0.5 * (math.log(2 * math.pi * math.e) + log_variance).mean()
 
 
-def sample_branches(logits: Tensor, uniform: Tensor) -> Tensor:
+def sample_branches(log_p: Tensor, uniform: Tensor) -> Tensor:
     """Return one choice per branch, int64 [lanes, branches], by inverting the cumulative distribution.
 
-    uniform [lanes, branches] in [0, 1).
+    log_p as in `chosen_log_probs`, uniform [lanes, branches] in [0, 1).
     """
-    cumulative = torch.softmax(logits, -1).cumsum(-1)
+    cumulative = log_p.exp().cumsum(-1)
     # Rounding may leave the last sum below u; scaling by it keeps forbidden choices at the end unreachable.
     threshold = uniform.unsqueeze(-1) * cumulative[..., -1:]
-    return (cumulative <= threshold).sum(-1).clamp_(max=logits.shape[-1] - 1)
+    return (cumulative <= threshold).sum(-1).clamp_(max=log_p.shape[-1] - 1)
 
 
 def sample_gaussians(mean: Tensor, log_variance: Tensor, normal: Tensor) -> Tensor:

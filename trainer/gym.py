@@ -15,7 +15,9 @@ are the layout's clipping, or for both a Dict of the Box as "continuous" and the
 An info names "action_mask" where the game forbids choices in this step and "deciding" where some lane waits; the
 actions of lanes that wait are ignored. Where an episode has ended, its info is its metrics by name.
 
-Without the address of a simulator an environment runs its own, and ends it when it is closed or collected.
+Without the address of a simulator an environment runs its own, and ends it when it is closed or collected. gRPC
+does not survive a fork: a process that has had an environment starts others by spawning, as AsyncVectorEnv does with
+context="spawn". BridgeVectorEnv needs none.
 """
 
 import weakref
@@ -96,8 +98,7 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         """Begin new episodes everywhere; return observations and infos.
 
         With a seed, what follows is what a new environment with it would play. Without, the arenas' random streams
-        go on; where all episodes have only just begun, as at the start or when all ended in the last step, those are
-        taken.
+        go on; where all episodes have only just begun, at the start or as all ended in the last step, those are taken.
         options: {"parameters": {name: value}} changes parameters of the game. Raises ValueError.
         """
         seed = self._bridge.reset(seed, _parameters(options))
@@ -110,11 +111,10 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         Continuous actions outside -1..1 act like the nearest end.
         """
         self._bridge.play([(self._player, actions)])
-        lanes = self._player.lanes
+        lanes, step = self._player.lanes, self._player.lanes.step
         infos = self._infos()
-        if len(lanes.step.ended):
+        if len(step.ended):
             infos |= self._final_infos()
-        step = lanes.step
         return lanes.now.copy(), self._player.rewards(), step.terminated.copy(), step.truncated.copy(), infos
 
     def render(self) -> tuple[Array, ...] | None:

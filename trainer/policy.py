@@ -19,7 +19,7 @@ from trainer.actions import Layout
 from trainer.advantages import estimate_advantages
 from trainer.checkpoint import CheckpointError
 from trainer.config import PolicyConfig
-from trainer.distributions import branch_log_probs, gaussian_log_probs, sample_branches, sample_gaussians
+from trainer.distributions import chosen_log_probs, gaussian_log_probs, sample_branches, sample_gaussians
 from trainer.gradient import ClosedFormGradient
 from trainer.networks import Network, flatten_parameters
 from trainer.ppo import Batch, Gradient, Update, anneal, autograd_gradient
@@ -80,8 +80,9 @@ class Policy:
         if network.space.branches:
             masks = rollout.set_masks(None if step.masks is None else self.layout.masks(step.masks))
             logits = outputs.logits if masks is None else outputs.logits + torch.from_numpy(masks)
-            discrete = logits.argmax(-1) if deterministic else sample_branches(logits, self.uniform[t])
-            log_probs += branch_log_probs(logits, discrete)[0]
+            log_p = torch.log_softmax(logits, -1)
+            discrete = log_p.argmax(-1) if deterministic else sample_branches(log_p, self.uniform[t])
+            log_probs += chosen_log_probs(log_p, discrete)
             rollout.discrete[t] = discrete.numpy()
         if network.space.continuous:
             normal = torch.zeros_like(outputs.mean) if deterministic else self.normal[t]

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from trainer.distributions import branch_log_probs, gaussian_log_probs
+from trainer.distributions import branch_entropy, chosen_log_probs, gaussian_log_probs
 from trainer.networks import Network, Outputs
 
 
@@ -74,8 +74,9 @@ def joint_log_probs(outputs: Outputs, log_variance: Tensor, batch: Batch) -> tup
     entropy = torch.zeros(())
     if batch.discrete.shape[1]:
         logits = outputs.logits if batch.masks is None else outputs.logits + batch.masks
-        chosen, spread = branch_log_probs(logits, batch.discrete)
-        log_probs, entropy = log_probs + chosen, entropy + spread.mean()
+        log_p = torch.log_softmax(logits, -1)
+        log_probs = log_probs + chosen_log_probs(log_p, batch.discrete)
+        entropy = entropy + branch_entropy(log_p).mean()
     if batch.continuous.shape[1]:
         chosen, spread = gaussian_log_probs(outputs.mean, log_variance, batch.continuous)
         log_probs, entropy = log_probs + chosen, entropy + spread

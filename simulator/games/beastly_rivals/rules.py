@@ -329,10 +329,3 @@ def _beast_inside(beast, character, sphere):
     gap_above = max(abs(above) - BOX_HALF_UP, 0.0)
     square = gap_ahead * gap_ahead + gap_sideways * gap_sideways + gap_above * gap_above
     return square <= SPHERE_RADIUS * SPHERE_RADIUS
-
-
-__all__ = [
-    "ARENA", "BODY", "BOUNDARY_RADIUS", "CHANNELS", "CHARACTER_SPEED", "CLOCK_TICKS", "COOLDOWN_TICKS", "CORRECTED",
-    "DECISION_TICKS", "METRICS", "MOST_DRAWS", "ORIGINAL", "PITCH_RADIUS", "Rules", "begin", "begin_episodes",
-    "decide", "tick",
-]  # fmt: skip

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simulator.compiled import compiled
-from simulator.games.shooting_birds.levels import LEVELS, OBSTACLES, Obstacles
-from simulator.games.shooting_birds.sensing import BIRD_RADIUS, NOTHING, OBSTACLE, front
+from simulator.games.shooting_birds.levels import LEVELS
+from simulator.games.shooting_birds.sensing import front
 from simulator.randomness import Streams, integer, reserve, uniform
 from simulator.trigonometry import sine
 
@@ -214,9 +214,3 @@ def _push(position, wall):
     depth = TOUCH - _gap(position, wall)
     push = min(max(PUSH_SHARE * (depth - SLOP), 0.0), PUSH_MOST)
     return push if position > 0.0 else -push
-
-
-__all__ = [
-    "ARENA", "BIRD", "BIRD_RADIUS", "CHANNELS", "CORRECTED", "EPISODE_TICKS", "METRICS", "MOST_DRAWS",
-    "NOTHING", "OBSTACLE", "OBSTACLES", "ORIGINAL", "Obstacles", "Rules", "begin", "begin_episodes", "tick",
-]  # fmt: skip

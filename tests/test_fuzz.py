@@ -1,0 +1,490 @@
+"""Malformed requests of every kind, over real streams: each is refused with its status and by its name.
+
+KINDS lists them one by one, built from the specs and from the descriptors of the contract; the tests at the
+end add random ones. None may do more than end its own session.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import grpc
+import numpy as np
+import pytest
+from google.protobuf.descriptor import FieldDescriptor
+from grpc import StatusCode
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from joybridge.codec import ActArrays, lane_count, pack_act
+from joybridge.spec import choose_options
+from joybridge.tensors import pack
+from joybridge.v1 import bridge_pb2 as pb
+from simulator.catalogue import load_games
+from tests.games import PLACES
+from tests.wire import ANY_LENGTH, PLAY, SAVE, SECONDS, act, encode, reset, start
+
+INVALID, EARLY = StatusCode.INVALID_ARGUMENT, StatusCode.FAILED_PRECONDITION
+EXPECTED = {INVALID, EARLY, StatusCode.NOT_FOUND, StatusCode.RESOURCE_EXHAUSTED}
+ARENAS = 3
+GAMES = ["hybrid", "duel", "shooting_birds"]
+CATALOGUE = load_games(PLACES)
+SPECS = {name: CATALOGUE[name].describe(choose_options(CATALOGUE[name].options(), {}, name)) for name in GAMES}
+
+
+class Kind(NamedTuple):
+    """A request that must be refused after some that must not, and how."""
+
+    before: list[pb.PlayRequest]
+    request: pb.PlayRequest | bytes
+    code: StatusCode
+    word: str  # what the text of the status must name
+
+
+def valid_act(game: str) -> pb.PlayRequest:
+    """Return actions that a session may begin with."""
+    behaviours = []
+    for kind in SPECS[game].behaviours:
+        middle = np.array([(axis.low + axis.high) / 2 for axis in kind.device.axes], np.float32)
+        lanes = lane_count(kind, ARENAS)
+        arrays = ActArrays(np.tile(middle, (lanes, 1)), np.zeros((lanes, len(kind.device.branches)), np.int32))
+        behaviours.append(pack_act(arrays))
+    return act(*behaviours)
+
+
+# ---------------------------------------------------------------------------------------- tensors of actions
+
+DTYPES = [pb.FLOAT32, pb.INT32, pb.UINT8, pb.BOOL]
+SHAPES = {
+    "no shape": lambda rows, columns: [],
+    "flat": lambda rows, columns: [rows * columns],
+    "a dimension in front": lambda rows, columns: [1, rows, columns],
+    "a dimension behind": lambda rows, columns: [rows, columns, 1],
+    "a row too many": lambda rows, columns: [rows + 1, columns],
+    "a row too few": lambda rows, columns: [rows - 1, columns],
+    "a column too many": lambda rows, columns: [rows, columns + 1],
+    "no rows": lambda rows, columns: [0, columns],
+    "no columns": lambda rows, columns: [rows, 0],
+    "very many rows": lambda rows, columns: [2**32 - 1, columns],
+    "very many elements": lambda rows, columns: [2**32 - 1, 2**32 - 1],
+    "a product that overflows": lambda rows, columns: [2**31, 2**31, 4, rows, columns],
+    "very many dimensions": lambda rows, columns: [rows, columns] + [1] * 10_000,
+}
+DATA = {
+    "no data": lambda data: b"",
+    "a byte too few": lambda data: data[:-1],
+    "a byte too many": lambda data: data + b"\0",
+    "an element too few": lambda data: data[:-4],
+    "an element too many": lambda data: data + bytes(4),
+    "half of the data": lambda data: data[: len(data) // 2],
+    "the data twice": lambda data: data * 2,
+    "much data": lambda data: bytes(100_000),
+}
+AXES = {
+    "NaN": lambda a: np.nan,
+    "infinity": lambda a: np.inf,
+    "minus infinity": lambda a: -np.inf,
+    "the largest float": lambda a: 3.4028235e38,
+    "just above": lambda a: np.nextafter(np.float32(a.high), np.float32(np.inf)),
+    "just below": lambda a: np.nextafter(np.float32(a.low), np.float32(-np.inf)),
+}
+CHOICES = {
+    "-1": lambda b: -1,
+    "one too many": lambda b: len(b.choices),
+    "the largest integer": lambda b: 2**31 - 1,
+    "the smallest integer": lambda b: -(2**31),
+}
+
+
+def act_kinds() -> Iterator[tuple[str, Kind]]:
+    for game in GAMES:
+        before = [start(game, ARENAS)]
+        for index, kind in enumerate(SPECS[game].behaviours):
+            turn = before + [valid_act(game)] * 2 * index  # the judge of `duel` decides third
+            for field in ("axes", "choices"):
+                if getattr(kind.device, {"axes": "axes", "choices": "branches"}[field]):
+                    for name, request in damaged_tensors(game, index, field):
+                        yield (
+                            f"{game} {kind.name}.{field}: {name}",
+                            Kind(turn, request, INVALID, f"{kind.name}.{field}: "),
+                        )
+        yield f"{game}: no behaviours", Kind(before, act(), INVALID, "act.behaviours has 0 entries")
+        twice = act(*valid_act(game).act.behaviours, *valid_act(game).act.behaviours)
+        yield f"{game}: behaviours twice", Kind(before, twice, INVALID, "act.behaviours")
+        many = act(*[pb.BehaviourAct()] * 10_000)
+        yield f"{game}: very many behaviours", Kind(before, many, INVALID, "act.behaviours has 10000 entries")
+        for place, draw in {"beyond": [ARENAS], "far beyond": [0, 2**32 - 1], "very many": [0] * 10_000}.items():
+            drawn = act(*valid_act(game).act.behaviours, draw=draw)
+            undrawable = not SPECS[game].HasField("picture")
+            yield f"{game}: draw {place}", Kind(before, drawn, EARLY if undrawable else INVALID, "draw")
+    swapped = act(*reversed(valid_act("duel").act.behaviours))
+    yield (
+        "duel: behaviours swapped",
+        Kind([start("duel", ARENAS)], swapped, INVALID, "runner.axes: dtype is DTYPE_UNSPEC"),
+    )
+    masked = valid_act("hybrid")
+    choices = np.array([[0, 0], [0, 0], [2, 0]], np.int32)
+    masked.act.behaviours[0].choices.CopyFrom(pack(choices))
+    yield (
+        "hybrid: a masked choice",
+        Kind([start("hybrid", ARENAS)], masked, INVALID, "'high' in lane 2, which its mask"),
+    )
+
+
+def damaged_tensors(game: str, index: int, field: str) -> Iterator[tuple[str, pb.PlayRequest]]:
+    """Yield a valid act with one of its tensors damaged in every way."""
+
+    def copy() -> tuple[pb.PlayRequest, Any]:
+        request = valid_act(game)
+        return request, getattr(request.act.behaviours[index], field)
+
+    request, tensor = copy()
+    request.act.behaviours[index].ClearField(field)
+    yield "absent", request
+    request, tensor = copy()
+    tensor.Clear()
+    yield "empty", request
+    for dtype in (*DTYPES, 0, 5, 99, -1, 2**31 - 1, -(2**31)):
+        request, tensor = copy()
+        if dtype != tensor.dtype:
+            tensor.dtype = dtype
+            yield f"dtype {dtype}", request
+    for name, reshape in SHAPES.items():
+        request, tensor = copy()
+        shape = reshape(*tensor.shape)
+        if shape != tensor.shape:
+            tensor.shape[:] = shape
+            yield name, request
+    for name, cut in DATA.items():
+        request, tensor = copy()
+        tensor.data = cut(tensor.data)
+        yield name, request
+    device = SPECS[game].behaviours[index].device
+    things: list[Any] = list(device.axes if field == "axes" else device.branches)
+    for column, thing in enumerate(things):
+        for name, value in (AXES if field == "axes" else CHOICES).items():
+            request, tensor = copy()
+            array = np.frombuffer(tensor.data, "<f4" if field == "axes" else "<i4").reshape(tensor.shape).copy()
+            array[0, column] = value(thing)  # lane 0 decides first in all of these games
+            tensor.data = array.tobytes()
+            yield f"{thing.name} is {name}", request
+
+
+# ------------------------------------------------------------------------------------------ starts and resets
+
+
+def start_kinds() -> Iterator[tuple[str, Kind]]:
+    for name in ("", "chess", "HYBRID", "hybrid\0", " hybrid", "x" * 100_000, "🦆" * 10_000, "../hybrid", "%s%n{}"):
+        yield f"game {name[:12]!r}", Kind([], start(name), StatusCode.NOT_FOUND, f"no game named {name!r}"[:100])
+    for game in GAMES:
+        lacks = Kind([], start(game, options={"no": "x"}), INVALID, f"{game}: unknown option 'no'")
+        yield f"{game}: an unknown option", lacks
+        for option in SPECS[game].options:
+            for choice in ("", "x", option.default_choice.upper() + "?", "\n", "x" * 50_000):
+                request = start(game, options={option.name: choice})
+                yield (
+                    f"{game}: {option.name} {choice[:9]!r}",
+                    Kind([], request, INVALID, f"{game}: option {option.name!r}"),
+                )
+        many = {f"option {number}": "x" for number in range(10_000)}
+        yield f"{game}: very many options", Kind([], start(game, options=many), INVALID, f"{game}: unknown option")
+        yield from parameter_kinds(game)
+        most = SPECS[game].max_arenas
+        for arenas in (0, most + 1, 2**31, 2**32 - 1):
+            code = StatusCode.RESOURCE_EXHAUSTED if arenas else INVALID
+            yield (
+                f"{game}: {arenas} arenas",
+                Kind([], start(game, arenas), code, f"{game}: arenas is {arenas}, expected"),
+            )
+        yield from snapshot_kinds(game)
+
+
+def parameter_kinds(game: str) -> Iterator[tuple[str, Kind]]:
+    def both(name: str, parameters: dict[str, float], word: str) -> Iterator[tuple[str, Kind]]:
+        yield f"{game}: {name} at start", Kind([], start(game, parameters=parameters), INVALID, word)
+        later = reset(parameters=parameters)
+        yield f"{game}: {name} at reset", Kind([start(game, ARENAS)], later, INVALID, word)
+
+    yield from both("unknown parameter", {"wind": 1.0}, f"{game}: unknown parameter 'wind'")
+    yield from both("nameless parameter", {"": 1.0}, f"{game}: unknown parameter ''")
+    many = {f"parameter {number}": 1.0 for number in range(5_000)}
+    yield from both("very many parameters", many, f"{game}: unknown parameter")
+    for parameter in SPECS[game].parameters:
+        above, below = np.nextafter(parameter.high, np.inf), np.nextafter(parameter.low, -np.inf)
+        for value in (np.nan, np.inf, -np.inf, 1.7e308, above, below):
+            word = f"{game}: parameter {parameter.name!r} got"
+            yield from both(f"{parameter.name} {value!r}", {parameter.name: float(value)}, word)
+
+
+def snapshot_kinds(game: str) -> Iterator[tuple[str, Kind]]:
+    has = SPECS[game].snapshot_bytes_per_arena > 0
+    for name, parts in {
+        "an empty snapshot": {},
+        "a snapshot of another game": {"cards": b"7"},
+        "a snapshot of very many parts": {str(number): b"" for number in range(10_000)},
+        "a snapshot of a large part": {"arenas": bytes(1_000_000)},
+    }.items():
+        request = start(game, snapshot=pb.Snapshot(parts=parts))
+        yield (
+            f"{game}: {name}",
+            Kind([], request, INVALID if has else EARLY, "snapshot has parts" if has else "snapshots"),
+        )
+
+
+def order_kinds() -> Iterator[tuple[str, Kind]]:
+    for game in GAMES:
+        begun = [start(game, ARENAS)]
+        yield f"{game}: act before start", Kind([], valid_act(game), EARLY, "act came before start")
+        yield f"{game}: start twice", Kind(begun, start(game, ARENAS), EARLY, "start comes once")
+        yield f"{game}: start after act", Kind([*begun, valid_act(game)], start(game), EARLY, "start comes once")
+        yield f"{game}: nothing after start", Kind(begun, pb.PlayRequest(), INVALID, "an empty PlayRequest")
+        if not SPECS[game].snapshot_bytes_per_arena:
+            yield f"{game}: save", Kind(begun, SAVE, EARLY, f"{game} has no snapshots")
+    yield "nothing", Kind([], pb.PlayRequest(), INVALID, "an empty PlayRequest")
+    yield "reset before start", Kind([], reset(), EARLY, "reset came before start")
+    yield "save before start", Kind([], SAVE, EARLY, "save came before start")
+    both = start("hybrid").SerializeToString() + SAVE.SerializeToString()
+    yield "start and save in one", Kind([], both, EARLY, "save came before start")
+
+
+# -------------------------------------------------------------------------------------------------- the wire
+
+VARINT, FIXED64, LENGTH, GROUP, FIXED32 = 0, 1, 2, 3, 5
+WIRE_TYPES = {
+    FieldDescriptor.TYPE_MESSAGE: {LENGTH},
+    FieldDescriptor.TYPE_STRING: {LENGTH},
+    FieldDescriptor.TYPE_BYTES: {LENGTH},
+    FieldDescriptor.TYPE_UINT32: {VARINT},
+    FieldDescriptor.TYPE_UINT64: {VARINT},
+    FieldDescriptor.TYPE_ENUM: {VARINT},
+}
+CONTENT = {VARINT: b"\x01", FIXED64: bytes(8), LENGTH: b"\x01\x01", GROUP: b"", FIXED32: bytes(4)}
+REQUEST_PATHS: dict[
+    str, tuple[Any, list[int]]
+] = {  # every message that a request can hold, and the fields that lead to it
+    "PlayRequest": (pb.PlayRequest, []),
+    "PlayRequest.start": (pb.Start, [1]),
+    "PlayRequest.start.snapshot": (pb.Snapshot, [1, 7]),
+    "PlayRequest.act": (pb.Act, [2]),
+    "PlayRequest.act.behaviours": (pb.BehaviourAct, [2, 1]),
+    "PlayRequest.act.behaviours.axes": (pb.Tensor, [2, 1, 1]),
+    "PlayRequest.act.behaviours.choices": (pb.Tensor, [2, 1, 2]),
+    "PlayRequest.reset": (pb.Reset, [3]),
+    "PlayRequest.save": (pb.Save, [4]),
+}
+
+
+def varint(number: int) -> bytes:
+    data = b""
+    while number > 127:
+        data, number = data + bytes([number & 127 | 128]), number >> 7
+    return data + bytes([number])
+
+
+def tag(number: int, wire_type: int) -> bytes:
+    return varint(number << 3 | wire_type)
+
+
+def wrap(data: bytes, path: list[int]) -> bytes:
+    """Return `data` as the content of the message at a path of fields."""
+    for number in reversed(path):
+        data = tag(number, LENGTH) + varint(len(data)) + data
+    return data
+
+
+def wire_kinds() -> Iterator[tuple[str, Kind]]:
+    for path, (message, numbers) in REQUEST_PATHS.items():
+        for field in message.DESCRIPTOR.fields:
+            repeated = isinstance(getattr(message(), field.name), type(pb.Tensor().shape))
+            right = WIRE_TYPES[field.type] | ({LENGTH} if repeated else set())
+            for wire_type in CONTENT.keys() - right:
+                closing = tag(field.number, 4) if wire_type == GROUP else b""
+                data = wrap(tag(field.number, wire_type) + CONTENT[wire_type] + closing, numbers)
+                kind = Kind(
+                    [], data, INVALID, f"{path}: field {field.number} is unknown to this server or of another type"
+                )
+                yield f"{path}.{field.name} as wire type {wire_type}", kind
+        for number in (15, 16, 2047, 19_999, 2**29 - 1):
+            for wire_type in (VARINT, FIXED64, LENGTH, FIXED32):
+                data = wrap(tag(number, wire_type) + CONTENT[wire_type], numbers)
+                kind = Kind([], data, INVALID, f"{path}: field {number} is unknown")
+                yield f"{path}: unknown field {number} as wire type {wire_type}", kind
+    for name, data in undecodable():
+        yield name, Kind([], data, INVALID, "not a PlayRequest")
+
+
+def undecodable() -> Iterator[tuple[str, bytes]]:
+    whole = start("hybrid", options={"size": "small"}, parameters={"drift": 1.0}).SerializeToString()
+    for length in range(1, len(whole)):
+        yield f"cut after {length} bytes", whole[:length]
+    for bad in (b"\xff", b"\xc3", b"\xed\xa0\x80", b"\xf8\x88\x80\x80\x80", b"a\x80b"):
+        text = varint(len(bad)) + bad
+        yield f"game {bad!r}", wrap(tag(1, LENGTH) + text, [1])
+        yield f"option {bad!r}", wrap(tag(1, LENGTH) + text, [1, 2])
+        yield f"choice {bad!r}", wrap(tag(2, LENGTH) + text, [1, 2])
+        yield f"parameter {bad!r}", wrap(tag(1, LENGTH) + text, [3, 2])
+        yield f"part {bad!r}", wrap(tag(1, LENGTH) + text, [1, 7, 1])
+    yield "field 0", b"\x00\x01"
+    yield "wire type 6", b"\x0e\x01"
+    yield "wire type 7", b"\x0f\x01"
+    yield "a group that ends without a beginning", tag(1, 4)
+    yield "a group that does not end", tag(9, GROUP)
+    yield "a group that ends as another", tag(9, GROUP) + tag(8, 4)
+    yield "groups in groups", tag(9, GROUP) * 10_000 + tag(9, 4) * 10_000
+    yield "a tag of eleven bytes", b"\xff" * 10 + b"\x01"
+    yield "a number of eleven bytes", wrap(tag(5, VARINT) + b"\xff" * 10 + b"\x01", [1])
+    yield "a length beyond the end", tag(1, LENGTH) + varint(1000) + b"x"
+    yield "a length beyond any message", tag(1, LENGTH) + varint(2**63)
+    yield "half a double", wrap(tag(2, FIXED64) + bytes(4), [1, 3])
+    yield "half a packed number", wrap(tag(2, LENGTH) + b"\x01\x80", [2])
+
+
+KINDS = dict([*act_kinds(), *start_kinds(), *order_kinds(), *wire_kinds()])
+
+
+# -------------------------------------------------------------------------------------------------- the tests
+
+
+@pytest.fixture(scope="module")
+def channel(simulator):
+    """Yield the connection on which every stream of this module is opened."""
+    with grpc.insecure_channel(simulator, ANY_LENGTH) as channel:
+        yield channel
+
+
+def play(channel, requests):
+    """Send all requests of a stream and return its responses, status and text."""
+    stream = channel.stream_stream(PLAY, encode, pb.PlayResponse.FromString)(iter(requests), timeout=SECONDS)
+    responses = []
+    try:
+        for response in stream:
+            responses.append(response)
+    except grpc.RpcError:
+        pass
+    return responses, stream.code(), stream.details()
+
+
+def assert_well(channel):
+    """Assert that the server says that it is well and that a new session plays."""
+    check = health_pb2.HealthCheckRequest(service="joybridge.v1.Simulator")
+    answer = health_pb2_grpc.HealthStub(channel).Check(check, timeout=SECONDS)
+    assert answer.status == health_pb2.HealthCheckResponse.SERVING
+    responses, code, _ = play(channel, [start("hybrid", ARENAS), valid_act("hybrid")])
+    assert code == StatusCode.OK and len(responses) == 2
+
+
+def test_there_are_many_kinds_and_no_two_are_the_same():
+    streams = {tuple(map(encode, [*kind.before, kind.request])) for kind in KINDS.values()}
+    assert len(streams) == len(KINDS)
+    assert len({encode(kind.request) for kind in KINDS.values()}) >= 500
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_what_the_kinds_are_made_from_is_valid(channel, game):
+    responses, code, _ = play(channel, [start(game, ARENAS), valid_act(game), reset(seed=3), valid_act(game)])
+    assert code == StatusCode.OK
+    assert [response.WhichOneof("response") for response in responses] == ["started", "step", "step", "step"]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_malformed_request_is_refused_by_its_name(channel, name):
+    kind = KINDS[name]
+    responses, code, text = play(channel, [*kind.before, kind.request])
+    assert (code, len(responses)) == (kind.code, len(kind.before))
+    assert kind.word in text and len(text) < 700
+    assert_well(channel)
+
+
+# ------------------------------------------------------------------------------------------------ random ones
+
+fuzz = settings(
+    derandomize=True, deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+SEEDS = [
+    start("hybrid", options={"size": "large"}, parameters={"drift": 0.5}),
+    start("shooting_birds", first_arena=2, snapshot=pb.Snapshot(parts={"arenas": b"0123"})),
+    *(valid_act(game) for game in GAMES),
+    reset(seed=2, parameters={"drift": 0.5}),
+    SAVE,
+]
+
+
+def assert_answered_or_refused(channel, requests):
+    responses, code, text = play(channel, requests)
+    if code == StatusCode.OK:
+        assert len(responses) == len(requests)
+    else:
+        assert code in EXPECTED and text and len(text) < 700
+        assert_well(channel)
+
+
+@fuzz
+@given(st.lists(st.binary(max_size=64), min_size=1, max_size=3))
+def test_random_bytes_are_answered_or_refused(channel, messages):
+    assert_answered_or_refused(channel, messages)
+
+
+@st.composite
+def mutations(draw):
+    """Return the bytes of a valid request with some of them changed, removed, repeated or put in."""
+    data = bytearray(draw(st.sampled_from(SEEDS)).SerializeToString())
+    for _ in range(draw(st.integers(1, 4))):
+        place = draw(st.integers(0, len(data)))
+        match draw(st.integers(0, 3)):
+            case 0:
+                data[place : place + 1] = draw(st.binary(min_size=1, max_size=1))
+            case 1:
+                del data[place : place + draw(st.integers(1, 8))]
+            case 2:
+                data[place:place] = draw(st.binary(min_size=1, max_size=8))
+            case 3:
+                data[place:place] = data[max(0, place - draw(st.integers(1, 16))) : place]
+    return bytes(data)
+
+
+@fuzz
+@given(st.booleans(), mutations())
+def test_mutated_requests_are_answered_or_refused(channel, begun, message):
+    assert_answered_or_refused(channel, [start("hybrid", ARENAS), message] if begun else [message])
+
+
+NAMES = st.sampled_from(["hybrid", "size", "small", "drift", "masks", "arenas"]) | st.text(max_size=4)
+TENSORS = st.builds(
+    pb.Tensor,
+    dtype=st.integers(-1, 6),
+    shape=st.lists(st.sampled_from([0, 1, 2, 3, 2**32 - 1]), max_size=3),
+    data=st.binary(max_size=32) | st.just(bytes(24)),
+)
+ACTS = st.builds(
+    pb.Act,
+    behaviours=st.lists(st.builds(pb.BehaviourAct, axes=st.none() | TENSORS, choices=st.none() | TENSORS), max_size=2),
+    draw=st.lists(st.integers(0, 3), max_size=3),
+)
+STARTS = st.builds(
+    pb.Start,
+    game=st.sampled_from(GAMES) | NAMES,
+    options=st.dictionaries(NAMES, NAMES, max_size=2),
+    parameters=st.dictionaries(NAMES, st.floats(), max_size=2),
+    arenas=st.integers(0, 4),
+    seed=st.integers(0, 2**64 - 1),
+    first_arena=st.integers(0, 2**32 - 1),
+    snapshot=st.none() | st.builds(pb.Snapshot, parts=st.dictionaries(NAMES, st.binary(max_size=9), max_size=2)),
+)
+RESETS = st.builds(
+    pb.Reset,
+    seed=st.none() | st.integers(0, 2**64 - 1),
+    parameters=st.dictionaries(NAMES, st.floats(), max_size=2),
+)
+REQUESTS = (
+    st.builds(pb.PlayRequest, start=STARTS)
+    | st.builds(pb.PlayRequest, act=ACTS)
+    | st.builds(pb.PlayRequest, reset=RESETS)
+    | st.sampled_from([*SEEDS, pb.PlayRequest()])
+)
+
+
+@fuzz
+@given(st.sampled_from(GAMES), st.lists(REQUESTS, min_size=1, max_size=4))
+def test_random_sessions_are_answered_or_refused(channel, game, requests):
+    assert_answered_or_refused(channel, [start(game, ARENAS), *requests])
+    assert_answered_or_refused(channel, requests)

@@ -1,0 +1,875 @@
+"""Every promise of bridge.proto, over real sockets between real processes."""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import grpc
+import numpy as np
+import pytest
+from grpc import StatusCode
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
+
+from joybridge.codec import unpack_step
+from joybridge.spec import check_spec
+from joybridge.tensors import pack, unpack
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.v1 import bridge_pb2_grpc as rpc
+from simulator.catalogue import CatalogueError, load_games
+from simulator.game import Game, behaviour, button, sensor, spec
+from tests.games import FAULTS, PICTURE, PLACES
+from tests.wire import SAVE, SECONDS, Player, Stream, act, describe, record, refused, reset, rows, start
+
+ROOT = Path(__file__).parents[1]
+OWN = ["hybrid", "duel", "ends", "raises", "faulty"]
+BUILT_IN = ["beastly_rivals", "shooting_birds"]
+GOOD = ["hybrid", "duel", "ends", *BUILT_IN]
+LARGEST_SEED = 2**64 - 1
+
+
+def floats(*values):
+    return pack(np.array(values, np.float32))
+
+
+def integers(*values):
+    return pack(np.array(values, np.int32))
+
+
+def hybrid(axes=((0.0, 1.0), (0.0, 1.0)), choices=((0, 0), (0, 0)), draw=()):
+    """Return an Act for two arenas of `hybrid`."""
+    return act(pb.BehaviourAct(axes=floats(*axes), choices=integers(*choices)), draw=draw)
+
+
+def press(lanes=2, draw=()):
+    """Return an Act for a game with a single button."""
+    return act(pb.BehaviourAct(choices=integers(*[[1]] * lanes)), draw=draw)
+
+
+# ------------------------------------------------------------------------------------------------- the unary calls
+
+
+def test_the_games_are_listed_and_described_as_they_say(simulator):
+    with grpc.insecure_channel(simulator) as channel:
+        stub = rpc.SimulatorStub(channel)
+        games = stub.ListGames(pb.ListGamesRequest(), timeout=SECONDS).games
+        assert [game.name for game in games] == [*BUILT_IN, *OWN]
+        for game in games:
+            spec = stub.DescribeGame(pb.DescribeGameRequest(game=game.name), timeout=SECONDS).spec
+            check_spec(spec)
+            assert (spec.name, spec.description) == (game.name, game.description) and spec.description
+
+
+def unary_refusal(address, method, request):
+    with grpc.insecure_channel(address) as channel, pytest.raises(grpc.RpcError) as caught:
+        getattr(rpc.SimulatorStub(channel), method)(request, timeout=SECONDS)
+    return caught.value.code(), caught.value.details()
+
+
+def test_an_unknown_game_is_not_found_by_its_name(simulator):
+    for game in ("chess", "", "Hybrid", "hybrid ", "tests.games:Hybrid"):
+        wanted = (StatusCode.NOT_FOUND, f"no game named {game!r}; this server has {', '.join(BUILT_IN + OWN)}")
+        assert unary_refusal(simulator, "DescribeGame", pb.DescribeGameRequest(game=game)) == wanted
+        assert refused(simulator, start(game)) == wanted
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"colour": "red"}, "hybrid: unknown option 'colour', expected one of size, masks"),
+        ({"size": "huge"}, "hybrid: option 'size' got 'huge', expected one of small, large"),
+        ({"size": ""}, "hybrid: option 'size' got '', expected one of small, large"),
+        ({"": "small"}, "hybrid: unknown option '', expected one of size, masks"),
+    ],
+)
+def test_an_unknown_option_or_choice_is_refused_by_its_name(simulator, options, text):
+    request = pb.DescribeGameRequest(game="hybrid", options=options)
+    assert unary_refusal(simulator, "DescribeGame", request) == (StatusCode.INVALID_ARGUMENT, text)
+    assert refused(simulator, start("hybrid", options=options)) == (StatusCode.INVALID_ARGUMENT, text)
+
+
+def test_options_change_the_spec_and_defaults_may_be_spelled_out(simulator):
+    small, large = describe(simulator, "hybrid"), describe(simulator, "hybrid", size="large")
+    assert describe(simulator, "hybrid", size="small", masks="on") == small
+    assert [list(spec.behaviours[0].sensors[2].shape) for spec in (small, large)] == [[2, 2], [2, 5]]
+    assert describe(simulator, "shooting_birds", locomotion="grid").behaviours[0].device.branches[0].name == "cell"
+
+
+@pytest.mark.parametrize("game", GOOD)
+def test_a_session_starts_with_the_spec_that_was_described(simulator, game):
+    with Player(simulator, game) as player:
+        assert player.spec == describe(simulator, game)
+
+
+@pytest.mark.parametrize("fault", ["spec without sensors", "describe fails"])
+def test_a_game_that_cannot_be_described_is_an_internal_error(simulator, fault):
+    options = {"fault": fault, "armed": "yes"}
+    for code, text in (
+        unary_refusal(simulator, "DescribeGame", pb.DescribeGameRequest(game="faulty", options=options)),
+        refused(simulator, start("faulty", options=options)),
+    ):
+        assert code == StatusCode.INTERNAL
+        assert text.startswith("faulty failed in describe: ") and FAULTS[fault] in text
+
+
+# ------------------------------------------------------------------------------------- the order of a session
+
+
+def test_the_first_step_of_a_session_pays_nothing_and_ends_nothing(simulator):
+    for game in GOOD:
+        with Player(simulator, game, 3) as player:
+            for message, kind in zip(player.step.behaviours, player.spec.behaviours, strict=True):
+                step = unpack_step(message, kind, 3)
+                assert not step.rewards.any() and not step.terminated.any() and not step.truncated.any()
+                assert not message.HasField("ended")
+
+
+@pytest.mark.parametrize("request_", [hybrid(), reset(), reset(seed=1), SAVE], ids=["act", "reset", "seeded", "save"])
+def test_nothing_comes_before_start(simulator, request_):
+    code, text = refused(simulator, request_)
+    assert code == StatusCode.FAILED_PRECONDITION
+    assert text == f"{request_.WhichOneof('request')} came before start; open a new stream and begin with start"
+
+
+def test_start_comes_once(simulator):
+    code, text = refused(simulator, start("hybrid"), hybrid(), start("hybrid"))
+    assert code == StatusCode.FAILED_PRECONDITION
+    assert text == "start comes once, first; open a new stream and begin with start"
+
+
+def test_an_empty_request_is_refused_at_any_time(simulator):
+    wanted = StatusCode.INVALID_ARGUMENT, "an empty PlayRequest; send start, act, reset or save"
+    assert refused(simulator, pb.PlayRequest()) == wanted
+    assert refused(simulator, start("hybrid"), b"") == wanted
+
+
+def test_fields_of_another_contract_are_refused_and_not_ignored(simulator):
+    later = b"\xf8\x07\x01"  # field 127, a varint
+    for requests, path in (
+        ([start("hybrid").SerializeToString() + later], "PlayRequest: field 127"),
+        ([start("hybrid"), b"\x12\x03" + later], "PlayRequest.act: field 127"),
+        ([start("hybrid"), b"\x12\x05\x0a\x03" + later], "PlayRequest.act.behaviours: field 127"),
+        ([b"\x0a\x02\x08\x01"], "PlayRequest.start: field 1"),  # the game as a number
+    ):
+        code, text = refused(simulator, *requests)
+        assert code == StatusCode.INVALID_ARGUMENT
+        assert text == f"{path} is unknown to this server or of another type; send what its bridge.proto has"
+    for method, request in (("ListGames", pb.ListGamesRequest), ("DescribeGame", pb.DescribeGameRequest)):
+        code, text = unary_refusal(simulator, method, request.FromString(later))
+        assert code == StatusCode.INVALID_ARGUMENT and f"{request.DESCRIPTOR.name}: field 127" in text
+
+
+def test_bytes_that_are_no_message_are_refused(simulator):
+    for data in (b"\xff", b"\x0a\x7f", b"\x0b" * 200, b"\x0a\x03\x0a\x01\xff"):
+        assert refused(simulator, data)[0] == StatusCode.INVALID_ARGUMENT
+        code, text = refused(simulator, start("hybrid"), data)
+        assert code == StatusCode.INVALID_ARGUMENT and text.startswith("not a PlayRequest: ")
+
+
+def test_a_client_that_has_finished_ends_its_session_without_an_error(simulator):
+    with Stream(simulator) as stream:
+        stream.ask(start("hybrid"))
+        stream.requests.put(None)
+        assert list(stream.responses) == []
+        assert stream.responses.code() == StatusCode.OK
+
+
+# --------------------------------------------------------------------------------------------------- the start
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"parameters": {"wind": 1.0}}, "hybrid: unknown parameter 'wind', expected one of drift"),
+        ({"parameters": {"drift": 2.5}}, "hybrid: parameter 'drift' got 2.5, expected 0..2"),
+        ({"parameters": {"drift": -1e-9}}, "hybrid: parameter 'drift' got -1e-09, expected 0..2"),
+        ({"parameters": {"drift": np.nan}}, "hybrid: parameter 'drift' got nan, expected 0..2"),
+        ({"parameters": {"drift": np.inf}}, "hybrid: parameter 'drift' got inf, expected 0..2"),
+        ({"arenas": 0}, "hybrid: arenas is 0, expected 1..1024"),
+    ],
+)
+def test_a_start_with_a_wrong_value_is_refused(simulator, fields, text):
+    assert refused(simulator, start("hybrid", **fields)) == (StatusCode.INVALID_ARGUMENT, text)
+
+
+@pytest.mark.parametrize("arenas", [1025, 2**32 - 1])
+def test_more_arenas_than_the_spec_allows_are_too_many(simulator, arenas):
+    wanted = StatusCode.RESOURCE_EXHAUSTED, f"hybrid: arenas is {arenas}, expected 1..1024"
+    assert refused(simulator, start("hybrid", arenas)) == wanted
+
+
+@pytest.mark.parametrize("game", GOOD)
+def test_as_many_arenas_as_the_spec_allows_can_be_played(simulator, game):
+    most = describe(simulator, game).max_arenas
+    with Player(simulator, game, most) as player:
+        (first, *_), (kind, *_) = player.step.behaviours, player.spec.behaviours
+        assert list(first.terminated.shape) == [most * kind.agents_per_arena]
+
+
+# -------------------------------------------------------------------------------------------------------- acts
+
+
+@pytest.mark.parametrize(
+    ("request_", "text"),
+    [
+        (act(), "act.behaviours has 0 entries, expected 1"),
+        (act(*hybrid().act.behaviours, *hybrid().act.behaviours), "act.behaviours has 2 entries, expected 1"),
+        (act(pb.BehaviourAct()), "player.axes: dtype is DTYPE_UNSPECIFIED, expected FLOAT32"),
+        (hybrid(axes=[[0, 1]]), "player.axes: shape is [1, 2], expected [2, 2]"),
+        (hybrid(axes=[[0, 1], [1.5, 1]]), "player.axes: axis 'x' got 1.5 in lane 1, expected -1..1"),
+        (hybrid(axes=[[0, 0.25], [0, 1]]), "player.axes: axis 'force' got 0.25 in lane 0, expected 0.5..2"),
+        (hybrid(axes=[[0, 1], [np.nan, 1]]), "player.axes: value nan at [1, 0], expected finite numbers"),
+        (hybrid(axes=[[0, 1], [0, np.inf]]), "player.axes: value inf at [1, 1], expected finite numbers"),
+        (hybrid(choices=[[0, 0], [3, 0]]), "player.choices: branch 'gear' got 3 in lane 1, expected 0..2"),
+        (hybrid(choices=[[-1, 0], [0, 0]]), "player.choices: branch 'gear' got -1 in lane 0, expected 0..2"),
+        (
+            hybrid(choices=[[1, 0], [2, 0]]),
+            "player.choices: branch 'gear' got 'high' in lane 1, which its mask forbids in this step",
+        ),
+    ],
+)
+def test_an_act_that_breaks_the_spec_or_a_mask_is_refused(simulator, request_, text):
+    assert refused(simulator, start("hybrid"), hybrid(), request_) == (StatusCode.INVALID_ARGUMENT, text)
+
+
+def test_a_mask_holds_for_one_step_only(simulator):
+    with Stream(simulator) as stream:
+        stream.ask(start("hybrid"))
+        stream.ask(hybrid(choices=[[1, 0], [0, 0]]))  # a gear up, and then one more
+        stream.ask(hybrid(choices=[[2, 0], [0, 0]]))
+
+
+def test_without_masks_every_choice_is_allowed(simulator):
+    with Stream(simulator) as stream:
+        first = stream.ask(start("hybrid", options={"masks": "off"})).started.step
+        assert not first.behaviours[0].masks
+        assert not stream.ask(hybrid(choices=[[2, 0], [2, 1]])).step.behaviours[0].masks
+
+
+def duel(paces, verdict):
+    return act(pb.BehaviourAct(axes=floats(*[[p] for p in paces])), pb.BehaviourAct(choices=integers([verdict])))
+
+
+def test_lanes_take_turns_and_hear_of_rewards_when_they_decide_or_end(simulator):
+    with Stream(simulator) as stream:
+        started = stream.ask(start("duel", arenas=1)).started
+        kinds, step, deciders, earned = started.spec.behaviours, started.step, [], []
+        for clock in range(10):
+            parts = [unpack_step(*pair, 1) for pair in zip(step.behaviours, kinds, strict=True)]
+            flags = [
+                flag
+                for part in parts
+                for flag in (np.ones(len(part.rewards), bool) if part.deciding is None else part.deciding)
+            ]
+            deciders.append(flags.index(True))
+            assert sum(flags) == 1
+            step = stream.ask(duel([0.75, 0.25], 1)).step
+            runners = unpack_step(step.behaviours[0], kinds[0], 1)
+            earned.append(runners.rewards[:, 0].tolist())
+            assert runners.truncated.all() == (clock == 9) and not runners.terminated.any()
+    assert deciders == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0]
+    # A move pays its pace and costs the other runner 0.5.
+    assert [first for first, _ in earned] == [0, 0, 0.25, 0, 0, 0.25, 0, 0, 0.25, 0.75]
+    assert [second for _, second in earned] == [-0.5, 0, 0, -0.25, 0, 0, -0.25, 0, 0, -0.25]
+
+
+def test_what_lanes_that_wait_ask_for_changes_nothing(simulator):
+    def transcript(junk):
+        with Stream(simulator) as stream:
+            stream.ask(start("duel", arenas=1))
+            for clock in range(12):
+                mover = clock % 10 % 3
+                paces = [0.5 if runner == mover else junk for runner in range(2)]
+                yield record(stream.ask(duel(paces, 1 if mover == 2 else junk)).step)
+
+    assert list(transcript(0)) == list(transcript(77)) == list(transcript(-(2**31)))
+
+
+def test_an_episode_ends_terminated_or_truncated_and_the_next_one_begins_in_the_same_step(simulator):
+    with Stream(simulator) as stream:
+        kind = stream.ask(start("ends")).started.spec.behaviours[0]
+        steps = [unpack_step(stream.ask(press()).step.behaviours[0], kind, 2) for _ in range(4)]
+    assert [step.terminated.tolist() for step in steps] == [[False] * 2, [True] * 2, [False] * 2, [False] * 2]
+    assert [step.truncated.tolist() for step in steps] == [[False] * 2, [False] * 2, [False] * 2, [True] * 2]
+    assert [step.observations[0][0].tolist() for step in steps] == [[1, 1], [2, 0], [2, 1], [3, 0]]
+    assert [step.final_observations and step.final_observations[0][0].tolist() for step in steps] == [
+        None, [1, 2], None, [2, 2],
+    ]  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------------- pictures
+
+
+def test_pictures_come_in_the_order_in_which_they_are_asked_for(simulator):
+    width, height = PICTURE
+    with Stream(simulator) as stream:
+        stream.ask(start("hybrid", parameters={"drift": 0.0}))
+        request = hybrid(axes=[[0, 0.5]] * 2, choices=[[0, 1], [1, 0]], draw=[1, 0, 1])
+        pictures = [unpack(p, pb.UINT8, (height, width, 3), "picture") for p in stream.ask(request).step.pictures]
+        assert [picture[0, 0].tolist() for picture in pictures] == [[1, 0, 1], [1, 1, 0], [1, 0, 1]]
+        assert not stream.ask(hybrid()).step.pictures
+
+
+def test_as_many_pictures_as_the_contract_allows_and_no_more(simulator):
+    with Stream(simulator) as stream:
+        stream.ask(start("hybrid"))
+        assert len(stream.ask(hybrid(draw=[0, 1] * 32)).step.pictures) == 64
+        code, text = stream.refusal(hybrid(draw=[0] * 65))
+    assert code == StatusCode.INVALID_ARGUMENT
+    assert text == "act.draw asks for 65 pictures up to arena 0, expected at most 64 of arenas 0..1"
+
+
+@pytest.mark.parametrize("arena", [2, 2**32 - 1])
+def test_an_arena_that_a_session_does_not_have_cannot_be_drawn(simulator, arena):
+    code, text = refused(simulator, start("hybrid"), hybrid(draw=[0, arena]))
+    assert code == StatusCode.INVALID_ARGUMENT
+    assert text == f"act.draw asks for 2 pictures up to arena {arena}, expected at most 64 of arenas 0..1"
+
+
+def test_a_game_without_a_picture_cannot_be_drawn(simulator):
+    code, text = refused(simulator, start("ends"), press(draw=[0]))
+    assert code == StatusCode.FAILED_PRECONDITION and text == "ends cannot be drawn; leave act.draw empty"
+
+
+@pytest.mark.parametrize("game", BUILT_IN)
+def test_the_built_in_games_draw_what_their_spec_says(simulator, game):
+    with Player(simulator, game, 2) as player:
+        size = player.spec.picture.height, player.spec.picture.width, 3
+        pictures = player.ask(act(*player.acts(), draw=[1, 0])).pictures
+        one, other = (unpack(picture, pb.UINT8, size, "picture") for picture in pictures)
+        assert (one != other).any() and len(np.unique(one)) > 8
+
+
+# ------------------------------------------------------------------------------------- seeds, resets and shards
+
+
+@pytest.mark.parametrize("game", GOOD)
+def test_the_same_seed_plays_the_same_game_beside_other_sessions(simulator, game):
+    with Player(simulator, game, 3) as alone:
+        wanted = alone.play(25)
+    with Player(simulator, game, 3) as player, Player(simulator, game, 3, seed=9) as other:
+        came = []
+        for _ in range(25):
+            came += player.play(1)
+            other.play(1)
+            with Player(simulator, "hybrid", 1) as passing:
+                passing.play(1)
+    assert came == wanted and len(set(wanted)) > 1
+
+
+@pytest.mark.parametrize("game", ["hybrid", "duel", *BUILT_IN])
+def test_every_bit_of_a_seed_counts(simulator, game):
+    def first(seed):
+        with Player(simulator, game, seed=seed) as player:
+            return record(player.step)
+
+    seeds = [0, 1, 2**31, 2**32, 2**53, 2**53 + 1, 2**63, LARGEST_SEED - 1, LARGEST_SEED]
+    assert len({first(seed) for seed in seeds}) == len(seeds)
+    assert first(LARGEST_SEED) == first(LARGEST_SEED)
+
+
+@pytest.mark.parametrize("game", GOOD)
+def test_sessions_that_share_a_seed_play_what_one_large_session_would(simulator, game):
+    def play(arenas, first_arena):
+        with Player(simulator, game, arenas, seed=LARGEST_SEED, first_arena=first_arena) as player:
+            yield list(rows(player.step, player.spec, arenas))
+            for _ in range(25):
+                yield list(rows(player.ask(act(*player.acts())), player.spec, arenas))
+
+    large, left, right = list(play(5, 0)), list(play(2, 0)), list(play(3, 2))
+    assert [one + other for one, other in zip(left, right, strict=True)] == large
+
+
+@pytest.mark.parametrize("game", ["hybrid", "duel", *BUILT_IN])
+def test_arenas_differ_up_to_the_last_number(simulator, game):
+    last = 2**32 - 1
+    with Player(simulator, game, 3, first_arena=last) as player:
+        assert len(set(rows(player.step, player.spec, 3))) == 3
+        third = list(rows(player.step, player.spec, 3))[:1]
+    with Player(simulator, game, 1, first_arena=last) as player:
+        assert list(rows(player.step, player.spec, 1)) == third
+
+
+@pytest.mark.parametrize("game", GOOD)
+def test_a_reset_with_a_seed_plays_what_a_new_session_would(simulator, game):
+    with Player(simulator, game, 3, seed=LARGEST_SEED) as new:
+        wanted = [record(new.step), *new.play(12)]
+    with Player(simulator, game, 3) as player:
+        player.play(17)
+        player.random = [np.random.default_rng([7, arena]) for arena in range(3)]
+        assert [record(player.ask(reset(seed=LARGEST_SEED))), *player.play(12)] == wanted
+        player.random = [np.random.default_rng([7, arena]) for arena in range(3)]
+        assert [record(player.ask(reset(seed=LARGEST_SEED))), *player.play(12)] == wanted
+
+
+@pytest.mark.parametrize("game", ["hybrid", "duel", *BUILT_IN])
+def test_a_reset_without_a_seed_goes_on_with_the_random_streams(simulator, game):
+    def firsts():
+        with Player(simulator, game, 3) as player:
+            return [record(player.step), *(record(player.ask(reset())) for _ in range(3))]
+
+    assert len(set(firsts())) == 4
+    assert firsts() == firsts()
+
+
+@pytest.mark.parametrize("game", GOOD)
+def test_a_reset_pays_nothing_and_ends_nothing(simulator, game):
+    with Player(simulator, game, 2) as player:
+        player.play(3)
+        for message, kind in zip(player.ask(reset()).behaviours, player.spec.behaviours, strict=True):
+            step = unpack_step(message, kind, 2)
+            assert not step.rewards.any() and not message.HasField("ended")
+        player.play(3)
+
+
+@pytest.mark.parametrize(("game", "name", "value"), [("hybrid", "drift", 0.0), ("shooting_birds", "bird_speed", 4.0)])
+def test_parameters_may_change_at_a_reset_and_keep_their_values_otherwise(simulator, game, name, value):
+    def play(reset_with=None, **start_with):
+        with Player(simulator, game, 2, **start_with) as player:
+            if reset_with is not None:
+                player.play(3)
+                player.random = [np.random.default_rng([7, arena]) for arena in range(2)]
+                player.ask(reset(seed=1, parameters=reset_with))
+            return player.play(60)
+
+    usual, changed = play(), play(parameters={name: value})
+    assert changed != usual
+    assert play(reset_with={name: value}) == changed
+    assert play(reset_with={}) == usual
+    assert play(reset_with={}, parameters={name: value}) == changed
+
+
+def test_a_reset_with_a_wrong_parameter_is_refused(simulator):
+    for parameters, text in (
+        ({"wind": 1.0}, "hybrid: unknown parameter 'wind', expected one of drift"),
+        ({"drift": np.nan}, "hybrid: parameter 'drift' got nan, expected 0..2"),
+    ):
+        came = refused(simulator, start("hybrid"), reset(parameters=parameters))
+        assert came == (StatusCode.INVALID_ARGUMENT, text)
+
+
+# --------------------------------------------------------------------------------------------------- snapshots
+
+
+@pytest.mark.parametrize("game", BUILT_IN)
+def test_a_session_goes_on_from_a_snapshot_to_the_same_bytes(simulator, game):
+    how = {"options": {"rules": "corrected"}, "seed": LARGEST_SEED, "first_arena": 7}
+    with Player(simulator, game, 3, **how) as player:
+        player.play(20)
+        snapshot, now, random = player.save(), player.step, player.random
+        size = player.spec.snapshot_bytes_per_arena
+        assert sum(map(len, snapshot.parts.values())) <= 3 * size
+        states = [generator.bit_generator.state for generator in random]
+        wanted = player.play(20)
+        assert player.save() != snapshot
+    with Player(simulator, game, 3, **how, snapshot=snapshot) as player:
+        for generator, state in zip(player.random, states, strict=True):
+            generator.bit_generator.state = state
+        assert observed(player.step) == observed(now)
+        assert player.save() == snapshot
+        assert player.play(20) == wanted
+
+
+def observed(step):
+    return [[tensor.data for tensor in part.observations] for part in step.behaviours]
+
+
+def test_a_game_without_snapshots_cannot_be_saved_nor_restored(simulator):
+    wanted = (
+        StatusCode.FAILED_PRECONDITION,
+        "hybrid has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead",
+    )
+    assert refused(simulator, start("hybrid"), SAVE) == wanted
+    assert refused(simulator, start("hybrid", snapshot=pb.Snapshot())) == wanted
+
+
+@pytest.fixture(scope="module", params=BUILT_IN)
+def saved(request, simulator):
+    """Return a game and a snapshot of two arenas of it, seed 1."""
+    with Player(simulator, request.param) as player:
+        player.play(3)
+        return request.param, player.save()
+
+
+def damaged(snapshot, name, data):
+    copy = pb.Snapshot()
+    copy.CopyFrom(snapshot)
+    copy.parts[name] = data
+    return copy
+
+
+def test_a_snapshot_fits_only_a_session_that_was_started_alike(simulator, saved):
+    game, snapshot = saved
+    with Player(simulator, game, snapshot=snapshot) as player:
+        player.play(1)
+    for other in ({"seed": 2}, {"first_arena": 1}, {"options": {"rules": "corrected"}}):
+        code, text = refused(simulator, start(game, snapshot=snapshot, **other))
+        assert code == StatusCode.INVALID_ARGUMENT
+        assert text.startswith("snapshot is of a session that was started otherwise; repeat its game, options,")
+    for arenas in (1, 3):
+        code, text = refused(simulator, start(game, arenas, snapshot=snapshot))
+        assert code == StatusCode.INVALID_ARGUMENT
+        assert text.startswith("snapshot part ") and text.endswith(" for this session")
+    elsewhere = next(name for name in BUILT_IN if name != game)
+    assert refused(simulator, start(elsewhere, snapshot=snapshot))[0] == StatusCode.INVALID_ARGUMENT
+
+
+def test_a_default_spelled_out_is_the_same_start(simulator, saved):
+    game, snapshot = saved
+    with Player(simulator, game, options={"rules": "original"}, snapshot=snapshot) as player:
+        player.play(1)
+
+
+def test_a_snapshot_has_all_parts_and_no_others(simulator, saved):
+    game, snapshot = saved
+    for name in snapshot.parts:
+        copy = damaged(snapshot, name, b"")
+        del copy.parts[name]
+        code, text = refused(simulator, start(game, snapshot=copy))
+        assert code == StatusCode.INVALID_ARGUMENT and text.startswith("snapshot has parts ")
+    code, text = refused(simulator, start(game, snapshot=damaged(snapshot, "luck", b"7")))
+    assert code == StatusCode.INVALID_ARGUMENT and "'luck'" in text
+    assert refused(simulator, start(game, snapshot=pb.Snapshot()))[0] == StatusCode.INVALID_ARGUMENT
+
+
+def test_a_part_of_another_length_is_refused(simulator, saved):
+    game, snapshot = saved
+    for name in snapshot.parts.keys() - {"origin"}:
+        for data in (b"", snapshot.parts[name][:-1], snapshot.parts[name] + b"\0"):
+            code, text = refused(simulator, start(game, snapshot=damaged(snapshot, name, data)))
+            assert code == StatusCode.INVALID_ARGUMENT
+            assert text.startswith(f"snapshot part {name!r} has {len(data)} bytes, expected ")
+
+
+def test_garbage_in_a_snapshot_is_refused_or_played_and_never_brings_the_server_down(simulator, saved):
+    game, snapshot = saved
+    random = np.random.default_rng(3)
+    outcomes = set()
+    for name in sorted(snapshot.parts):
+        length = len(snapshot.parts[name])
+        for data in (b"\0" * length, b"\xff" * length, b"\x7f" * length, *(random.bytes(length) for _ in range(3))):
+            request = start(game, snapshot=damaged(snapshot, name, data))
+            with Stream(simulator) as stream:
+                try:
+                    stream.ask(request)
+                except grpc.RpcError as error:
+                    outcomes.add(error.code())
+                    text = error.details()
+                    assert text.startswith("snapshot")
+                else:
+                    outcomes.add(StatusCode.OK)
+                    stream.ask(reset())
+                    stream.ask(SAVE)
+    assert StatusCode.INVALID_ARGUMENT in outcomes
+    assert outcomes <= {StatusCode.INVALID_ARGUMENT, StatusCode.OK}
+
+
+# ------------------------------------------------------------------------------------------- games that fail
+
+
+def test_a_game_that_fails_ends_its_session_and_no_other(simulator):
+    with Player(simulator, "hybrid", 3) as undisturbed:
+        wanted = undisturbed.play(8)
+    with Player(simulator, "hybrid", 3) as player, Stream(simulator) as failing:
+        came = player.play(4)
+        failing.ask(start("raises"))
+        failing.ask(press())
+        failing.ask(press())
+        code, text = failing.refusal(press())
+        came += player.play(4)
+    assert code == StatusCode.INTERNAL
+    assert text == (
+        "raises failed in step 3: arena 0: ZeroDivisionError: division by zero; the traceback is in the server's log"
+    )
+    assert came == wanted
+
+
+@pytest.mark.parametrize("fault", sorted(set(FAULTS) - {"spec without sensors", "describe fails"}))
+def test_no_mistake_of_a_game_travels_as_data_or_blames_the_client(simulator, fault):
+    at_start = fault in ("end at reset", "start fails")
+    request = start("faulty", options={"fault": fault, "armed": "yes"})
+    code, text = refused(simulator, *([request] if at_start else [request, press(draw=[0])]))
+    assert code == StatusCode.INTERNAL
+    assert text.startswith(f"faulty failed in step {0 if at_start else 1}: arena 0: ")
+    assert FAULTS[fault] in text and text.endswith("; the traceback is in the server's log")
+
+
+def test_a_game_without_a_fault_plays_on(simulator):
+    with Stream(simulator) as stream:
+        stream.ask(start("faulty", options={"armed": "yes"}))
+        assert len(stream.ask(press(draw=[0])).step.pictures) == 1
+
+
+class Unnamed(Game):
+    """A game that somebody forgot to name."""
+
+    description = "nothing"
+
+    @classmethod
+    def describe(cls, options):
+        return spec(cls, [behaviour("player", sensors=[sensor("s", [1])], branches=[button("b")])])
+
+    def reset(self):
+        raise NotImplementedError
+
+    def step(self, action):
+        raise NotImplementedError
+
+
+class BrokenChoice(Unnamed):
+    """A game whose spec is broken under one choice of an option."""
+
+    name = "broken_choice"
+    options = (pb.Option(name="agents", choices=["one", "none"], default_choice="one"),)
+
+    @classmethod
+    def describe(cls, options):
+        return spec(cls, [
+            behaviour("p", sensors=[sensor("s", [1])], branches=[button("b")], agents=int(options["agents"] == "one"))
+        ])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        ("nowhere", "game 'nowhere' cannot be imported"),
+        ("nowhere:Game", "game 'nowhere:Game' cannot be imported"),
+        ("tests.games:Chess", "game 'tests.games:Chess' cannot be imported"),
+        ("", "game '' cannot be imported"),
+        ("tests.games:PICTURE", "is not a class derived from simulator.game.Game or BatchedGame"),
+        ("tests.test_service:Unnamed", "game 'tests.test_service:Unnamed' cannot be described: AttributeError"),
+        ("tests.test_service:BrokenChoice", "spec that breaks the contract: broken_choice.p: agents_per_arena is 0"),
+    ],
+)
+def test_a_game_that_cannot_be_served_is_refused_before_the_server_starts(place, text):
+    with pytest.raises(CatalogueError) as caught:
+        load_games([place])
+    assert text in str(caught.value)
+
+
+def test_two_games_cannot_have_one_name():
+    with pytest.raises(CatalogueError, match="a game named 'hybrid' is already there; give this one another name"):
+        load_games(["tests.games:Hybrid", "tests.test_service:Namesake"])
+
+
+class Namesake(Unnamed):
+    """A game with another one's name."""
+
+    name = "hybrid"
+
+
+# -------------------------------------------------------------------------------------------- size and limits
+
+
+def test_a_message_larger_than_any_game_needs_is_refused(simulator):
+    for call in ({}, {"compression": grpc.Compression.Gzip}):
+        with Stream(simulator, **call) as stream:
+            code, text = stream.refusal(start("x" * 50_000_000))
+        assert code == StatusCode.RESOURCE_EXHAUSTED and "larger than max" in text
+    with Player(simulator, "ends") as player:
+        player.play(1)
+
+
+def test_long_names_are_refused_with_their_own_status_in_few_words(simulator):
+    for name in ("x" * 1_000_000, "ü" * 100_000, "🦆" * 100_000, "\x00\n%" * 100_000):
+        for code, text in (
+            refused(simulator, start(name)),
+            refused(simulator, start("hybrid", options={name: name})),
+            refused(simulator, start("hybrid", parameters={name: 1.0})),
+            refused(simulator, start("shooting_birds", snapshot=pb.Snapshot(parts={name: b""}))),
+        ):
+            assert code in (StatusCode.NOT_FOUND, StatusCode.INVALID_ARGUMENT)
+            assert repr(name)[:100] in text and len(text) < 700
+
+
+# ------------------------------------------------------------------------------------------------- companions
+
+
+def test_health_is_served_for_the_server_and_the_service(simulator):
+    with grpc.insecure_channel(simulator) as channel:
+        stub = health_pb2_grpc.HealthStub(channel)
+        for name in ("", "joybridge.v1.Simulator"):
+            answer = stub.Check(health_pb2.HealthCheckRequest(service=name), timeout=SECONDS)
+            assert answer.status == health_pb2.HealthCheckResponse.SERVING
+        with pytest.raises(grpc.RpcError) as caught:
+            stub.Check(health_pb2.HealthCheckRequest(service="chess"), timeout=SECONDS)
+        assert caught.value.code() == StatusCode.NOT_FOUND
+
+
+def test_reflection_tells_the_whole_contract(simulator):
+    with grpc.insecure_channel(simulator) as channel:
+        database = ProtoReflectionDescriptorDatabase(channel)
+        assert set(database.get_services()) == {
+            "joybridge.v1.Simulator", "grpc.health.v1.Health", "grpc.reflection.v1alpha.ServerReflection",
+        }  # fmt: skip
+        file = database.FindFileContainingSymbol("joybridge.v1.Simulator")
+        assert file.SerializeToString() == pb.DESCRIPTOR.serialized_pb
+
+
+# -------------------------------------------------------------------------------------- processes and addresses
+
+
+class Server(subprocess.Popen[str]):
+    """A server process; `address` is where it says that it listens, or empty if it ended."""
+
+    def __init__(self, *arguments, **streams):
+        command = [sys.executable, "-m", "simulator", "serve", *arguments]
+        super().__init__(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, **streams)
+        assert self.stdout is not None
+        self.address = self.stdout.readline().removeprefix("joybridge simulator listening on ").strip()
+
+
+@contextmanager
+def server(*arguments, **streams) -> Iterator[Server]:
+    process = Server(*arguments, **streams)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def end(process) -> tuple[int, str]:
+    """Wait for a process to end by itself and return its exit status and what it wrote to standard error."""
+    _, text = process.communicate(timeout=SECONDS)
+    return process.returncode, text or ""
+
+
+def refuses_to_start(*arguments, **streams) -> str:
+    """Return the last line of a server that must not start."""
+    with server(*arguments, stderr=subprocess.PIPE, **streams) as process:
+        assert not process.address
+        status, text = end(process)
+    assert status == 2 and "Traceback" not in text
+    return text.splitlines()[-1]
+
+
+def games(*places):
+    return [argument for place in places for argument in ("--game", place)]
+
+
+def test_port_0_is_a_free_port_that_is_told(simulator):
+    host, port = simulator.rsplit(":", 1)
+    assert host == "127.0.0.1" and int(port) > 0
+    with socket.create_connection((host, int(port)), SECONDS):
+        pass
+
+
+def test_a_port_in_use_is_an_error_that_says_so(simulator):
+    text = refuses_to_start("--address", simulator)
+    assert text == f"error: cannot listen on {simulator}: is it in use, or not an address of this machine?"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=["SIGTERM", "SIGINT"])
+def test_a_signal_ends_health_then_sessions_then_the_server(number):
+    with server("--address", "127.0.0.1:0", *games("tests.games:Ends"), stderr=subprocess.PIPE) as process:
+        with (
+            grpc.insecure_channel(process.address) as channel,
+            Stream(process.address) as playing,
+            Stream(process.address) as waiting,
+        ):
+            playing.ask(start("ends"))
+            playing.ask(press())
+            assert waiting.ask(start("shooting_birds")).started.spec.name == "shooting_birds"
+            watch = health_pb2_grpc.HealthStub(channel).Watch(
+                health_pb2.HealthCheckRequest(service="joybridge.v1.Simulator"), timeout=SECONDS
+            )
+            assert next(watch).status == health_pb2.HealthCheckResponse.SERVING
+            process.send_signal(number)
+            assert next(watch).status == health_pb2.HealthCheckResponse.NOT_SERVING
+            watch.cancel()
+            assert playing.end() == waiting.end() == (StatusCode.UNAVAILABLE, "the simulator is shutting down")
+        status, text = end(process)
+    assert status == 0
+    assert "shutting down: 2 open sessions end with UNAVAILABLE" in text and "Traceback" not in text
+
+
+def test_a_unix_socket_carries_the_same_bytes_and_can_be_used_again_after_a_crash(simulator, tmp_path):
+    address = f"unix:{tmp_path}/simulator.sock"
+    with server("--address", address, *games(*PLACES)) as process:
+        assert process.address == address
+        for game in GOOD:
+            with Player(address, game) as one, Player(simulator, game) as other:
+                assert one.play(12) == other.play(12)
+        assert refuses_to_start("--address", address) == f"error: cannot listen on {address}: another server does"
+        with Player(address, "ends") as player:
+            player.play(1)
+    assert (tmp_path / "simulator.sock").exists()  # the server was killed
+    with server("--address", address) as process:
+        assert describe(address, "shooting_birds").name == "shooting_birds"
+        process.terminate()
+        assert end(process)[0] == 0
+    assert not (tmp_path / "simulator.sock").exists()
+
+
+CLIENT = """
+import sys
+from tests.wire import Stream, start
+stream = Stream(sys.argv[1])
+stream.ask(start("shooting_birds"))
+print("playing", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_sessions_are_limited_and_one_that_ends_makes_room_however_it_ends():
+    arguments = ["--address", "127.0.0.1:0", "--sessions", "2", "--with-parent"]
+    with server(*arguments, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        address = process.address
+        client = [sys.executable, "-c", CLIENT, address]
+        full = (
+            StatusCode.RESOURCE_EXHAUSTED,
+            "2 sessions are open already; close one or start the server with --sessions",
+        )
+        with Player(address, "shooting_birds") as first:
+            with subprocess.Popen(client, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+                assert child.stdout is not None and child.stdout.readline() == "playing\n"
+                assert refused(address, start("shooting_birds")) == full
+                assert describe(address, "shooting_birds").name == "shooting_birds"  # only sessions are limited
+                child.kill()
+            with room(address) as second:
+                first.play(1)
+                assert refused(address, start("shooting_birds")) == full
+                second.close()
+                with room(address):
+                    first.play(1)
+            with room(address) as third:
+                third.refusal(pb.PlayRequest())
+                with room(address):
+                    first.play(1)
+            assert process.stdin is not None
+            process.stdin.close()  # as if its parent had died
+            assert first.stream.end() == (StatusCode.UNAVAILABLE, "the simulator is shutting down")
+        process.stdin = None
+        assert end(process)[0] == 0
+
+
+def room(address) -> Stream:
+    """Return a started session as soon as the server has noticed that another one has gone."""
+    deadline = time.monotonic() + SECONDS
+    while True:
+        stream = Stream(address)
+        try:
+            stream.ask(start("shooting_birds"))
+        except grpc.RpcError as error:
+            stream.close()
+            if error.code() != StatusCode.RESOURCE_EXHAUSTED or time.monotonic() > deadline:
+                raise
+            time.sleep(0.01)
+        else:
+            return stream
+
+
+def test_a_parent_is_watched_through_a_pipe_and_nothing_else():
+    text = refuses_to_start("--address", "127.0.0.1:0", "--with-parent", stdin=subprocess.DEVNULL)
+    assert text == "error: --with-parent watches standard input, which must be a pipe or a terminal"
+
+
+def test_a_game_that_cannot_be_served_keeps_the_server_from_starting():
+    text = refuses_to_start("--address", "127.0.0.1:0", "--game", "tests.games:Chess")
+    assert text.startswith("error: game 'tests.games:Chess' cannot be imported (")
