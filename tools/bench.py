@@ -1,15 +1,17 @@
 """How fast it is on this machine: medians over windows, with their spread.
 
-python tools/bench.py [simulator | wire | learner | train | all] [--json]
+python tools/bench.py [simulator | wire | learner | train | peers | all] [--json]
 
 simulator   a game alone, in this process, by number of arenas
 wire        simulator process and client with random actions, and the round trip of one arena
 learner     sample passes of an update, beside the bare matrix products of the same shapes
 train       all of it: what `python -m trainer train` reaches
+peers       the same beside Stable-Baselines3's PPO and a Gymnasium AsyncVectorEnv, on the same game
 """
 
 import argparse
 import json
+import math
 import os
 import platform
 import statistics
@@ -17,10 +19,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
+from gymnasium.vector import AsyncVectorEnv
 
 from joybridge.codec import ActArrays
 from joybridge.spec import choose_options
@@ -30,6 +34,7 @@ from trainer.actions import make_layouts
 from trainer.client import Session
 from trainer.config import load_config
 from trainer.gradient import ClosedFormGradient
+from trainer.gym import BridgeEnv, BridgeVectorEnv
 from trainer.launch import simulator_process
 from trainer.networks import Network, flatten_parameters
 from trainer.ppo import Batch, Coefficients, Gradient, Update, autograd_gradient
@@ -200,7 +205,50 @@ def bench_train(transitions: int = 1_500_000) -> Figures:
     return figures
 
 
-BENCHES = {"simulator": bench_simulator, "wire": bench_wire, "learner": bench_learner, "train": bench_train}
+def bench_peers() -> Figures:
+    """Transitions per second of others on Shooting Birds bucket-11, and of ours beside them in the same session."""
+    from tools.sb3_example import make_model
+
+    figures = bench_train(450_000)
+    ours = figures["shooting_birds/bucket-11, transitions/s"]["median"]
+    figures = {"Joybridge, trained, transitions/s": figures["shooting_birds/bucket-11, transitions/s"]}
+    for arenas in (15, 75):
+        envs = BridgeVectorEnv("shooting_birds", arenas)
+        model = make_model(envs, 0)
+        rates: list[float] = []
+        for window in range(4):
+            begin = time.perf_counter()
+            steps = 59 * arenas * math.ceil(30_000 / (59 * arenas))
+            model.learn(steps, reset_num_timesteps=window == 0)
+            rates.append(steps / (time.perf_counter() - begin))
+        envs.close()
+        rates = rates[1:]
+        name = f"Stable-Baselines3 PPO, {arenas} arenas"
+        median = statistics.median(rates)
+        figures[f"{name}, trained, transitions/s"] = {"median": median, "low": min(rates), "high": max(rates)}
+        figures[f"Joybridge / {name}"] = {"median": ours / median, "low": ours / max(rates), "high": ours / min(rates)}
+    with simulator_process() as address:
+        makers = [partial(BridgeEnv, "shooting_birds", simulator=address) for _ in range(4)]
+        vector = AsyncVectorEnv(makers, context="spawn")
+        vector.reset(seed=0)
+
+        def work() -> float:
+            for _ in range(100):
+                vector.step(vector.action_space.sample())
+            return 400.0
+
+        figures["Gymnasium AsyncVectorEnv, 4 processes, random actions, agent-steps/s"] = measure(work)
+        vector.close()
+    return figures
+
+
+BENCHES = {
+    "simulator": bench_simulator,
+    "wire": bench_wire,
+    "learner": bench_learner,
+    "train": bench_train,
+    "peers": bench_peers,
+}
 
 
 def machine() -> str:

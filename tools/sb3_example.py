@@ -94,6 +94,15 @@ class Report(BaseCallback):
         return True
 
 
+def make_model(envs: BridgeVectorEnv, seed: int) -> PPO:
+    """Return a PPO configured as configs/shooting_birds/bucket-11.yaml; its network has a critic of its own."""
+    return PPO(
+        "MlpPolicy", BridgeVecEnv(envs), seed=seed, device="cpu",
+        n_steps=59, batch_size=256, n_epochs=4, learning_rate=3.25e-4, ent_coef=0.05,
+        policy_kwargs={"net_arch": [100, 100], "activation_fn": torch.nn.SiLU},
+    )  # fmt: skip
+
+
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description="Train Shooting Birds with Stable-Baselines3's PPO.")
@@ -104,12 +113,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)  # networks this small are slower with more
     envs = BridgeVectorEnv("shooting_birds", options.arenas, options.layout)
-    # As configs/shooting_birds/bucket-11.yaml; the network has a critic of its own.
-    model = PPO(
-        "MlpPolicy", BridgeVecEnv(envs), seed=options.seed, device="cpu",
-        n_steps=59, batch_size=256, n_epochs=4, learning_rate=3.25e-4, ent_coef=0.05,
-        policy_kwargs={"net_arch": [100, 100], "activation_fn": torch.nn.SiLU},
-    )  # fmt: skip
+    model = make_model(envs, options.seed)
     print(f"rewards are per episode of {envs.game_spec.max_episode_decisions} decisions")
     model.learn(options.transitions, Report(envs.game_spec.max_episode_decisions))
     envs.close()
