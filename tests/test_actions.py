@@ -99,7 +99,7 @@ def test_bucket_11_has_steps_of_a_fifth_and_the_papers_click_branch():
     assert layout.space.branches == (11, 11, 3)
     assert layout.labels[2] == ("shoot", "reload", "nothing")
     act = written(layout, [], [[0, 10, 0], [5, 6, 1], [1, 4, 2]])
-    np.testing.assert_allclose(act.axes, [[-1, 1], [0, 0.2], [-0.8, -0.2]], atol=1e-7)
+    np.testing.assert_allclose(act.axes, [[-1.0, 1.0], [0.0, 0.2], [-0.8, -0.2]], atol=1e-7)
     np.testing.assert_array_equal(act.choices, [[1, 0], [0, 1], [0, 0]])
 
 
@@ -116,7 +116,7 @@ def test_thresholds_press_above_0_or_within_their_size(value, pressed):
 
 def test_gaussian_axes_are_clipped_at_three_and_fill_the_range():
     act = written(make_layouts("hybrid", POINTER)[""], [[-CLIP, 1.5], [99, -99]], [[0, 0], [1, 1]])
-    np.testing.assert_allclose(act.axes, [[-1, 0.5], [1, -1]])
+    np.testing.assert_allclose(act.axes, [[-1.0, 0.5], [1.0, -1.0]])
 
 
 def test_multiagent_splits_axes_from_buttons():

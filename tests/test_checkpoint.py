@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
+from joybridge.tensors import Array
 from trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint, save_checkpoint
 
-ARRAYS = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "empty": np.zeros((0, 2)), "one": np.array(5)}
+ARRAYS: dict[str, Array] = {
+    "a": np.arange(6, dtype=np.float32).reshape(2, 3),
+    "empty": np.zeros((0, 2)),
+    "one": np.array(5),
+}
 
 
 def test_what_is_saved_comes_back(tmp_path):
@@ -39,7 +44,7 @@ def test_a_write_that_was_cut_off_is_ignored_and_then_replaced(tmp_path):
 def test_a_damaged_one_is_named_with_what_to_do(name, tmp_path):
     folder = save_checkpoint(tmp_path, ARRAYS, {"transitions": 5})
     (folder / name).write_bytes(b"\x00garbage")
-    with pytest.raises(CheckpointError, match="000000000005 cannot be read .* delete it to use the one before"):
+    with pytest.raises(CheckpointError, match=r"000000000005 cannot be read .* delete it to use the one before"):
         load_checkpoint(tmp_path)
 
 

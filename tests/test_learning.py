@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.learning_games import LENGTH
-from trainer.config import Config, PolicyConfig
+from trainer.config import Config, PolicyConfig, load_config
 from trainer.evaluate import evaluate
 from trainer.launch import simulator_process
 from trainer.train import train
@@ -61,3 +61,13 @@ def test_plain_autograd_learns_it_too(address, tmp_path):
 
 def test_an_untrained_policy_does_not_reach_it(address, tmp_path):
     assert learn(address, tmp_path / "run", "identity_hybrid", "hybrid", 512, learning_rate=1e-9) < 0.75
+
+
+def test_two_behaviours_learn_side_by_side_each_with_its_own_policy(address, tmp_path):
+    config = load_config(Path(__file__).parents[1] / "configs/ferry/hybrid.yaml")
+    train(config, tmp_path / "run", [address], resume=False, report=lambda *_: None)
+    scores = evaluate(tmp_path / "run", address, episodes=32, seed=5, deterministic=True, say=lambda _: None)
+    # 60 decisions per episode: a lookout earns 1 each without fail; the helmsman must first reach each gate.
+    assert scores["lookout"].means["reward"] > 59
+    assert scores["lookout"].episodes == 2 * scores["helmsman"].episodes
+    assert scores["helmsman"].means["reward"] > 48

@@ -93,6 +93,9 @@ def test_masks_are_kept_from_the_first_one_on():
     assert rollout.set_masks(None) is None
     add(rollout, [2, 20])
     row = rollout.set_masks([np.array([[True, False], [True, True]])])
-    assert (row < 0).tolist() == [[[False, True]], [[False, False]]]
+    assert row is not None
+    assert (row < 0.0).tolist() == [[[False, True]], [[False, False]]]
     add(rollout, [3, 30])
-    assert not rollout.set_masks(None).any()
+    row = rollout.set_masks(None)
+    assert row is not None
+    assert not row.any()

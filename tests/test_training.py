@@ -128,7 +128,7 @@ def test_a_simulator_killed_in_the_middle_gives_an_error_a_checkpoint_and_an_exa
     own = server.stdout.readline().split()[-1]
     process = start_and_wait_for_a_row(tmp_path / "run", *SMALL, "--simulator", own)
     server.kill()
-    output, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=60)
     server.wait()
     server.stdout.close()
     assert process.returncode == 1

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from joybridge.codec import ActArrays
+from joybridge.codec import ActArrays, lane_count
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -156,6 +156,23 @@ def make_layouts(name: str, device: pb.Device) -> dict[str, Layout]:
         f"unknown layout {name!r}, expected hybrid, multiagent, bucket-N with N of at least 2, "
         "or threshold-T with T in 0.0..1.0"
     )
+
+
+def policy_name(behaviour: str, part: str, *, alone: bool) -> str:
+    """Return the name of the policy that holds `part` ("": all) of a behaviour's device."""
+    if not part:
+        return behaviour
+    return part if alone else f"{behaviour}-{part}"
+
+
+def make_acts(spec: pb.GameSpec, arenas: int) -> list[ActArrays]:
+    """Return arrays for the actions of all lanes, at rest: axes as near to 0 as they go, first choices."""
+    acts = []
+    for behaviour in spec.behaviours:
+        lanes, device = lane_count(behaviour, arenas), behaviour.device
+        rest = np.array([min(max(0.0, axis.low), axis.high) for axis in device.axes], np.float32)
+        acts.append(ActArrays(np.tile(rest, (lanes, 1)), np.zeros((lanes, len(device.branches)), np.int32)))
+    return acts
 
 
 def hybrid(device: pb.Device) -> Layout:

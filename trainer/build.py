@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from joybridge.codec import ActArrays, lane_count
 from joybridge.v1 import bridge_pb2 as pb
-from trainer.actions import LayoutError, make_layouts
+from trainer.actions import LayoutError, make_layouts, policy_name
 from trainer.config import Config, ConfigError
 from trainer.policy import Policy
 
@@ -35,23 +34,6 @@ def make_policies(config: Config, spec: pb.GameSpec, arenas: int) -> list[list[P
         if name not in names:
             raise ConfigError(f"policies: there is no policy {name!r}; this game and layout have {', '.join(names)}")
     return grouped
-
-
-def policy_name(behaviour: str, part: str, *, alone: bool) -> str:
-    """Return the name of the policy that holds `part` ("": all) of a behaviour's device."""
-    if not part:
-        return behaviour
-    return part if alone else f"{behaviour}-{part}"
-
-
-def make_acts(spec: pb.GameSpec, arenas: int) -> list[ActArrays]:
-    """Return arrays for the actions of all lanes, at rest: axes as near to 0 as they go, first choices."""
-    acts = []
-    for behaviour in spec.behaviours:
-        lanes, device = lane_count(behaviour, arenas), behaviour.device
-        rest = np.array([min(max(0.0, axis.low), axis.high) for axis in device.axes], np.float32)
-        acts.append(ActArrays(np.tile(rest, (lanes, 1)), np.zeros((lanes, len(device.branches)), np.int32)))
-    return acts
 
 
 def rollout_cycle(policies: Sequence[Policy]) -> int:

@@ -112,10 +112,7 @@ class Session:
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
-        step = self._receive("step").step
-        self.simulate_seconds = step.simulate_seconds
-        self.steps = self._unpack(step)
-        return self.steps
+        return self._take(self._receive("step").step)
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision. Raises SimulatorError."""
@@ -126,7 +123,7 @@ class Session:
         """Advance every arena by one decision; also return pictures, uint8 [height, width, 3], of some arenas."""
         self.send(acts, draw)
         step = self._receive("step").step
-        self.steps = self._unpack(step)
+        self._take(step)
         size = (self.spec.picture.height, self.spec.picture.width, 3)
         return self.steps, [unpack(picture, pb.UINT8, size, "step.pictures") for picture in step.pictures]
 
@@ -168,6 +165,12 @@ class Session:
             came = response.WhichOneof("response")
             raise SimulatorError(f"the simulator at {self.address} answered with {came}, expected {wanted}")
         return response
+
+    def _take(self, step: pb.Step) -> list[StepArrays]:
+        """Keep what followed a decision."""
+        self.simulate_seconds = step.simulate_seconds
+        self.steps = self._unpack(step)
+        return self.steps
 
     def _unpack(self, step: pb.Step) -> list[StepArrays]:
         behaviours = self.spec.behaviours

@@ -6,7 +6,8 @@ from pathlib import Path
 from joybridge.codec import ActArrays, StepArrays
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
-from trainer.build import make_acts, make_policies
+from trainer.actions import make_acts
+from trainer.build import make_policies
 from trainer.checkpoint import load_checkpoint
 from trainer.config import Config, load_config
 from trainer.policy import Policy

@@ -15,7 +15,8 @@ import numpy as np
 import torch
 
 from joybridge.tensors import Array
-from trainer.build import make_acts, make_policies, rollout_cycle
+from trainer.actions import make_acts
+from trainer.build import make_policies, rollout_cycle
 from trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from trainer.client import describe
 from trainer.config import Config, ConfigError, dump_config, load_config

@@ -3,4 +3,5 @@
 BUILT_IN = {
     "beastly_rivals": "simulator.games.beastly_rivals.game:BeastlyRivals",
     "shooting_birds": "simulator.games.shooting_birds.game:ShootingBirds",
+    "ferry": "simulator.games.ferry.game:Ferry",
 }

@@ -1,0 +1,1 @@
+"""Ferry: a small game of two behaviours, for teaching and tests."""
