@@ -1,4 +1,4 @@
-"""Tiny author's games: what the tests let the real server run besides its own.
+"""Tiny games: what the tests let the real server run besides its own.
 
 A server gets them with `--game tests.games:CLASS`; PLACES lists all of them.
 """
@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from joybridge.v1 import bridge_pb2 as pb
+from simulator.batch import BatchedGame, quiet_step
 from simulator.game import (
     Game,
     axis,
@@ -199,6 +200,7 @@ FAULTS = {
     "words that no wire carries": "ValueError",
     "picture of another size": "draw",
     "picture of floats": "draw",
+    "exit while drawing": "SystemExit: 4",
     "end at reset": "reset",
     "start fails": "ZeroDivisionError",
     "spec without sensors": "no sensors",
@@ -271,9 +273,85 @@ class Faulty(Game):
         match self.option["fault"]:
             case "picture of another size":
                 return np.zeros((width, height, 3), np.uint8)
+            case "exit while drawing":
+                raise SystemExit(4)
             case "picture of floats":
                 return np.zeros((height, width, 3))
         return np.zeros((height, width, 3), np.uint8)
 
 
-PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Raises, Faulty)]
+class Batch(BatchedGame):
+    """A game over all arenas at once, which may break what a service expects of it."""
+
+    name = "batch"
+    description = "Wait; and sometimes fail."
+
+    @classmethod
+    def options(cls):
+        return [pb.Option(name="fault", choices=["none", "exit", "doubles"], default_choice="none")]
+
+    @classmethod
+    def describe(cls, options):
+        return pb.GameSpec(
+            name=cls.name,
+            description=cls.description,
+            options=cls.options(),
+            behaviours=[behaviour("player", sensors=[sensor("sight", [2])], branches=[button("press")])],
+            decision_interval=1,
+            max_arenas=8,
+        )
+
+    def __init__(self, options, parameters, arenas, first_arena, seed):
+        self.fault, self.arenas = options["fault"], arenas
+
+    def reset(self, seed, parameters):
+        pass
+
+    def observe(self):
+        return [quiet_step([np.zeros((self.arenas, 2), np.float32)], 1)]
+
+    def step(self, acts):
+        if self.fault == "exit":
+            raise SystemExit(5)
+        return [quiet_step([np.zeros((self.arenas, 2), float if self.fault == "doubles" else np.float32)], 1)]
+
+
+# ------------------------------------------------------------------------ games that no server can begin to serve
+
+
+class Unnamed(Game):
+    """A game that somebody forgot to name."""
+
+    description = "nothing"
+
+    @classmethod
+    def describe(cls, options):
+        return spec(cls, [behaviour("player", sensors=[sensor("sight", [1])], branches=[button("press")])])
+
+    def reset(self):
+        raise NotImplementedError
+
+    def step(self, action):
+        raise NotImplementedError
+
+
+class Namesake(Unnamed):
+    """A game with another one's name."""
+
+    name = "hybrid"
+
+
+class BrokenChoice(Unnamed):
+    """A game whose spec breaks the contract under one choice of an option."""
+
+    name = "broken_choice"
+    options = (pb.Option(name="agents", choices=["one", "none"], default_choice="one"),)
+
+    @classmethod
+    def describe(cls, options):
+        agents = int(options["agents"] == "one")
+        player = behaviour("player", sensors=[sensor("sight", [1])], branches=[button("press")], agents=agents)
+        return spec(cls, [player])
+
+
+PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Raises, Faulty, Batch)]

@@ -454,6 +454,7 @@ def test_a_parameter_outside_its_range_is_refused(value):
 def test_the_limits_of_a_message_hold_the_largest_that_a_spec_allows(arenas, seed, large):
     spec = Hybrid.describe({"size": "large" if large else "small", "masks": "on"})
     spec.behaviours[0].agents_per_arena = 3
+    spec.behaviours[0].sensors[2].shape[:] = [60, 40]
     spec.snapshot_bytes_per_arena = 1000
     spec.behaviours[0].sensors[0].description = "long " * 100_000
     behaviour, random = spec.behaviours[0], np.random.default_rng(seed)

@@ -22,13 +22,14 @@ from joybridge.tensors import pack, unpack
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from simulator.catalogue import CatalogueError, load_games
-from simulator.game import Game, behaviour, button, sensor, spec
+from simulator.games import BUILT_IN
 from tests.games import FAULTS, PICTURE, PLACES
 from tests.wire import SAVE, SECONDS, Player, Stream, act, describe, record, refused, reset, rows, start
 
 ROOT = Path(__file__).parents[1]
-OWN = ["hybrid", "duel", "ends", "raises", "faulty"]
-BUILT_IN = ["beastly_rivals", "shooting_birds"]
+OWN = ["hybrid", "duel", "ends", "raises", "faulty", "batch"]
+PAPER = ["beastly_rivals", "shooting_birds"]  # the built-in games that draw themselves and save their state
+LISTED = [*BUILT_IN, *OWN]
 GOOD = ["hybrid", "duel", "ends", *BUILT_IN]
 LARGEST_SEED = 2**64 - 1
 
@@ -58,7 +59,7 @@ def test_the_games_are_listed_and_described_as_they_say(simulator):
     with grpc.insecure_channel(simulator) as channel:
         stub = rpc.SimulatorStub(channel)
         games = stub.ListGames(pb.ListGamesRequest(), timeout=SECONDS).games
-        assert [game.name for game in games] == [*BUILT_IN, *OWN]
+        assert [game.name for game in games] == LISTED
         for game in games:
             spec = stub.DescribeGame(pb.DescribeGameRequest(game=game.name), timeout=SECONDS).spec
             check_spec(spec)
@@ -73,7 +74,7 @@ def unary_refusal(address, method, request):
 
 def test_an_unknown_game_is_not_found_by_its_name(simulator):
     for game in ("chess", "", "Hybrid", "hybrid ", "tests.games:Hybrid"):
-        wanted = (StatusCode.NOT_FOUND, f"no game named {game!r}; this server has {', '.join(BUILT_IN + OWN)}")
+        wanted = (StatusCode.NOT_FOUND, f"no game named {game!r}; this server has {', '.join(LISTED)}")
         assert unary_refusal(simulator, "DescribeGame", pb.DescribeGameRequest(game=game)) == wanted
         assert refused(simulator, start(game)) == wanted
 
@@ -336,8 +337,8 @@ def test_a_game_without_a_picture_cannot_be_drawn(simulator):
     assert code == StatusCode.FAILED_PRECONDITION and text == "ends cannot be drawn; leave act.draw empty"
 
 
-@pytest.mark.parametrize("game", BUILT_IN)
-def test_the_built_in_games_draw_what_their_spec_says(simulator, game):
+@pytest.mark.parametrize("game", PAPER)
+def test_the_games_of_the_paper_draw_what_their_spec_says(simulator, game):
     with Player(simulator, game, 2) as player:
         size = player.spec.picture.height, player.spec.picture.width, 3
         pictures = player.ask(act(*player.acts(), draw=[1, 0])).pictures
@@ -362,7 +363,7 @@ def test_the_same_seed_plays_the_same_game_beside_other_sessions(simulator, game
     assert came == wanted and len(set(wanted)) > 1
 
 
-@pytest.mark.parametrize("game", ["hybrid", "duel", *BUILT_IN])
+@pytest.mark.parametrize("game", ["hybrid", "duel", *PAPER])
 def test_every_bit_of_a_seed_counts(simulator, game):
     def first(seed):
         with Player(simulator, game, seed=seed) as player:
@@ -385,7 +386,7 @@ def test_sessions_that_share_a_seed_play_what_one_large_session_would(simulator,
     assert [one + other for one, other in zip(left, right, strict=True)] == large
 
 
-@pytest.mark.parametrize("game", ["hybrid", "duel", *BUILT_IN])
+@pytest.mark.parametrize("game", ["hybrid", "duel", *PAPER])
 def test_arenas_differ_up_to_the_last_number(simulator, game):
     last = 2**32 - 1
     with Player(simulator, game, 3, first_arena=last) as player:
@@ -395,19 +396,19 @@ def test_arenas_differ_up_to_the_last_number(simulator, game):
         assert list(rows(player.step, player.spec, 1)) == third
 
 
+@pytest.mark.parametrize("seed", [0, LARGEST_SEED])
 @pytest.mark.parametrize("game", GOOD)
-def test_a_reset_with_a_seed_plays_what_a_new_session_would(simulator, game):
-    with Player(simulator, game, 3, seed=LARGEST_SEED) as new:
+def test_a_reset_with_a_seed_plays_what_a_new_session_would(simulator, game, seed):
+    with Player(simulator, game, 3, seed=seed) as new:
         wanted = [record(new.step), *new.play(12)]
     with Player(simulator, game, 3) as player:
         player.play(17)
-        player.random = [np.random.default_rng([7, arena]) for arena in range(3)]
-        assert [record(player.ask(reset(seed=LARGEST_SEED))), *player.play(12)] == wanted
-        player.random = [np.random.default_rng([7, arena]) for arena in range(3)]
-        assert [record(player.ask(reset(seed=LARGEST_SEED))), *player.play(12)] == wanted
+        for _ in range(2):
+            player.random = [np.random.default_rng([7, arena]) for arena in range(3)]
+            assert [record(player.ask(reset(seed=seed))), *player.play(12)] == wanted
 
 
-@pytest.mark.parametrize("game", ["hybrid", "duel", *BUILT_IN])
+@pytest.mark.parametrize("game", ["hybrid", "duel", *PAPER])
 def test_a_reset_without_a_seed_goes_on_with_the_random_streams(simulator, game):
     def firsts():
         with Player(simulator, game, 3) as player:
@@ -456,7 +457,7 @@ def test_a_reset_with_a_wrong_parameter_is_refused(simulator):
 # --------------------------------------------------------------------------------------------------- snapshots
 
 
-@pytest.mark.parametrize("game", BUILT_IN)
+@pytest.mark.parametrize("game", PAPER)
 def test_a_session_goes_on_from_a_snapshot_to_the_same_bytes(simulator, game):
     how = {"options": {"rules": "corrected"}, "seed": LARGEST_SEED, "first_arena": 7}
     with Player(simulator, game, 3, **how) as player:
@@ -488,7 +489,7 @@ def test_a_game_without_snapshots_cannot_be_saved_nor_restored(simulator):
     assert refused(simulator, start("hybrid", snapshot=pb.Snapshot())) == wanted
 
 
-@pytest.fixture(scope="module", params=BUILT_IN)
+@pytest.fixture(scope="module", params=PAPER)
 def saved(request, simulator):
     """Return a game and a snapshot of two arenas of it, seed 1."""
     with Player(simulator, request.param) as player:
@@ -515,7 +516,7 @@ def test_a_snapshot_fits_only_a_session_that_was_started_alike(simulator, saved)
         code, text = refused(simulator, start(game, arenas, snapshot=snapshot))
         assert code == StatusCode.INVALID_ARGUMENT
         assert text.startswith("snapshot part ") and text.endswith(" for this session")
-    elsewhere = next(name for name in BUILT_IN if name != game)
+    elsewhere = next(name for name in PAPER if name != game)
     assert refused(simulator, start(elsewhere, snapshot=snapshot))[0] == StatusCode.INVALID_ARGUMENT
 
 
@@ -599,39 +600,21 @@ def test_no_mistake_of_a_game_travels_as_data_or_blames_the_client(simulator, fa
     assert FAULTS[fault] in text and text.endswith("; the traceback is in the server's log")
 
 
-def test_a_game_without_a_fault_plays_on(simulator):
+@pytest.mark.parametrize(
+    ("fault", "text"), [("exit", "SystemExit: 5"), ("doubles", "TensorError: an array of float64 cannot be sent")]
+)
+def test_no_mistake_of_a_batched_game_brings_the_server_down_or_blames_the_client(simulator, fault, text):
+    code, came = refused(simulator, start("batch", options={"fault": fault}), press())
+    assert code == StatusCode.INTERNAL and came.startswith(f"batch failed in step 1: {text}")
+
+
+def test_games_without_a_fault_play_on(simulator):
     with Stream(simulator) as stream:
         stream.ask(start("faulty", options={"armed": "yes"}))
         assert len(stream.ask(press(draw=[0])).step.pictures) == 1
-
-
-class Unnamed(Game):
-    """A game that somebody forgot to name."""
-
-    description = "nothing"
-
-    @classmethod
-    def describe(cls, options):
-        return spec(cls, [behaviour("player", sensors=[sensor("s", [1])], branches=[button("b")])])
-
-    def reset(self):
-        raise NotImplementedError
-
-    def step(self, action):
-        raise NotImplementedError
-
-
-class BrokenChoice(Unnamed):
-    """A game whose spec is broken under one choice of an option."""
-
-    name = "broken_choice"
-    options = (pb.Option(name="agents", choices=["one", "none"], default_choice="one"),)
-
-    @classmethod
-    def describe(cls, options):
-        return spec(cls, [
-            behaviour("p", sensors=[sensor("s", [1])], branches=[button("b")], agents=int(options["agents"] == "one"))
-        ])  # fmt: skip
+    with Stream(simulator) as stream:
+        stream.ask(start("batch"))
+        assert len(stream.ask(press()).step.behaviours) == 1
 
 
 @pytest.mark.parametrize(
@@ -642,8 +625,8 @@ class BrokenChoice(Unnamed):
         ("tests.games:Chess", "game 'tests.games:Chess' cannot be imported"),
         ("", "game '' cannot be imported"),
         ("tests.games:PICTURE", "is not a class derived from simulator.game.Game or BatchedGame"),
-        ("tests.test_service:Unnamed", "game 'tests.test_service:Unnamed' cannot be described: AttributeError"),
-        ("tests.test_service:BrokenChoice", "spec that breaks the contract: broken_choice.p: agents_per_arena is 0"),
+        ("tests.games:Unnamed", "game 'tests.games:Unnamed' cannot be described: AttributeError"),
+        ("tests.games:BrokenChoice", "spec that breaks the contract: broken_choice.player: agents_per_arena is 0"),
     ],
 )
 def test_a_game_that_cannot_be_served_is_refused_before_the_server_starts(place, text):
@@ -654,13 +637,7 @@ def test_a_game_that_cannot_be_served_is_refused_before_the_server_starts(place,
 
 def test_two_games_cannot_have_one_name():
     with pytest.raises(CatalogueError, match="a game named 'hybrid' is already there; give this one another name"):
-        load_games(["tests.games:Hybrid", "tests.test_service:Namesake"])
-
-
-class Namesake(Unnamed):
-    """A game with another one's name."""
-
-    name = "hybrid"
+        load_games(["tests.games:Hybrid", "tests.games:Namesake"])
 
 
 # -------------------------------------------------------------------------------------------- size and limits
@@ -789,8 +766,9 @@ def test_a_signal_ends_health_then_sessions_then_the_server(number):
     assert "shutting down: 2 open sessions end with UNAVAILABLE" in text and "Traceback" not in text
 
 
-def test_a_unix_socket_carries_the_same_bytes_and_can_be_used_again_after_a_crash(simulator, tmp_path):
-    address = f"unix:{tmp_path}/simulator.sock"
+def test_a_unix_socket_carries_the_same_bytes_and_can_be_used_again_after_a_crash(simulator, tmp_path_factory):
+    path = tmp_path_factory.mktemp("s") / "s"  # short: the path of a socket has about a hundred characters at most
+    address = f"unix:{path}"
     with server("--address", address, *games(*PLACES)) as process:
         assert process.address == address
         for game in GOOD:
@@ -799,12 +777,12 @@ def test_a_unix_socket_carries_the_same_bytes_and_can_be_used_again_after_a_cras
         assert refuses_to_start("--address", address) == f"error: cannot listen on {address}: another server does"
         with Player(address, "ends") as player:
             player.play(1)
-    assert (tmp_path / "simulator.sock").exists()  # the server was killed
+    assert path.exists()  # the server was killed
     with server("--address", address) as process:
         assert describe(address, "shooting_birds").name == "shooting_birds"
         process.terminate()
         assert end(process)[0] == 0
-    assert not (tmp_path / "simulator.sock").exists()
+    assert not path.exists()
 
 
 CLIENT = """
