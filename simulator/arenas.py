@@ -1,6 +1,7 @@
 """Many one-arena games as one batch: makes an author's `Game` into the `BatchedGame` that the service runs."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import numpy as np
@@ -86,7 +87,8 @@ class Arenas(BatchedGame):
 
     def draw(self, arena: int) -> Array:
         """Return the author's picture of one arena."""
-        return self.games[arena].draw()
+        with _naming(arena):
+            return self.games[arena].draw()
 
     def _reset(self, arena: int) -> list[Turn]:
         turns = self._turns(arena, self.games[arena].reset)
@@ -104,10 +106,8 @@ class Arenas(BatchedGame):
 
     def _turns(self, arena: int, play: Callable[..., Any], *actions: Any) -> list[Turn]:
         """Return what one arena's game answers, after checking that all agents get a turn and end together."""
-        try:
+        with _naming(arena):
             answer = play(*actions)
-        except (Exception, SystemExit) as error:
-            raise GameError(f"arena {arena}: {type(error).__name__}: {error}") from error
         turns: list[Turn] = [answer] if isinstance(answer, Turn) else answer
         if not (isinstance(turns, list | tuple) and all(isinstance(turn, Turn) for turn in turns)):
             raise GameError(f"arena {arena}: got {answer!r}, expected transition(...) or its like, one per agent")
@@ -194,6 +194,15 @@ class Arenas(BatchedGame):
         metrics = np.array([[turn.metrics.get(name, 0.0) for name in names] for _, turn in ends], np.float32)
         _require_finite(f"{kind.name}: a metric of {names}", metrics, ends)
         return metrics if names else None
+
+
+@contextmanager
+def _naming(arena: int) -> Iterator[None]:
+    """Name the arena whose game fails in here, or calls exit."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        raise GameError(f"arena {arena}: {type(error).__name__}: {error}") from error
 
 
 def _require_known(arena: int, what: str, given: Iterable[str], known: Collection[str]) -> None:
