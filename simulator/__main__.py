@@ -1,10 +1,11 @@
-"""The simulator's command line: serve, list."""
+"""The simulator's command line: serve, list, check."""
 
 import argparse
 import asyncio
 import logging
 import sys
 
+from simulator import check
 from simulator.catalogue import CatalogueError, load_games
 from simulator.service import serve
 
@@ -37,10 +38,23 @@ def main(arguments: list[str] | None = None) -> int:
     )
     server.add_argument("--sessions", type=int, default=64, help="the most sessions at once; default %(default)s")
     commands.add_parser("list", parents=[games], help="list the games with their options")
+    checker = commands.add_parser("check", help="try a server, in any language, on every rule of the contract")
+    checker.add_argument("address", metavar="ADDRESS", help="HOST:PORT or unix:PATH of the server")
+    checker.add_argument(
+        "--game", action="append", default=[], metavar="NAME", help="only this game (may be repeated); else all"
+    )
+    checker.add_argument(
+        "--deadline", type=float, default=check.DEADLINE, metavar="SECONDS",
+        help="the longest that a call or a session of the checks may take; default %(default)s",
+    )  # fmt: skip
+    checker.add_argument("--json", action="store_true", help="print the results as one JSON object on the last line")
+    checker.add_argument("--junit", metavar="FILE", help="write the results as JUnit XML, too")
     options = parser.parse_args(arguments)
 
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:
+        if options.command == "check":
+            return check.main(options.address, options.game, options.deadline, options.json, options.junit)
         catalogue = load_games(options.game)
         if options.command == "list":
             for game in catalogue.values():

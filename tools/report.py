@@ -7,7 +7,7 @@ from statistics import mean
 from tools.original import TRANSITIONS_PER_STEP, Point, original_curve
 from trainer.metrics import Row, read_rows
 
-MARKS = (300_000, 1_500_000, 3_000_000, 15_000_000, 30_000_000)  # transitions that the page compares at
+MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, 30_000_000)  # transitions that the page compares at
 
 
 @dataclass(frozen=True)

@@ -87,19 +87,13 @@ def balanced_choices(config: Config, spec: pb.GameSpec) -> list[str]:
 
 def _play(players: Players, simulators: Shards, rounds: int, say: Callable[[str], None]) -> dict[str, Episodes]:
     """Play `rounds` time limits, or where there is none until every lane has finished `rounds` episodes."""
-    tables = {
-        policy.name: Episodes(policy.lanes, [metric.name for metric in behaviour.metrics])
-        for behaviour, group in zip(simulators.spec.behaviours, players.grouped, strict=True)
-        for policy in group
-    }
+    tables = {policy.name: Episodes(policy.lanes, policy.metrics) for policy in players.policies}
     players.begin(simulators.steps)
     limit = simulators.spec.max_episode_decisions
     for decision in itertools.count(1):
         steps = simulators.step(players.act(simulators.steps))
-        rewards = players.take(steps)
-        for group, step in zip(players.grouped, steps, strict=True):
-            for policy in group:
-                tables[policy.name].add(step, rewards[policy.name])
+        for policy, rewards in zip(players.policies, players.take(steps), strict=True):
+            tables[policy.name].add(steps[policy.behaviour], rewards)
         if decision % 1000 == 0:
             say(f"{decision} decisions")
         if decision >= limit * rounds if limit else all(_episodes(t).min() >= rounds for t in tables.values()):

@@ -6,7 +6,7 @@ policy and to TensorBoard.
 
 import csv
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -94,6 +94,16 @@ class Stopwatch:
         yield
         self.seconds[activity] += time.perf_counter() - begin
 
+    @contextmanager
+    def measure_wait(self, simulate_seconds: Callable[[], float]) -> Iterator[None]:
+        """Split the time of the block, a wait for the simulators, into their own work and the wire."""
+        begin = time.perf_counter()
+        yield
+        waited = time.perf_counter() - begin
+        simulated = min(waited, simulate_seconds())  # less was waited for where learning overlapped
+        self.seconds["simulate"] += simulated
+        self.seconds["wire"] += waited - simulated
+
     def shares(self) -> Row:
         """Return each activity's share of the time since the last row."""
         elapsed = max(time.perf_counter() - self.begin, 1e-9)
@@ -103,9 +113,13 @@ class Stopwatch:
         """Return transitions per second since the last row."""
         return self.transitions / max(time.perf_counter() - self.begin, 1e-9)
 
+    def live(self) -> Row:
+        """Return speed and shares."""
+        return {"transitions_per_second": self.speed(), **self.shares()}
+
     def summarise(self) -> Row:
         """Return speed and shares, and begin anew."""
-        row = {"transitions_per_second": self.speed(), **self.shares()}
+        row = self.live()
         self.__init__()  # type: ignore[misc]
         return row
 
@@ -150,6 +164,21 @@ class Writer:
     def close(self) -> None:
         """Finish the TensorBoard file."""
         self.board.close()
+
+
+class Journal:
+    """What one policy reports: its episodes and updates, written as a row now and then."""
+
+    def __init__(self, run: Path, policy: str, lanes: int, metrics: Sequence[str], after: int) -> None:
+        """Begin, or go on after so many transitions; see Episodes and Writer."""
+        self.episodes, self.means = Episodes(lanes, metrics), Means()
+        self.writer = Writer(run, policy, after)
+
+    def write(self, transitions: int, shared: Row) -> Row:
+        """Write a row, with figures that all policies share; return it."""
+        row: Row = {"transitions": transitions, **self.episodes.summarise(), **self.means.summarise(), **shared}
+        self.writer.write(row)
+        return row
 
 
 def read_rows(path: Path) -> list[Row]:

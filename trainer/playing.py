@@ -10,7 +10,6 @@ from trainer.actions import make_acts
 from trainer.build import make_policies
 from trainer.checkpoint import load_checkpoint
 from trainer.config import Config, load_config
-from trainer.policy import Policy
 from trainer.train import select
 
 
@@ -26,37 +25,28 @@ class Players:
         arrays, manifest = load_checkpoint(run)
         self.transitions: int = manifest["transitions"]
         self.deterministic = deterministic
-        self.grouped = make_policies(config, spec, arenas)
+        self.policies = make_policies(config, spec, arenas)
         self.acts = make_acts(spec, arenas)
         for policy in self.policies:
             policy.load_network(select(arrays, f"{policy.name}/policy/"))
 
-    @property
-    def policies(self) -> list[Policy]:
-        """Return all policies."""
-        return [policy for group in self.grouped for policy in group]
-
     def begin(self, steps: Sequence[StepArrays]) -> None:
         """Take the first observations of new episodes."""
-        for group, step in zip(self.grouped, steps, strict=True):
-            for policy in group:
-                policy.begin(step)
+        for policy in self.policies:
+            policy.begin(steps)
 
     def act(self, steps: Sequence[StepArrays]) -> list[ActArrays]:
         """Return the actions for the present observations."""
-        for group, step, act in zip(self.grouped, steps, self.acts, strict=True):
-            for policy in group:
-                policy.act(step, act, deterministic=self.deterministic)
+        for policy in self.policies:
+            policy.act(steps, self.acts, deterministic=self.deterministic)
         return self.acts
 
-    def take(self, steps: Sequence[StepArrays]) -> dict[str, Array]:
-        """Take what followed; return each policy's rewards [lanes] by its name."""
-        rewards = {}
-        for group, step in zip(self.grouped, steps, strict=True):
-            for policy in group:
-                rewards[policy.name] = policy.take(step)
-                if policy.rollout.full:
-                    policy.next_rollout()
+    def take(self, steps: Sequence[StepArrays]) -> list[Array]:
+        """Take what followed; return each policy's rewards [lanes]."""
+        rewards = [policy.take(steps) for policy in self.policies]
+        for policy in self.policies:
+            if policy.rollout.full:
+                policy.next_rollout()
         return rewards
 
 

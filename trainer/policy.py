@@ -7,6 +7,7 @@ clock, so a run is reproducible either way.
 """
 
 import copy
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -33,12 +34,16 @@ class Policy:
     """A policy that acts in every lane of one behaviour and learns from what follows."""
 
     def __init__(
-        self, name: str, behaviour: pb.Behaviour, layout: Layout, config: PolicyConfig, *, arenas: int, seed: int
+        self, name: str, spec: pb.GameSpec, behaviour: int, layout: Layout, config: PolicyConfig, arenas: int, seed: int
     ) -> None:
-        """Make an untrained policy; `seed` fixes its network, its samples and its shuffles."""
-        self.name, self.layout, self.config, self.seed = name, layout, config, seed
-        self.senses = Senses(name, behaviour, config)
-        self.lanes = lane_count(behaviour, arenas)
+        """Make an untrained policy for the behaviour of that index, or for a part of its device.
+
+        `seed` fixes its network, its samples and its shuffles.
+        """
+        self.name, self.behaviour, self.layout, self.config, self.seed = name, behaviour, layout, config, seed
+        self.senses = Senses(name, spec.behaviours[behaviour], config)
+        self.metrics = [metric.name for metric in spec.behaviours[behaviour].metrics]
+        self.lanes = lane_count(spec.behaviours[behaviour], arenas)
         space = layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
         self.network = Network(self.senses.size * config.stack, space, config.hidden, shared, seed)
@@ -64,16 +69,18 @@ class Policy:
         self.normal = torch.from_numpy(rng.standard_normal(self.rollout.continuous.shape, np.float32))
         self.uniform = torch.from_numpy(rng.random(self.rollout.discrete.shape, np.float32))
 
-    def begin(self, step: StepArrays) -> None:
-        """Take the first observations of new episodes."""
+    def begin(self, steps: Sequence[StepArrays]) -> None:
+        """Take the first observations of new episodes; here and below, steps and acts hold one per behaviour."""
+        step = steps[self.behaviour]
         self.rollout.begin(self.senses.frames(step.observations), step.deciding)
 
     @torch.inference_mode()
-    def act(self, step: StepArrays, act: ActArrays, *, deterministic: bool = False) -> None:
-        """Decide on the present observations and write the decision into the policy's part of `act`.
+    def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], *, deterministic: bool = False) -> None:
+        """Decide on the present observations and write the decision into the policy's part of `acts`.
 
         deterministic: the likeliest action instead of a sample.
         """
+        step, act = steps[self.behaviour], acts[self.behaviour]
         rollout, network, t = self.rollout, self.acting, self.rollout.step
         outputs = network(torch.from_numpy(rollout.observations[t]))
         log_probs = torch.zeros(self.lanes)
@@ -93,9 +100,9 @@ class Policy:
         rollout.log_probs[t] = log_probs.numpy()
         self.layout.write(rollout.continuous[t], rollout.discrete[t], act, step.masks)
 
-    def take(self, step: StepArrays) -> Array:
+    def take(self, steps: Sequence[StepArrays]) -> Array:
         """Store what followed the decision; return the rewards, float32 [lanes]."""
-        rollout = self.rollout
+        step, rollout = steps[self.behaviour], self.rollout
         rewards = self.senses.rewards(step)
         if step.truncated.any() and step.final_observations is not None:
             final = rollout.final_stack(step.ended, self.senses.frames(step.final_observations))

@@ -20,7 +20,7 @@ from trainer.build import make_policies, rollout_cycle
 from trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from trainer.client import describe
 from trainer.config import Config, ConfigError, dump_config, load_config
-from trainer.metrics import Episodes, Means, Row, Stopwatch, Writer
+from trainer.metrics import Journal, Row, Stopwatch
 from trainer.policy import Policy
 from trainer.shards import Shards
 
@@ -44,100 +44,69 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     """
     torch.set_num_threads(1)  # two threads collapse when the other core is busy, and the simulator keeps it so
     arrays, manifest = load_checkpoint(run) if resume else ({}, {"transitions": 0, "snapshots": None})
-    spec = describe(addresses[0], config.game, config.options)
-    grouped = make_policies(config, spec, config.arenas)
-    policies = [policy for group in grouped for policy in group]
+    policies = make_policies(config, describe(addresses[0], config.game, config.options), config.arenas)
     cycle = rollout_cycle(policies)
-    metrics = {
-        p.name: [m.name for m in b.metrics] for b, group in zip(spec.behaviours, grouped, strict=True) for p in group
-    }
-    episodes = {policy.name: Episodes(policy.lanes, metrics[policy.name]) for policy in policies}
-    means = {policy.name: Means() for policy in policies}
     write_config(config, run, resume)
 
-    transitions: int = manifest["transitions"]
+    transitions: int = manifest["transitions"]  # of the first behaviour's lanes
+    lanes = policies[0].lanes
     simulators = Shards(
         addresses, config.game, arenas=config.arenas, seed=config.seed, options=[config.options] * len(addresses),
         parameters=config.parameters, snapshots=unpack_snapshots(arrays, manifest["snapshots"], len(addresses)),
     )  # fmt: skip
-    writers = {policy.name: Writer(run, policy.name, transitions) for policy in policies}
-    for group, step in zip(grouped, simulators.steps, strict=True):
-        for policy in group:
-            policy.begin(step)
-            if resume:
-                policy.load(select(arrays, f"{policy.name}/policy/"))
-                episodes[policy.name].load(select(arrays, f"{policy.name}/episodes/"))
-    boundary = capture(transitions, policies, episodes, simulators)
+    journals = [Journal(run, policy.name, policy.lanes, policy.metrics, transitions) for policy in policies]
+    for policy, journal in zip(policies, journals, strict=True):
+        policy.begin(simulators.steps)
+        if resume:
+            policy.load(select(arrays, f"{policy.name}/policy/"))
+            journal.episodes.load(select(arrays, f"{policy.name}/episodes/"))
+    boundary = capture(transitions, policies, journals, simulators)
     saved = transitions
+    acts = make_acts(simulators.spec, config.arenas)
     watch = Stopwatch()
-    acts = make_acts(spec, config.arenas)
     try:
         while transitions < config.end:
             for _ in range(cycle):
                 with watch.measure("act"):
-                    for group, step, act in zip(grouped, simulators.steps, acts, strict=True):
-                        for policy in group:
-                            policy.act(step, act)
-                simulators.send(acts)
+                    for policy in policies:
+                        policy.act(simulators.steps, acts)
+                    simulators.send(acts)
                 with watch.measure("learn"):
                     for policy in policies:
                         policy.learn_on()
-                with watch.measure("wire"):
+                with watch.measure_wait(lambda: simulators.simulate_seconds):
                     steps = simulators.receive()
-                watch.seconds["wire"] -= simulators.simulate_seconds
-                watch.seconds["simulate"] += simulators.simulate_seconds
                 with watch.measure("act"):
-                    for group, step in zip(grouped, steps, strict=True):
-                        for policy in group:
-                            episodes[policy.name].add(step, policy.take(step))
-                transitions += policies[0].lanes
-                watch.transitions += policies[0].lanes
+                    for policy, journal in zip(policies, journals, strict=True):
+                        journal.episodes.add(steps[policy.behaviour], policy.take(steps))
+                transitions += lanes
+                watch.transitions += lanes
                 with watch.measure("learn"):
-                    for policy in policies:
+                    for policy, journal in zip(policies, journals, strict=True):
                         if policy.rollout.full:
-                            means[policy.name].add(policy.turn_over(transitions / config.transitions))
-                if transitions // config.summary > (transitions - policies[0].lanes) // config.summary:
-                    row = write_rows(transitions, policies, episodes, means, writers, watch)
-                    report(transitions, row, row)
-            boundary = capture(transitions, policies, episodes, simulators)
+                            journal.means.add(policy.turn_over(transitions / config.transitions))
+                if transitions // config.summary > (transitions - lanes) // config.summary:
+                    shared = watch.summarise()
+                    rows = [journal.write(transitions, shared) for journal in journals]
+                    report(transitions, rows[0], rows[0])
+            boundary = capture(transitions, policies, journals, simulators)
             if transitions - saved >= config.checkpoint:
                 save_checkpoint(run, boundary.arrays, boundary.manifest)
                 saved = transitions
-            report(transitions, {"transitions_per_second": watch.speed(), **watch.shares()}, None)
+            report(transitions, watch.live(), None)
     finally:
         save_checkpoint(run, boundary.arrays, boundary.manifest)
-        for writer in writers.values():
-            writer.close()
+        for journal in journals:
+            journal.writer.close()
         simulators.close()
 
 
-def write_rows(
-    transitions: int,
-    policies: Sequence[Policy],
-    episodes: dict[str, Episodes],
-    means: dict[str, Means],
-    writers: dict[str, Writer],
-    watch: Stopwatch,
-) -> Row:
-    """Write a row of metrics per policy; return the first one's."""
-    shared = watch.summarise()
-    rows = []
-    for policy in policies:
-        row: Row = {"transitions": transitions, **episodes[policy.name].summarise()}
-        row |= {**means[policy.name].summarise(), **shared}
-        writers[policy.name].write(row)
-        rows.append(row)
-    return rows[0]
-
-
-def capture(
-    transitions: int, policies: Sequence[Policy], episodes: dict[str, Episodes], simulators: Shards
-) -> Boundary:
+def capture(transitions: int, policies: Sequence[Policy], journals: Sequence[Journal], simulators: Shards) -> Boundary:
     """Return the state of the run; without the simulators' where the game has no snapshots."""
     arrays: dict[str, Array] = {}
-    for policy in policies:
+    for policy, journal in zip(policies, journals, strict=True):
         arrays |= {f"{policy.name}/policy/{name}": array for name, array in policy.state().items()}
-        arrays |= {f"{policy.name}/episodes/{name}": array for name, array in episodes[policy.name].state().items()}
+        arrays |= {f"{policy.name}/episodes/{name}": array for name, array in journal.episodes.state().items()}
     parts = None
     if simulators.spec.snapshot_bytes_per_arena:
         snapshots = simulators.save()

@@ -150,5 +150,6 @@ def arena_rows(step: pb.Step, spec: pb.GameSpec, arenas: int) -> list[list[objec
         for arena, row in enumerate(rows):
             agents = kind.agents_per_arena
             row += [array[arena * agents : (arena + 1) * agents].tobytes() for array in per_lane]
-            row += [array[ended // agents == arena].tobytes() for array in per_end]
+            mine = ended // agents == arena
+            row += [array[mine].tobytes() for array in per_end if mine.any()]
     return rows

@@ -45,7 +45,7 @@ def check(manual: str, once: bool = False) -> Callable[[Function], Function]:
     """Register a function as a check; `manual` is where in bridge.proto its rule stands."""
 
     def register(function: Function) -> Function:
-        family = function.__module__.rpartition(".")[2].rstrip("_")
+        family = function.__module__.rpartition(".")[2]
         rule = " ".join((function.__doc__ or "").split())
         _CHECKS.append(Check(function.__name__, family, rule, manual, once, function))
         return function

@@ -1,11 +1,11 @@
 """The first step of a session, before anything was done."""
 
+from joybridge.v1 import bridge_pb2 as pb
 from simulator.checks.reading import expect_bounded, expect_finite, expect_fit, expect_sensed
 from simulator.checks.registry import check, expect, expect_equal, needs
 from simulator.checks.steps import expect_deciding, expect_masks
 from simulator.checks.subject import Subject, act_request
 from simulator.checks.wire import OK
-from joybridge.v1 import bridge_pb2 as pb
 
 
 @check("Started")

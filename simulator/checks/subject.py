@@ -109,14 +109,21 @@ class Subject:
 
     @cached_property
     def brief(self) -> Recording:
-        """Return a short play."""
-        return self.record()
+        """Return a short play. Raises Broken if the server does not even start it."""
+        recording = self.record()
+        expect(recording.steps, f"{recording.end} in answer to a start", "a session")
+        return recording
 
     @cached_property
     def long(self) -> Recording:
-        """Return a play of a whole episode and one decision more, where the game says how long they are."""
+        """Return a play of a whole episode and one decision more, where the game says how long they are.
+
+        Raises Broken if the server plays nothing of it.
+        """
         longest = self.spec.max_episode_decisions
-        return self.record(decisions=min(longest, MANY) + 1 if longest else MANY // 4)
+        recording = self.record(decisions=min(longest, MANY) + 1 if longest else MANY // 4)
+        expect(len(recording.steps) > 1, f"{recording.end} before any step", "a session that can be played")
+        return recording
 
     def start(self, arenas: int = ARENAS, seed: int = SEED, **fields: Any) -> pb.PlayRequest:
         """Return the request that starts this game."""
