@@ -102,6 +102,18 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
     assert figures[3] == figures[7]
 
 
+def test_overlapped_learning_resumes_to_the_same_bits_too_and_lags_by_one_update(whole, address, tmp_path):
+    overlap = [*SMALL, "policy.overlap=true", "--simulator", address]
+    assert train(tmp_path / "once", *overlap, "stop=900").returncode == 0
+    assert train(tmp_path / "twice", *overlap, "stop=500").returncode == 0
+    assert train(tmp_path / "twice", *overlap, "stop=900", "--resume").returncode == 0
+    assert_same(weights(tmp_path / "twice"), weights(tmp_path / "once"))
+    # Its first update is applied when its second rollout is full, so its networks are others.
+    name = "hunter/policy/network.actor.head.weight"
+    assert (weights(tmp_path / "once")[name] != weights(whole)[name]).any()
+    assert "hunter/policy/batch.returns" in weights(tmp_path / "once")
+
+
 def start_and_wait_for_a_row(run: Path, *more: str) -> subprocess.Popen[str]:
     process = subprocess.Popen(command(run, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
