@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.add_argument("config", type=Path, help="a YAML file, see configs/")
     trains.add_argument("overrides", nargs="*", metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4")
-    trains.add_argument("--run", type=Path, help="folder of the run; default runs/NAME-sSEED")
+    trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME-sSEED")
     trains.add_argument("--resume", action="store_true", help="go on from the run's last checkpoint")
     plays = argparse.ArgumentParser(add_help=False)
     plays.add_argument("run", type=Path, help="folder of a run")
@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _train(options: argparse.Namespace, addresses: list[str]) -> None:
     config = load_config(options.config, options.overrides)
-    run = options.run or Path("runs") / f"{options.config.stem}-s{config.seed}"
+    run = options.run or Path("runs") / f"{config.game}-{options.config.stem}-s{config.seed}"
     begin = load_checkpoint(run)[1]["transitions"] if options.resume else 0
     print(f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} transitions done", flush=True)
     try:
