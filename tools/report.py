@@ -8,6 +8,7 @@ from tools.original import TRANSITIONS_PER_STEP, Point, original_curve
 from trainer.metrics import Row, read_rows
 
 MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, 30_000_000)  # transitions that the page compares at
+SLACK = 5_000  # transitions of one step at most
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,10 @@ class Curves:
     runs: tuple[tuple[Row, ...], ...]  # rows of metrics, one tuple per seed
 
     def at(self, transitions: int, key: str = "reward") -> list[float]:
-        """Return the figure of each run that has a row there."""
-        return [row[key] for run in self.runs for row in run if row["transitions"] == transitions and key in row]
+        """Return the figure of each run that has a row there, which ends with the first step beyond it."""
+        return [
+            row[key] for run in self.runs for row in run if 0 <= row["transitions"] - transitions < SLACK and key in row
+        ]
 
 
 def read_curves(results: Path) -> list[Curves]:
