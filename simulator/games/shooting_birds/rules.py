@@ -34,8 +34,6 @@ HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
 SIZE_REWARD = np.array([0.25, 0.75, 2.0])  # large, medium, small
 MISS_REWARD, DRY_SHOT_REWARD = -0.1, -1.0
 
-METRICS = ("click_accuracy", "shots", "hits", "reloads")
-
 
 class Rules(NamedTuple):
     """The quirks of the original, and the speed of the birds."""

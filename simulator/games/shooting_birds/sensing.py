@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from simulator.compiled import compiled
-from simulator.games.shooting_birds.levels import OBSTACLES, TREE_DEPTH
 
 RAYS = 12
 RAY_LENGTH = 14.0
@@ -18,10 +17,6 @@ NOTHING, OBSTACLE = -1, -2  # what `front` returns where it is no bird
 _C = math.sqrt(3.0) / 2.0
 RAY_X = np.array([1.0, _C, 0.5, 0.0, -0.5, -_C, -1.0, -_C, -0.5, 0.0, 0.5, _C])
 RAY_Y = np.array([0.0, 0.5, _C, 1.0, _C, 0.5, 0.0, -0.5, -_C, -1.0, -_C, -0.5])
-
-# Every obstacle of one object has its object's depth, so a level's barns are in front of all its trees.
-_DEEPEST = TREE_DEPTH + 1.0
-assert (OBSTACLES.discs[:, :, 3] < _DEEPEST).all()
 
 
 @compiled
