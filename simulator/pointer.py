@@ -12,6 +12,7 @@ import numpy as np
 from joybridge.codec import ActArrays
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
+from simulator.compiled import compiled
 from simulator.trigonometry import cosine, sine
 
 GRID = 5  # cells per side of the grid around the pointer
@@ -33,8 +34,13 @@ def _axis(name: str, description: str, low: float = -1.0) -> pb.Axis:
     return pb.Axis(name=name, description=description, low=low, high=1.0)
 
 
+@compiled
 def _polar(angle: Array, speed: Array) -> Array:
-    return np.stack([cosine(angle) * speed, sine(angle) * speed], axis=1)
+    velocity = np.empty((len(angle), 2))
+    for i in range(len(angle)):
+        velocity[i, 0] = cosine(angle[i]) * speed[i]
+        velocity[i, 1] = sine(angle[i]) * speed[i]
+    return velocity
 
 
 def _unit_circle(act: ActArrays, heading: Array) -> Array:

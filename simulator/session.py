@@ -15,9 +15,9 @@ import numpy as np
 from google.protobuf.message import Message
 from google.protobuf.unknown_fields import UnknownFieldSet
 
-from joybridge.codec import ActArrays, StepArrays, pack_step, unpack_act
+from joybridge.codec import ActArrays, Codec, StepArrays, fill_step
 from joybridge.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
-from joybridge.tensors import Array, TensorError, pack
+from joybridge.tensors import Array, TensorError, fill
 from joybridge.v1 import bridge_pb2 as pb
 from simulator.batch import BatchedGame, GameError
 from simulator.catalogue import Catalogue
@@ -99,6 +99,7 @@ class Session:
         self.games = games
         self.game: BatchedGame | None = None
         self.spec = pb.GameSpec()
+        self.codecs: list[Codec] = []
         self.origin = b""  # stands for how the session was started, in its snapshots
         self.previous: list[StepArrays] = []  # what the client decides on now
         self.steps = 0
@@ -137,7 +138,10 @@ class Session:
             with checking():
                 restore(game, start.snapshot, self.origin)
         self.game = game
-        return pb.PlayResponse(started=pb.Started(spec=spec, step=self._observe()))
+        self.codecs = [Codec(behaviour, start.arenas) for behaviour in spec.behaviours]
+        response = pb.PlayResponse(started=pb.Started(spec=spec))
+        self._observe(response.started.step)
+        return response
 
     def _act(self, act: pb.Act) -> pb.PlayResponse:
         assert self.game is not None
@@ -148,16 +152,20 @@ class Session:
         begin = time.perf_counter()
         self.previous = self.game.step(acts)
         seconds = time.perf_counter() - begin
-        step = pb.Step(behaviours=[pack_step(s) for s in self.previous], simulate_seconds=seconds)
-        step.pictures.extend(pack(self._draw(arena)) for arena in act.draw)
-        return pb.PlayResponse(step=step)
+        response = pb.PlayResponse(step=pb.Step(simulate_seconds=seconds))
+        self._fill(response.step)
+        for arena in act.draw:
+            fill(response.step.pictures.add(), self._draw(arena))
+        return response
 
     def _reset(self, reset: pb.Reset) -> pb.PlayResponse:
         assert self.game is not None
         with checking():
             parameters = choose_parameters(self.spec.parameters, reset.parameters, self.spec.name)
         self.game.reset(reset.seed if reset.HasField("seed") else None, parameters)
-        return pb.PlayResponse(step=self._observe())
+        response = pb.PlayResponse()
+        self._observe(response.step)
+        return response
 
     def _save(self, save: pb.Save) -> pb.PlayResponse:
         assert self.game is not None
@@ -165,18 +173,22 @@ class Session:
         parts = {name: array.tobytes() for name, array in self.game.save().items()}
         return pb.PlayResponse(snapshot=pb.Snapshot(parts=parts | {"origin": self.origin}))
 
-    def _observe(self) -> pb.Step:
+    def _observe(self, message: pb.Step) -> None:
         assert self.game is not None
         self.previous = self.game.observe()
-        return pb.Step(behaviours=[pack_step(s) for s in self.previous])
+        self._fill(message)
+
+    def _fill(self, message: pb.Step) -> None:
+        for step in self.previous:
+            fill_step(message.behaviours.add(), step)
 
     def _unpack(self, act: pb.Act) -> list[ActArrays]:
-        behaviours = self.spec.behaviours
-        if len(act.behaviours) != len(behaviours):
-            raise TensorError(f"act.behaviours has {len(act.behaviours)} entries, expected {len(behaviours)}")
+        messages, codecs = act.behaviours, self.codecs
+        if len(messages) != len(codecs):
+            raise TensorError(f"act.behaviours has {len(messages)} entries, expected {len(codecs)}")
         return [
-            unpack_act(message, behaviour, previous)
-            for message, behaviour, previous in zip(act.behaviours, behaviours, self.previous, strict=True)
+            codec.unpack_act(message, previous)
+            for codec, message, previous in zip(codecs, messages, self.previous, strict=True)
         ]
 
     def _check_draw(self, act: pb.Act) -> None:

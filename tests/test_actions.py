@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joybridge.codec import ActArrays, StepArrays, pack_act, unpack_act
+from joybridge.codec import ActArrays, Codec, StepArrays, pack_act
 from joybridge.v1 import bridge_pb2 as pb
 from trainer.actions import CLIP, Layout, LayoutError, bucket, make_layouts, threshold
 
@@ -61,7 +61,9 @@ def test_every_action_is_legal_on_every_device_and_masks_are_honoured(device, na
         continuous, discrete = sample(layout, masks, rng, lanes)
         layout.write(continuous, discrete, act, masks or None)
     previous = StepArrays([], np.zeros((lanes, 1)), np.zeros(lanes, bool), np.zeros(lanes, bool), masks or None)
-    checked = unpack_act(pack_act(act), pb.Behaviour(name="agent", device=device), previous)
+    checked = Codec(pb.Behaviour(name="agent", device=device, agents_per_arena=1), len(previous.rewards)).unpack_act(
+        pack_act(act), previous
+    )
     np.testing.assert_array_equal(checked.axes, act.axes)
     np.testing.assert_array_equal(checked.choices, act.choices)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joybridge.codec import ActArrays, StepArrays, lane_count, pack_act, pack_step, unpack_act, unpack_step
+from joybridge.codec import ActArrays, Codec, StepArrays, lane_count, pack_act, pack_step
 from joybridge.spec import (
     MAX_MESSAGE,
     SpecError,
@@ -75,13 +75,15 @@ def an_act(lanes=LANES):
 
 def act_refusal(act, previous=None):
     with pytest.raises(TensorError, match=r"^pilot\.(axes|choices)") as caught:
-        unpack_act(act if isinstance(act, pb.BehaviourAct) else pack_act(act), PILOT, previous or a_step())
+        Codec(PILOT, ARENAS).unpack_act(
+            act if isinstance(act, pb.BehaviourAct) else pack_act(act), previous or a_step()
+        )
     return str(caught.value)
 
 
 def step_refusal(message):
     with pytest.raises(TensorError, match=r"^pilot") as caught:
-        unpack_step(message, PILOT, ARENAS)
+        Codec(PILOT, ARENAS).unpack_step(message)
     return str(caught.value)
 
 
@@ -96,7 +98,7 @@ def test_an_act_comes_back_as_it_was(data):
         [data.draw(st.integers(0, len(branch.choices) - 1)) for branch in PILOT.device.branches] for _ in range(LANES)
     ]
     act = ActArrays(np.array(axes, np.float32), np.array(choices, np.int32))
-    back = unpack_act(pb.BehaviourAct.FromString(pack_act(act).SerializeToString()), PILOT, a_step())
+    back = Codec(PILOT, ARENAS).unpack_act(pb.BehaviourAct.FromString(pack_act(act).SerializeToString()), a_step())
     assert back.axes.tobytes() == act.axes.tobytes() and back.axes.shape == (LANES, 2)
     assert back.choices.tobytes() == act.choices.tobytes() and back.choices.shape == (LANES, 2)
 
@@ -106,7 +108,7 @@ def test_the_ends_of_an_axis_are_inside_and_the_next_numbers_outside():
         for value, beyond in ((axis.low, -np.inf), (axis.high, np.inf)):
             act = an_act()
             act.axes[4, index] = value
-            unpack_act(pack_act(act), PILOT, a_step())
+            Codec(PILOT, ARENAS).unpack_act(pack_act(act), a_step())
             act.axes[4, index] = np.nextafter(np.float32(value), np.float32(beyond))
             text = act_refusal(act)
             assert (
@@ -155,11 +157,11 @@ def test_a_device_may_lack_axes_or_branches_and_an_act_then_lacks_their_half(kin
     act.choices = act.choices[:, : len(behaviour.device.branches)]
     message = pack_act(act)
     assert (message.HasField("axes"), message.HasField("choices")) == (kind != "axes", kind != "branches")
-    back = unpack_act(message, behaviour, a_step())
+    back = Codec(behaviour, ARENAS).unpack_act(message, a_step())
     assert back.axes.shape == act.axes.shape and back.choices.shape == act.choices.shape
     extra = pack_act(an_act())
     with pytest.raises(TensorError, match=r"shape is \[6, 2\], expected \[6, 0\]"):
-        unpack_act(extra, behaviour, a_step())
+        Codec(behaviour, ARENAS).unpack_act(extra, a_step())
 
 
 def test_a_masked_choice_is_refused_by_its_label_and_lane():
@@ -167,7 +169,7 @@ def test_a_masked_choice_is_refused_by_its_label_and_lane():
     previous.masks = [np.ones((LANES, 3), bool), np.ones((LANES, 2), bool)]
     act = an_act()
     act.choices[4, 0] = 2
-    unpack_act(pack_act(act), PILOT, previous)
+    Codec(PILOT, ARENAS).unpack_act(pack_act(act), previous)
     previous.masks[0][4, 2] = False
     assert "branch 'gear' got 'down' in lane 4, which its mask forbids" in act_refusal(act, previous)
 
@@ -181,7 +183,7 @@ def test_a_choice_is_accepted_exactly_if_its_mask_allows_it(seed, lane, branch, 
     act.choices[:] = np.stack([mask.argmax(axis=1) for mask in previous.masks], axis=1)
     act.choices[lane, branch] = choice
     if previous.masks[branch][lane, choice]:
-        assert (unpack_act(pack_act(act), PILOT, previous).choices == act.choices).all()
+        assert (Codec(PILOT, ARENAS).unpack_act(pack_act(act), previous).choices == act.choices).all()
     else:
         assert f"in lane {lane}, which its mask forbids" in act_refusal(act, previous)
 
@@ -193,7 +195,7 @@ def test_lanes_that_do_not_decide_may_ask_for_anything_and_their_games_get_somet
     act.axes[[0, 2, 3, 5]] = [-1e30, 99.0]
     act.choices[[0, 2, 3, 5]] = [-7, 2**31 - 1]
     act.choices[[1, 4]] = np.stack([mask[[1, 4]].argmax(axis=1) for mask in previous.masks], axis=1)
-    back = unpack_act(pack_act(act), PILOT, previous)
+    back = Codec(PILOT, ARENAS).unpack_act(pack_act(act), previous)
     assert (back.axes[[1, 4]] == act.axes[[1, 4]]).all() and (back.choices[[1, 4]] == act.choices[[1, 4]]).all()
     for index, axis in enumerate(PILOT.device.axes):
         assert ((back.axes[:, index] >= axis.low) & (back.axes[:, index] <= axis.high)).all()
@@ -240,7 +242,7 @@ def test_a_step_comes_back_as_it_was(seed, ends, masks, deciding, metrics):
     ended = [lane for lane, end in enumerate(ends) if end == "t"], [lane for lane, end in enumerate(ends) if end == "c"]
     step = a_step(*ended, masks, None if deciding is None else list(deciding), seed, behaviour)
     message = pb.BehaviourStep.FromString(pack_step(step).SerializeToString())
-    back = unpack_step(message, behaviour, ARENAS)
+    back = Codec(behaviour, ARENAS).unpack_step(message)
     for name in vars(step):
         assert same(getattr(back, name), getattr(step, name)), name
     assert message.HasField("ended") == bool(ended[0] + ended[1])
@@ -281,7 +283,7 @@ def a_full_message():
 
 
 def test_a_full_step_is_accepted():
-    assert unpack_step(a_full_message(), PILOT, ARENAS).ended.tolist() == [1, 4]
+    assert Codec(PILOT, ARENAS).unpack_step(a_full_message()).ended.tolist() == [1, 4]
 
 
 @pytest.mark.parametrize("field", TENSORS)
@@ -338,7 +340,7 @@ def test_masks_come_for_every_branch_or_not_at_all():
     del message.masks[1]
     assert step_refusal(message) == "pilot.masks: 1 tensors, expected 2, one per branch, or none"
     message.ClearField("masks")
-    assert unpack_step(message, PILOT, ARENAS).masks is None
+    assert Codec(PILOT, ARENAS).unpack_step(message).masks is None
 
 
 def test_a_mask_must_allow_something_in_every_lane():
@@ -374,7 +376,7 @@ def test_metrics_come_only_from_a_behaviour_that_has_some():
     behaviour.ClearField("metrics")
     message = pack_step(a_step(ended=[1], behaviour=behaviour))
     assert not message.ended.HasField("metrics")
-    assert unpack_step(message, behaviour, ARENAS).metrics is None
+    assert Codec(behaviour, ARENAS).unpack_step(message).metrics is None
     assert step_refusal(message).startswith("pilot.ended.metrics: ")
 
 

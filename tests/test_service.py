@@ -16,9 +16,9 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
-from joybridge.codec import unpack_step
+from joybridge.codec import Codec
 from joybridge.spec import check_spec
-from joybridge.tensors import pack, unpack
+from joybridge.tensors import Format, pack
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from simulator.catalogue import CatalogueError, load_games
@@ -125,7 +125,7 @@ def test_the_first_step_of_a_session_pays_nothing_and_ends_nothing(simulator):
     for game in GOOD:
         with Player(simulator, game, 3) as player:
             for message, kind in zip(player.step.behaviours, player.spec.behaviours, strict=True):
-                step = unpack_step(message, kind, 3)
+                step = Codec(kind, 3).unpack_step(message)
                 assert not step.rewards.any() and not step.terminated.any() and not step.truncated.any()
                 assert not message.HasField("ended")
 
@@ -261,7 +261,7 @@ def test_lanes_take_turns_and_hear_of_rewards_when_they_decide_or_end(simulator)
         started = stream.ask(start("duel", arenas=1)).started
         kinds, step, deciders, earned = started.spec.behaviours, started.step, [], []
         for clock in range(10):
-            parts = [unpack_step(*pair, 1) for pair in zip(step.behaviours, kinds, strict=True)]
+            parts = [Codec(kind, 1).unpack_step(message) for message, kind in zip(step.behaviours, kinds, strict=True)]
             flags = [
                 flag
                 for part in parts
@@ -270,7 +270,7 @@ def test_lanes_take_turns_and_hear_of_rewards_when_they_decide_or_end(simulator)
             deciders.append(flags.index(True))
             assert sum(flags) == 1
             step = stream.ask(duel([0.75, 0.25], 1)).step
-            runners = unpack_step(step.behaviours[0], kinds[0], 1)
+            runners = Codec(kinds[0], 1).unpack_step(step.behaviours[0])
             earned.append(runners.rewards[:, 0].tolist())
             assert runners.truncated.all() == (clock == 9) and not runners.terminated.any()
     assert deciders == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0]
@@ -294,7 +294,7 @@ def test_what_lanes_that_wait_ask_for_changes_nothing(simulator):
 def test_an_episode_ends_terminated_or_truncated_and_the_next_one_begins_in_the_same_step(simulator):
     with Stream(simulator) as stream:
         kind = stream.ask(start("ends")).started.spec.behaviours[0]
-        steps = [unpack_step(stream.ask(press()).step.behaviours[0], kind, 2) for _ in range(4)]
+        steps = [Codec(kind, 2).unpack_step(stream.ask(press()).step.behaviours[0]) for _ in range(4)]
     assert [step.terminated.tolist() for step in steps] == [[False] * 2, [True] * 2, [False] * 2, [False] * 2]
     assert [step.truncated.tolist() for step in steps] == [[False] * 2, [False] * 2, [False] * 2, [True] * 2]
     assert [step.observations[0][0].tolist() for step in steps] == [[1, 1], [2, 0], [2, 1], [3, 0]]
@@ -311,7 +311,8 @@ def test_pictures_come_in_the_order_in_which_they_are_asked_for(simulator):
     with Stream(simulator) as stream:
         stream.ask(start("hybrid", parameters={"drift": 0.0}))
         request = hybrid(axes=[[0, 0.5]] * 2, choices=[[0, 1], [1, 0]], draw=[1, 0, 1])
-        pictures = [unpack(p, pb.UINT8, (height, width, 3), "picture") for p in stream.ask(request).step.pictures]
+        picture_format = Format(pb.UINT8, (height, width, 3), "picture")
+        pictures = [picture_format.unpack(picture) for picture in stream.ask(request).step.pictures]
         assert [picture[0, 0].tolist() for picture in pictures] == [[1, 0, 1], [1, 1, 0], [1, 0, 1]]
         assert not stream.ask(hybrid()).step.pictures
 
@@ -342,7 +343,7 @@ def test_the_games_of_the_paper_draw_what_their_spec_says(simulator, game):
     with Player(simulator, game, 2) as player:
         size = player.spec.picture.height, player.spec.picture.width, 3
         pictures = player.ask(act(*player.acts(), draw=[1, 0])).pictures
-        one, other = (unpack(picture, pb.UINT8, size, "picture") for picture in pictures)
+        one, other = (Format(pb.UINT8, size, "picture").unpack(picture) for picture in pictures)
         assert (one != other).any() and len(np.unique(one)) > 8
 
 
@@ -423,7 +424,7 @@ def test_a_reset_pays_nothing_and_ends_nothing(simulator, game):
     with Player(simulator, game, 2) as player:
         player.play(3)
         for message, kind in zip(player.ask(reset()).behaviours, player.spec.behaviours, strict=True):
-            step = unpack_step(message, kind, 2)
+            step = Codec(kind, 2).unpack_step(message)
             assert not step.rewards.any() and not message.HasField("ended")
         player.play(3)
 

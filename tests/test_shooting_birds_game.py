@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays, pack_step, unpack_step
+from joybridge.codec import ActArrays, Codec, pack_step
 from joybridge.spec import check_spec
 from joybridge.tensors import Array
 from simulator import pointer
@@ -93,7 +93,7 @@ def test_every_choice_of_options_has_a_well_formed_spec_that_its_game_keeps(loco
             for sensor, observed in zip(behaviour.sensors, values[0].observations, strict=True):
                 assert observed.shape == (3, *sensor.shape) and observed.dtype == np.float32
             assert values[0].rewards.shape == (3, len(behaviour.channels)) and values[0].rewards.dtype == np.float32
-            unpack_step(pack_step(values[0]), behaviour, 3)
+            Codec(behaviour, 3).unpack_step(pack_step(values[0]))
 
 
 def neutral(behaviour: Any) -> tuple[tuple[float, ...], tuple[int, ...]]:
@@ -318,7 +318,7 @@ def test_all_arenas_are_truncated_together_after_every_2000_decisions_and_never_
         if step.truncated.any():
             cut.append(decision)
             assert step.ended.tolist() == [0, 1, 2]
-            unpack_step(pack_step(step), behaviour, 3)
+            Codec(behaviour, 3).unpack_step(pack_step(step))
         else:
             assert len(step.ended) == 0 and step.final_observations is None and step.metrics is None
     assert cut == [2000, 4000]

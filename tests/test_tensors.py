@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from joybridge.tensors import NUMPY_TYPES, TensorError, dtype_of, pack, unpack
+from joybridge.tensors import NUMPY_TYPES, Format, TensorError, dtype_of, pack
 from joybridge.v1 import bridge_pb2 as pb
 
 SHAPES = arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=5)
@@ -31,7 +31,7 @@ def a_tensor(dtype=pb.FLOAT32, shape=(2, 3), data=None):
 def refusal(tensor, dtype=pb.FLOAT32, shape=(2, 3)):
     """Return the text with which a tensor is refused; it must name the field."""
     with pytest.raises(TensorError, match=r"^player\.axes: ") as caught:
-        unpack(tensor, dtype, shape, "player.axes")
+        Format(dtype, shape, "player.axes").unpack(tensor)
     return str(caught.value)
 
 
@@ -44,7 +44,7 @@ def test_an_array_comes_back_as_it_was(dtype):
     @given(arrays.arrays(NUMPY_TYPES[dtype], SHAPES, elements=ELEMENTS[dtype]))
     def check(array):
         tensor = pb.Tensor.FromString(pack(array).SerializeToString())
-        back = unpack(tensor, dtype, array.shape, "field")
+        back = Format(dtype, array.shape, "field").unpack(tensor)
         assert back.dtype == array.dtype and back.shape == array.shape
         assert back.tobytes() == array.tobytes()  # to the bit: -0.0 stays -0.0
 
@@ -65,11 +65,11 @@ def test_elements_travel_little_endian_and_row_by_row():
 def test_a_view_travels_as_what_it_shows():
     whole = np.arange(24, dtype=np.int32).reshape(4, 6)
     for view in (whole.T, whole[::2, 1::2], whole[:, ::-1], np.asfortranarray(whole)):
-        assert (unpack(pack(view), pb.INT32, view.shape, "field") == view).all()
+        assert (Format(pb.INT32, view.shape, "field").unpack(pack(view)) == view).all()
 
 
 def test_an_unpacked_array_cannot_be_written():
-    array = unpack(a_tensor(), pb.FLOAT32, (2, 3), "field")
+    array = Format(pb.FLOAT32, (2, 3), "field").unpack(a_tensor())
     with pytest.raises(ValueError, match="read-only"):
         array[0, 0] = 1.0
 
@@ -88,7 +88,7 @@ def test_an_array_of_a_type_that_the_contract_lacks_cannot_be_packed(dtype):
 def test_only_the_expected_dtype_is_accepted(expected, came):
     tensor = a_tensor(came)
     if came == expected:
-        assert unpack(tensor, expected, (2, 3), "field").shape == (2, 3)
+        assert Format(expected, (2, 3), "field").unpack(tensor).shape == (2, 3)
     else:
         text = refusal(tensor, expected)
         assert f"dtype is {pb.DType.Name(came)}, expected {pb.DType.Name(expected)}" in text
@@ -137,7 +137,7 @@ def test_signalling_and_odd_bit_patterns_of_nan_are_refused():
 
 def test_subnormal_and_extreme_numbers_are_numbers():
     extremes = np.array([1e-45, -1e-45, 3.4028235e38, -3.4028235e38, -0.0], np.float32)
-    assert unpack(pack(extremes), pb.FLOAT32, (5,), "field").tobytes() == extremes.tobytes()
+    assert Format(pb.FLOAT32, (5,), "field").unpack(pack(extremes)).tobytes() == extremes.tobytes()
 
 
 @pytest.mark.parametrize("value", [2, 128, 255])
@@ -163,14 +163,14 @@ def test_a_tensor_is_accepted_exactly_if_all_of_it_is_right(data, expected, want
     if right and expected == pb.BOOL:
         right = max(content) <= 1
     if right:
-        assert unpack(tensor, expected, wanted, "field").tobytes() == content
+        assert Format(expected, wanted, "field").unpack(tensor).tobytes() == content
     else:
         with pytest.raises(TensorError, match=r"^field: "):
-            unpack(tensor, expected, wanted, "field")
+            Format(expected, wanted, "field").unpack(tensor)
 
 
 @pytest.mark.parametrize("shape", [(0,), (0, 3), (3, 0)])
 @pytest.mark.parametrize("dtype", DTYPES, ids=pb.DType.Name)
 def test_an_array_without_elements_is_an_array(dtype, shape):
-    assert unpack(a_tensor(dtype, shape), dtype, shape, "field").shape == shape
+    assert Format(dtype, shape, "field").unpack(a_tensor(dtype, shape)).shape == shape
     refusal(a_tensor(dtype, shape, data=b"\x00"), dtype, shape)

@@ -8,7 +8,7 @@ import grpc
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays, StepArrays, pack_act, unpack_step
+from joybridge.codec import ActArrays, Codec, StepArrays, pack_act
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
@@ -101,7 +101,8 @@ class Player:
     def acts(self) -> list[pb.BehaviourAct]:
         """Return valid actions for the present step."""
         steps = [
-            unpack_step(*pair, self.arenas) for pair in zip(self.step.behaviours, self.spec.behaviours, strict=True)
+            Codec(kind, self.arenas).unpack_step(step)
+            for step, kind in zip(self.step.behaviours, self.spec.behaviours, strict=True)
         ]
         pairs = zip(self.spec.behaviours, steps, strict=True)
         return [pack_act(self._choose(behaviour, step)) for behaviour, step in pairs]
@@ -145,7 +146,7 @@ def record(step: pb.Step) -> bytes:
 def rows(step: pb.Step, spec: pb.GameSpec, arenas: int) -> Iterator[tuple[object, ...]]:
     """Yield what happened in each arena, whatever the arenas beside it did."""
     behaviours: Sequence[pb.Behaviour] = spec.behaviours
-    steps = [unpack_step(*pair, arenas) for pair in zip(step.behaviours, behaviours, strict=True)]
+    steps = [Codec(kind, arenas).unpack_step(one) for one, kind in zip(step.behaviours, behaviours, strict=True)]
     for arena in range(arenas):
         row = []
         for behaviour, part in zip(behaviours, steps, strict=True):

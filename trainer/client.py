@@ -11,9 +11,9 @@ from typing import Any, Self
 
 import grpc
 
-from joybridge.codec import ActArrays, StepArrays, pack_act, unpack_step
+from joybridge.codec import ActArrays, Codec, StepArrays, fill_act
 from joybridge.spec import MAX_PICTURES, SpecError, check_spec, response_bytes
-from joybridge.tensors import Array, TensorError, unpack
+from joybridge.tensors import Array, Format, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
@@ -84,6 +84,7 @@ class Session:
         self.address = address
         self.spec = describe(address, game, options or {})
         self.arenas = arenas
+        self._codecs = [Codec(behaviour, arenas) for behaviour in self.spec.behaviours]
         self.simulate_seconds = 0.0  # the game's own time in the last step
         limit = response_bytes(self.spec, arenas, MAX_PICTURES if self.spec.HasField("picture") else 0)
         lengths = [("grpc.max_receive_message_length", limit), ("grpc.max_send_message_length", -1)]
@@ -107,8 +108,10 @@ class Session:
 
     def send(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> None:
         """Send the actions of one decision without waiting for the step; `receive` returns it."""
-        act = pb.Act(behaviours=[pack_act(a) for a in acts], draw=draw)
-        self._requests.put(pb.PlayRequest(act=act))
+        request = pb.PlayRequest(act=pb.Act(draw=draw))
+        for act in acts:
+            fill_act(request.act.behaviours.add(), act)
+        self._requests.put(request)
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
@@ -125,7 +128,8 @@ class Session:
         step = self._receive("step").step
         self._take(step)
         size = (self.spec.picture.height, self.spec.picture.width, 3)
-        return self.steps, [unpack(picture, pb.UINT8, size, "step.pictures") for picture in step.pictures]
+        picture = Format(pb.UINT8, size, "step.pictures")
+        return self.steps, [picture.unpack(tensor) for tensor in step.pictures]
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes everywhere. Raises SimulatorError."""
@@ -173,14 +177,11 @@ class Session:
         return self.steps
 
     def _unpack(self, step: pb.Step) -> list[StepArrays]:
-        behaviours = self.spec.behaviours
+        messages, codecs = step.behaviours, self._codecs
         try:
-            if len(step.behaviours) != len(behaviours):
-                raise TensorError(f"step.behaviours has {len(step.behaviours)} entries, expected {len(behaviours)}")
-            return [
-                unpack_step(message, behaviour, self.arenas)
-                for message, behaviour in zip(step.behaviours, behaviours, strict=True)
-            ]
+            if len(messages) != len(codecs):
+                raise TensorError(f"step.behaviours has {len(messages)} entries, expected {len(codecs)}")
+            return [codec.unpack_step(message) for codec, message in zip(codecs, messages, strict=True)]
         except TensorError as error:
             raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
 

@@ -1,7 +1,7 @@
 """Actions and steps as arrays, and their way into messages and back.
 
-`ActArrays` and `StepArrays` are one BehaviourAct and one BehaviourStep as arrays. Unpacking checks
-everything the contract says about them against the spec; packing trusts its caller.
+`ActArrays` and `StepArrays` are one BehaviourAct and one BehaviourStep as arrays. A `Codec` unpacks the messages
+of one behaviour and checks everything the contract says about them; packing trusts its caller.
 """
 
 from collections.abc import Sequence
@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from joybridge.tensors import Array, TensorError, pack, unpack
+from joybridge.tensors import Array, Format, TensorError, fill
 from joybridge.v1 import bridge_pb2 as pb
+
+NOBODY = np.empty(0, np.int32)
 
 
 @dataclass
@@ -31,7 +33,7 @@ class StepArrays:
     truncated: Array  # bool [lanes]
     masks: list[Array] | None = None  # per branch bool [lanes, choices]; None: all allowed
     deciding: Array | None = None  # bool [lanes]; None: every lane decides
-    ended: Array = field(default_factory=lambda: np.empty(0, np.int32))  # int32 [ended], ascending
+    ended: Array = field(default_factory=lambda: NOBODY)  # int32 [ended], ascending
     final_observations: list[Array] | None = None  # per sensor [ended, *shape]; None if nothing ended
     metrics: Array | None = None  # float32 [ended, metrics]; None if nothing ended or there are none
 
@@ -43,125 +45,166 @@ def lane_count(behaviour: pb.Behaviour, arenas: int) -> int:
 
 def pack_act(act: ActArrays) -> pb.BehaviourAct:
     """Return the message of one behaviour's actions."""
-    return pb.BehaviourAct(
-        axes=pack(act.axes) if act.axes.shape[1] else None,
-        choices=pack(act.choices) if act.choices.shape[1] else None,
-    )
+    message = pb.BehaviourAct()
+    fill_act(message, act)
+    return message
 
 
-def unpack_act(message: pb.BehaviourAct, behaviour: pb.Behaviour, previous: StepArrays) -> ActArrays:
-    """Return one behaviour's actions, checked against the device and the masks of the previous step.
-
-    Raises TensorError naming the lane and the axis or branch that is out of range or masked. Lanes that
-    do not decide must be well-formed and are otherwise ignored.
-    """
-    lanes = len(previous.rewards)
-    device, name = behaviour.device, behaviour.name
-    axes = np.empty((lanes, 0), np.float32)
-    choices = np.empty((lanes, 0), np.int32)
-    if message.HasField("axes") or device.axes:
-        axes = unpack(message.axes, pb.FLOAT32, (lanes, len(device.axes)), f"{name}.axes")
-    if message.HasField("choices") or device.branches:
-        choices = unpack(message.choices, pb.INT32, (lanes, len(device.branches)), f"{name}.choices")
-    if previous.deciding is not None:  # what the other lanes do must not matter: give them any valid action
-        rest = np.array([axis.low for axis in device.axes], np.float32)
-        axes = np.where(previous.deciding[:, None], axes, rest)
-        choices = np.where(previous.deciding[:, None], choices, np.int32(0))
-    for index, axis in enumerate(device.axes):
-        _check_range(axes[:, index], axis.low, axis.high, f"{name}.axes: axis {axis.name!r}")
-    for index, branch in enumerate(device.branches):
-        where = f"{name}.choices: branch {branch.name!r}"
-        _check_range(choices[:, index], 0, len(branch.choices) - 1, where)
-        if previous.masks is not None:
-            allowed = previous.masks[index][np.arange(lanes), choices[:, index]]
-            if previous.deciding is not None:
-                allowed |= ~previous.deciding
-            if not allowed.all():
-                lane = int(np.argmin(allowed))
-                choice = branch.choices[choices[lane, index]]
-                raise TensorError(f"{where} got {choice!r} in lane {lane}, which its mask forbids in this step")
-    return ActArrays(axes, choices)
-
-
-def _check_range(column: Array, low: float, high: float, where: str) -> None:
-    if column.size and (column.min() < low or column.max() > high):
-        lane = int(np.argmax((column < low) | (column > high)))
-        raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected {low:g}..{high:g}")
+def fill_act(message: pb.BehaviourAct, act: ActArrays) -> None:
+    """Put actions into an empty message: in place within a larger one, which saves copies."""
+    if act.axes.shape[1]:
+        fill(message.axes, act.axes)
+    if act.choices.shape[1]:
+        fill(message.choices, act.choices)
 
 
 def pack_step(step: StepArrays) -> pb.BehaviourStep:
     """Return the message of one behaviour's step."""
-    message = pb.BehaviourStep(
-        observations=[pack(o) for o in step.observations],
-        rewards=pack(step.rewards),
-        terminated=pack(step.terminated),
-        truncated=pack(step.truncated),
-    )
-    if step.masks is not None:
-        message.masks.extend(pack(mask) for mask in step.masks)
-    if step.deciding is not None:
-        message.deciding.CopyFrom(pack(step.deciding))
-    if len(step.ended):
-        message.ended.lanes.CopyFrom(pack(step.ended))
-        message.ended.final_observations.extend(pack(o) for o in step.final_observations or [])
-        if step.metrics is not None:
-            message.ended.metrics.CopyFrom(pack(step.metrics))
+    message = pb.BehaviourStep()
+    fill_step(message, step)
     return message
 
 
-def unpack_step(message: pb.BehaviourStep, behaviour: pb.Behaviour, arenas: int) -> StepArrays:
-    """Return one behaviour's step, checked against the spec. Raises TensorError naming the field."""
-    lanes = lane_count(behaviour, arenas)
-    name = behaviour.name
-    step = StepArrays(
-        observations=_unpack_sensors(message.observations, behaviour.sensors, lanes, f"{name}.observations"),
-        rewards=unpack(message.rewards, pb.FLOAT32, (lanes, len(behaviour.channels)), f"{name}.rewards"),
-        terminated=unpack(message.terminated, pb.BOOL, (lanes,), f"{name}.terminated"),
-        truncated=unpack(message.truncated, pb.BOOL, (lanes,), f"{name}.truncated"),
-    )
-    if message.masks:
-        step.masks = _unpack_masks(message.masks, behaviour.device.branches, lanes, f"{name}.masks")
-    if message.HasField("deciding"):
-        step.deciding = unpack(message.deciding, pb.BOOL, (lanes,), f"{name}.deciding")
-    both = step.terminated & step.truncated
-    if both.any():
-        lane = int(np.flatnonzero(both)[0])
-        raise TensorError(f"{name}: lane {lane} is both terminated and truncated, expected at most one")
-    ended = np.flatnonzero(step.terminated | step.truncated).astype(np.int32)
-    if len(ended) or message.HasField("ended"):
-        _unpack_ended(message.ended, behaviour, step, ended)
-    return step
+def fill_step(message: pb.BehaviourStep, step: StepArrays) -> None:
+    """Put a step into an empty message: in place within a larger one, which saves copies."""
+    for observation in step.observations:
+        fill(message.observations.add(), observation)
+    fill(message.rewards, step.rewards)
+    fill(message.terminated, step.terminated)
+    fill(message.truncated, step.truncated)
+    for mask in step.masks or ():
+        fill(message.masks.add(), mask)
+    if step.deciding is not None:
+        fill(message.deciding, step.deciding)
+    if len(step.ended):
+        fill(message.ended.lanes, step.ended)
+        for observation in step.final_observations or ():
+            fill(message.ended.final_observations.add(), observation)
+        if step.metrics is not None:
+            fill(message.ended.metrics, step.metrics)
 
 
-def _unpack_ended(message: pb.Ended, behaviour: pb.Behaviour, step: StepArrays, ended: Array) -> None:
-    name = f"{behaviour.name}.ended"
-    step.ended = unpack(message.lanes, pb.INT32, (len(ended),), f"{name}.lanes")
-    if (step.ended != ended).any():
-        raise TensorError(f"{name}.lanes: {step.ended.tolist()}, expected the terminated or truncated {ended.tolist()}")
-    where = f"{name}.final_observations"
-    step.final_observations = _unpack_sensors(message.final_observations, behaviour.sensors, len(ended), where)
-    if behaviour.metrics:
-        shape = (len(ended), len(behaviour.metrics))
-        step.metrics = unpack(message.metrics, pb.FLOAT32, shape, f"{name}.metrics")
+class Codec:
+    """Unpacks the acts and steps of one behaviour in a session of so many arenas."""
 
+    def __init__(self, behaviour: pb.Behaviour, arenas: int) -> None:
+        """Work out once what every tensor must be."""
+        self.name = name = behaviour.name
+        self.lanes = lanes = lane_count(behaviour, arenas)
+        self.metrics = len(behaviour.metrics)
+        device = behaviour.device
+        self._axis_names = [axis.name for axis in device.axes]
+        self._low = np.array([axis.low for axis in device.axes], np.float32)
+        self._high = np.array([axis.high for axis in device.axes], np.float32)
+        self._branches = [(branch.name, list(branch.choices)) for branch in device.branches]
+        self._counts = np.array([len(choices) for _, choices in self._branches], np.int32)
+        self._axes = Format(pb.FLOAT32, (lanes, len(device.axes)), f"{name}.axes")
+        self._choices = Format(pb.INT32, (lanes, len(device.branches)), f"{name}.choices")
+        self._sensors = [(sensor.name, sensor.dtype, tuple(sensor.shape)) for sensor in behaviour.sensors]
+        self._observations = self._sensor_formats(lanes, "observations")
+        self._rewards = Format(pb.FLOAT32, (lanes, len(behaviour.channels)), f"{name}.rewards")
+        self._terminated = Format(pb.BOOL, (lanes,), f"{name}.terminated")
+        self._truncated = Format(pb.BOOL, (lanes,), f"{name}.truncated")
+        self._deciding = Format(pb.BOOL, (lanes,), f"{name}.deciding")
+        self._masks = [
+            Format(pb.BOOL, (lanes, len(choices)), f"{name}.masks[{branch}]") for branch, choices in self._branches
+        ]
 
-def _unpack_sensors(tensors: Sequence[pb.Tensor], sensors: Sequence[pb.Sensor], lanes: int, field: str) -> list[Array]:
-    if len(tensors) != len(sensors):
-        raise TensorError(f"{field}: {len(tensors)} tensors, expected {len(sensors)}, one per sensor")
-    return [
-        unpack(tensor, sensor.dtype, (lanes, *sensor.shape), f"{field}[{sensor.name}]")
-        for tensor, sensor in zip(tensors, sensors, strict=True)
-    ]
+    def _sensor_formats(self, lanes: int, field: str) -> list[Format]:
+        return [
+            Format(dtype, (lanes, *shape), f"{self.name}.{field}[{sensor}]") for sensor, dtype, shape in self._sensors
+        ]
 
+    def unpack_act(self, message: pb.BehaviourAct, previous: StepArrays) -> ActArrays:
+        """Return the actions, checked against the device and the masks of the previous step.
 
-def _unpack_masks(tensors: Sequence[pb.Tensor], branches: Sequence[pb.Branch], lanes: int, field: str) -> list[Array]:
-    if len(tensors) != len(branches):
-        raise TensorError(f"{field}: {len(tensors)} tensors, expected {len(branches)}, one per branch, or none")
-    masks = []
-    for tensor, branch in zip(tensors, branches, strict=True):
-        mask = unpack(tensor, pb.BOOL, (lanes, len(branch.choices)), f"{field}[{branch.name}]")
-        if not mask.any(axis=1).all():
-            lane = int(np.flatnonzero(~mask.any(axis=1))[0])
-            raise TensorError(f"{field}[{branch.name}]: lane {lane} allows no choice, expected at least one")
-        masks.append(mask)
-    return masks
+        Raises TensorError naming the lane and the axis or branch that is out of range or masked. Lanes that
+        do not decide must be well-formed and are otherwise ignored.
+        """
+        axes = np.empty(self._axes.shape, np.float32)
+        choices = np.empty(self._choices.shape, np.int32)
+        if self._axis_names or message.HasField("axes"):
+            axes = self._axes.unpack(message.axes)
+        if self._branches or message.HasField("choices"):
+            choices = self._choices.unpack(message.choices)
+        if previous.deciding is not None:  # what the other lanes do must not matter: give them any valid action
+            axes = np.where(previous.deciding[:, None], axes, self._low)
+            choices = np.where(previous.deciding[:, None], choices, np.int32(0))
+        if not ((axes >= self._low) & (axes <= self._high)).all():
+            self._refuse_axes(axes)
+        if not (choices.view(np.uint32) < self._counts).all():  # as unsigned numbers negative ones are huge
+            self._refuse_choices(choices)
+        if previous.masks is not None:
+            self._refuse_masked(choices, previous.masks, previous.deciding)
+        return ActArrays(axes, choices)
+
+    def _refuse_axes(self, axes: Array) -> None:
+        for axis, low, high, column in zip(self._axis_names, self._low, self._high, axes.T, strict=True):
+            for lane in np.flatnonzero((column < low) | (column > high)):
+                where = f"{self.name}.axes: axis {axis!r}"
+                raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected {low:g}..{high:g}")
+
+    def _refuse_choices(self, choices: Array) -> None:
+        for (branch, names), column in zip(self._branches, choices.T, strict=True):
+            for lane in np.flatnonzero((column < 0) | (column >= len(names))):
+                where = f"{self.name}.choices: branch {branch!r}"
+                raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected 0..{len(names) - 1}")
+
+    def _refuse_masked(self, choices: Array, masks: list[Array], deciding: Array | None) -> None:
+        for (branch, names), mask, column in zip(self._branches, masks, choices.T, strict=True):
+            forbidden = ~mask[np.arange(self.lanes), column]
+            if deciding is not None:
+                forbidden &= deciding
+            for lane in np.flatnonzero(forbidden):
+                where = f"{self.name}.choices: branch {branch!r}"
+                raise TensorError(
+                    f"{where} got {names[column[lane]]!r} in lane {lane}, which its mask forbids in this step"
+                )
+
+    def unpack_step(self, message: pb.BehaviourStep) -> StepArrays:
+        """Return the step, checked against the spec. Raises TensorError naming the field."""
+        step = StepArrays(
+            observations=self._unpack_sensors(message.observations, self._observations, "observations"),
+            rewards=self._rewards.unpack(message.rewards),
+            terminated=self._terminated.unpack(message.terminated),
+            truncated=self._truncated.unpack(message.truncated),
+        )
+        if message.masks:
+            step.masks = self._unpack_masks(message.masks)
+        if message.HasField("deciding"):
+            step.deciding = self._deciding.unpack(message.deciding)
+        ended = np.flatnonzero(step.terminated | step.truncated)
+        if len(ended) or message.HasField("ended"):
+            self._unpack_ended(message.ended, step, ended)
+        return step
+
+    def _unpack_ended(self, message: pb.Ended, step: StepArrays, ended: Array) -> None:
+        for lane in np.flatnonzero(step.terminated & step.truncated):
+            raise TensorError(f"{self.name}: lane {lane} is both terminated and truncated, expected at most one")
+        where = f"{self.name}.ended"
+        step.ended = Format(pb.INT32, (len(ended),), f"{where}.lanes").unpack(message.lanes)
+        if (step.ended != ended).any():
+            came, wanted = step.ended.tolist(), ended.tolist()
+            raise TensorError(f"{where}.lanes: {came}, expected the terminated or truncated {wanted}")
+        formats = self._sensor_formats(len(ended), "ended.final_observations")
+        step.final_observations = self._unpack_sensors(
+            message.final_observations, formats, "ended.final_observations"
+        )  # fmt: skip
+        if self.metrics:
+            step.metrics = Format(pb.FLOAT32, (len(ended), self.metrics), f"{where}.metrics").unpack(message.metrics)
+
+    def _unpack_sensors(self, tensors: Sequence[pb.Tensor], formats: list[Format], field: str) -> list[Array]:
+        if len(tensors) != len(formats):
+            where = f"{self.name}.{field}"
+            raise TensorError(f"{where}: {len(tensors)} tensors, expected {len(formats)}, one per sensor")
+        return [form.unpack(tensor) for form, tensor in zip(formats, tensors, strict=True)]
+
+    def _unpack_masks(self, tensors: Sequence[pb.Tensor]) -> list[Array]:
+        if len(tensors) != len(self._masks):
+            where = f"{self.name}.masks"
+            raise TensorError(f"{where}: {len(tensors)} tensors, expected {len(self._masks)}, one per branch, or none")
+        masks = [form.unpack(tensor) for form, tensor in zip(self._masks, tensors, strict=True)]
+        for form, mask in zip(self._masks, masks, strict=True):
+            for lane in np.flatnonzero(~mask.any(axis=1)):
+                raise TensorError(f"{form.field}: lane {lane} allows no choice, expected at least one")
+        return masks

@@ -1,6 +1,6 @@
 """ndarray <-> Tensor: the one door through which arrays enter and leave messages.
 
-`unpack` checks dtype, shape, byte length and finiteness and names the field, so nothing below it needs to.
+`Format.unpack` checks dtype, shape, byte length and finiteness and names the field, so nothing below it needs to.
 """
 
 import math
@@ -36,38 +36,58 @@ def dtype_of(array: Array) -> "pb.DType":
         raise TensorError(f"an array of {array.dtype} cannot be sent; convert it to one of {known}") from None
 
 
+def fill(tensor: pb.Tensor, array: Array) -> None:
+    """Put `array` into an empty tensor. Raises TensorError for a type that the contract does not carry."""
+    dtype = dtype_of(array)
+    tensor.dtype = dtype
+    tensor.shape.extend(array.shape)
+    tensor.data = array.astype(NUMPY_TYPES[dtype], copy=False).tobytes()
+
+
 def pack(array: Array) -> pb.Tensor:
     """Return `array` as a Tensor. Raises TensorError for a type that the contract does not carry."""
-    dtype = dtype_of(array)
-    return pb.Tensor(dtype=dtype, shape=array.shape, data=array.astype(NUMPY_TYPES[dtype], copy=False).tobytes())
+    tensor = pb.Tensor()
+    fill(tensor, array)
+    return tensor
 
 
-def unpack(tensor: pb.Tensor, dtype: pb.DType, shape: tuple[int, ...], field: str) -> Array:
-    """Return the array in `tensor`, read-only, after checking that it is what `field` demands.
+class Format:
+    """What the tensor of one field must be, worked out once for all the steps of a session."""
 
-    Raises TensorError if dtype, shape or byte length differ, if a float is NaN or infinite, or if a
-    boolean is neither 0 nor 1.
-    """
-    if tensor.dtype != dtype:
-        raise TensorError(f"{field}: dtype is {_dtype_name(tensor.dtype)}, expected {_dtype_name(dtype)}")
-    if tuple(tensor.shape) != shape:
-        raise TensorError(f"{field}: shape is {_cut(list(tensor.shape))}, expected {list(shape)}")
-    numpy_type = NUMPY_TYPES[dtype]
-    wanted = math.prod(shape) * numpy_type.itemsize
-    if len(tensor.data) != wanted:
-        raise TensorError(f"{field}: {len(tensor.data)} bytes of data, expected {wanted} for shape {list(shape)}")
-    if dtype == pb.BOOL:
-        raw = np.frombuffer(tensor.data, np.uint8)
-        if raw.size and raw.max() > 1:
-            raise TensorError(f"{field}: a boolean is {raw.max()}, expected 0 or 1")
-    array = np.frombuffer(tensor.data, numpy_type).reshape(shape)
-    if dtype == pb.FLOAT32 and not np.isfinite(array).all():
-        index = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise TensorError(f"{field}: value {array[tuple(index)]} at {index}, expected finite numbers")
-    return array
+    def __init__(self, dtype: "pb.DType", shape: tuple[int, ...], field: str) -> None:
+        """Demand `dtype` and `shape`; `field` names the place in errors."""
+        self.dtype, self.shape, self.field = dtype, shape, field
+        self.sizes = list(shape)
+        self.numpy_type = NUMPY_TYPES[dtype]
+        self.bytes = math.prod(shape) * self.numpy_type.itemsize
+
+    def unpack(self, tensor: pb.Tensor) -> Array:
+        """Return the array in `tensor`, read-only, after checking that it is what its field demands.
+
+        Raises TensorError if dtype, shape or byte length differ, if a float is NaN or infinite, or if a
+        boolean is neither 0 nor 1.
+        """
+        if tensor.dtype != self.dtype:
+            came, wanted = _dtype_name(tensor.dtype), _dtype_name(self.dtype)
+            raise TensorError(f"{self.field}: dtype is {came}, expected {wanted}")
+        if tensor.shape != self.sizes:
+            raise TensorError(f"{self.field}: shape is {_cut(list(tensor.shape))}, expected {self.sizes}")
+        data = tensor.data
+        if len(data) != self.bytes:
+            raise TensorError(
+                f"{self.field}: {len(data)} bytes of data, expected {self.bytes} for shape {self.sizes}"
+            )  # fmt: skip
+        if self.dtype == pb.BOOL and (others := data.translate(None, b"\0\1")):
+            raise TensorError(f"{self.field}: a boolean is {max(others)}, expected 0 or 1")
+        array: Array = np.ndarray(self.shape, self.numpy_type, data)
+        # The sum of squares is finite if all are; it is cheaper than asking each, which settles the rest.
+        if self.dtype == pb.FLOAT32 and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+            index = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise TensorError(f"{self.field}: value {array[tuple(index)]} at {index}, expected finite numbers")
+        return array
 
 
-def _dtype_name(dtype: pb.DType) -> str:
+def _dtype_name(dtype: "pb.DType") -> str:
     return pb.DType.Name(dtype) if dtype in pb.DType.values() else f"unknown ({dtype})"
 
 

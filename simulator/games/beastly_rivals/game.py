@@ -151,6 +151,7 @@ class BeastlyRivals(BatchedGame):
         self.locomotion = pointer.LOCOMOTIONS[options["locomotion"]]
         self.first_arena = first_arena
         self.arenas = np.zeros(arenas, r.ARENA).view(np.recarray)
+        self.fields = self.arenas.view(np.ndarray)  # the same memory: looking up a recarray's attributes is slow
         self.streams: Streams
         self._begin(seed, parameters)
 
@@ -186,14 +187,14 @@ class BeastlyRivals(BatchedGame):
         """
         (act,) = acts
         arenas = self.arenas
-        velocity = self.locomotion.velocity(act, arenas.heading) * r.TOP_SPEED
+        velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
         move, blink = np.ascontiguousarray(act.choices[:, -2:].T)
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.decide(arenas, self.streams, self.rules, velocity, move, blink, rewards)
         observations = self._observations()
-        terminated = arenas.dead.copy()
-        truncated = (arenas.clock >= r.CLOCK_TICKS) & ~terminated
+        terminated = self.fields["dead"].copy()
+        truncated = (self.fields["clock"] >= r.CLOCK_TICKS) & ~terminated
         step = StepArrays(observations, rewards.astype(np.float32), terminated, truncated)
         ends = terminated | truncated
         if ends.any():
@@ -207,7 +208,7 @@ class BeastlyRivals(BatchedGame):
     def _observations(self) -> list[Array]:
         sensors = [np.empty((len(self.arenas), *sensor.shape), np.float32) for sensor in SENSORS]
         _observe(self.arenas, *sensors)
-        return [*sensors, pointer.observe_heading(self.arenas.heading)] if self.steers else sensors
+        return [*sensors, pointer.observe_heading(self.fields["heading"])] if self.steers else sensors
 
     def _metrics(self) -> Array:
         arenas = self.arenas

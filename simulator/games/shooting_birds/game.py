@@ -141,6 +141,7 @@ class ShootingBirds(BatchedGame):
         self.fixed_level = -1 if options["level"] == "random" else int(options["level"])
         self.first_arena = first_arena
         self.arenas = np.zeros(arenas, r.ARENA).view(np.recarray)
+        self.fields = self.arenas.view(np.ndarray)  # the same memory: looking up a recarray's attributes is slow
         self.streams: Streams
         self._begin(seed, parameters)
 
@@ -170,13 +171,13 @@ class ShootingBirds(BatchedGame):
         """Advance every arena by one tick; all episodes end together, truncated."""
         (act,) = acts
         arenas = self.arenas
-        velocity = self.locomotion.velocity(act, arenas.heading) * r.TOP_SPEED
+        velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
         shoot, reload = np.ascontiguousarray(act.choices[:, -2:].T)
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.tick(arenas, self.streams, self.rules, OBSTACLES, velocity, shoot, reload, rewards)
         observations = self._observations()
-        truncated = arenas.tick >= r.EPISODE_TICKS
+        truncated = self.fields["tick"] >= r.EPISODE_TICKS
         step = StepArrays(observations, rewards.astype(np.float32), np.zeros(len(arenas), bool), truncated)
         if truncated.any():  # then all of them: arenas share one clock
             step.ended = np.arange(len(arenas), dtype=np.int32)
@@ -194,7 +195,7 @@ class ShootingBirds(BatchedGame):
         hovered = np.empty((len(arenas), 1), np.float32)
         _observe(arenas, self.rules, OBSTACLES, gun, crosshair, rays, hovered)
         sensors = [gun, crosshair, rays, hovered]
-        return [*sensors, pointer.observe_heading(arenas.heading)] if self.steers else sensors
+        return [*sensors, pointer.observe_heading(self.fields["heading"])] if self.steers else sensors
 
     def _metrics(self) -> Array:
         shots, hits, reloads = self.arenas.shots, self.arenas.hits, self.arenas.reloads
