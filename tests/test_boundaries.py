@@ -15,7 +15,7 @@ PACKAGES = {"joybridge": ROOT / "proto" / "joybridge", "simulator": ROOT / "simu
 FORBIDDEN = {
     "joybridge": {"simulator", "trainer", "tools", "tests", "torch", "gymnasium", "pettingzoo", "pygame", "numba"},
     "simulator": {"trainer", "tools", "tests", "torch", "gymnasium", "pettingzoo", "tensorboard", "pydantic"},
-    "trainer": {"simulator", "tools", "tests", "pygame", "numba"},
+    "trainer": {"simulator", "tools", "tests", "pygame"},
 }
 
 
@@ -158,4 +158,4 @@ def test_drawing_is_loaded_when_a_picture_is_asked_for():
 def test_training_loads_no_game():
     modules = loaded("import trainer.train, trainer.__main__")
     assert {"trainer", "torch", "joybridge"} <= modules
-    assert modules.isdisjoint({"simulator", "pygame", "numba"})
+    assert modules.isdisjoint({"simulator", "pygame"})

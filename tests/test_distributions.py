@@ -1,5 +1,7 @@
 """The branched hybrid distribution agrees with torch.distributions."""
 
+import numpy as np
+import pytest
 import torch
 from torch.distributions import Categorical, Normal
 
@@ -8,9 +10,8 @@ from trainer.distributions import (
     branch_entropy,
     chosen_log_probs,
     gaussian_log_probs,
-    sample_branches,
-    sample_gaussians,
 )
+from trainer.kernels import choose
 
 SIZES = (5, 3, 2)
 
@@ -47,27 +48,55 @@ def test_gaussian_log_probs_are_summed_and_their_entropy_is_the_mean_over_dimens
     torch.testing.assert_close(entropy, truth.entropy()[0].mean())
 
 
+def choose_in(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=False):
+    """Return the choices, continuous actions and log-probabilities that the compiled sampling gives."""
+    lanes, dimensions = len(outputs), len(log_variance)
+    discrete, continuous = np.zeros((lanes, len(sizes)), np.int64), np.zeros((lanes, dimensions), np.float32)
+    log_probs = np.zeros(lanes, np.float32)
+    bias, spread = np.zeros(dimensions, np.float32), np.array(log_variance, np.float32)
+    choose(
+        outputs.numpy(), bias, spread, np.array(sizes, np.int64), None, uniform, normal, likeliest,
+        continuous, discrete, log_probs,
+    )  # fmt: skip
+    return torch.from_numpy(discrete), torch.from_numpy(continuous), torch.from_numpy(log_probs)
+
+
 def test_sampled_branches_follow_their_probabilities_and_never_take_a_forbidden_choice():
-    logits = padded(*[branch[:1] for branch in random_branches(1)]).repeat(200_000, 1, 1)
+    lanes = 200_000
+    logits = padded(*[branch[:1] for branch in random_branches(1)]).repeat(lanes, 1, 1)
     logits[:, 0, 1] = FORBIDDEN
-    uniform = torch.rand(200_000, 3, generator=torch.Generator().manual_seed(1))
-    choices = sample_branches(torch.log_softmax(logits, -1), uniform)
+    uniform = np.random.default_rng(1).random((lanes, 3), np.float32)
+    choices, _, log_probs = choose_in(logits.reshape(lanes, -1), uniform, np.zeros((lanes, 0), np.float32))
     truth = torch.softmax(logits[0], -1)
     for branch, size in enumerate(SIZES):
         frequency = torch.bincount(choices[:, branch], minlength=5) / len(choices)
         torch.testing.assert_close(frequency, truth[branch], atol=0.005, rtol=0)
         assert frequency[size:].sum() == 0
     assert (choices[:, 0] != 1).all()
+    torch.testing.assert_close(log_probs, chosen_log_probs(torch.log_softmax(logits, -1), choices))
 
 
-def test_the_extremes_of_the_uniform_numbers_stay_within_allowed_choices():
-    log_p = torch.log_softmax(torch.tensor([[[FORBIDDEN, 0.3, 0.1, FORBIDDEN]]]), -1)
-    assert sample_branches(log_p, torch.tensor([[0.0]])).item() == 1
-    assert sample_branches(log_p, torch.tensor([[1.0 - 2**-24]])).item() == 2
+@pytest.mark.parametrize(("uniform", "choice"), [(0.0, 1), (1.0 - 2**-24, 2)])
+def test_the_extremes_of_the_uniform_numbers_stay_within_allowed_choices(uniform, choice):
+    outputs = torch.tensor([[FORBIDDEN, 0.3, 0.1, FORBIDDEN]])
+    noise = np.zeros((1, 0), np.float32)
+    choices, _, _ = choose_in(outputs, np.array([[uniform]], np.float32), noise, sizes=(4,))
+    assert choices.item() == choice
 
 
-def test_sampled_gaussians_have_the_mean_and_spread_asked_for():
-    noise = torch.randn(100_000, 2, generator=torch.Generator().manual_seed(2))
-    samples = sample_gaussians(torch.tensor([[1.0, -2.0]]).expand(100_000, 2), torch.tensor([0.0, -2.0]), noise)
+def test_sampled_gaussians_have_the_mean_and_spread_asked_for_and_their_log_probability():
+    lanes, log_variance = 100_000, (0.0, -2.0)
+    mean = torch.tensor([[1.0, -2.0]]).repeat(lanes, 1)
+    noise = np.random.default_rng(2).standard_normal((lanes, 2), np.float32)
+    _, samples, log_probs = choose_in(mean, np.zeros((lanes, 0), np.float32), noise, log_variance, sizes=())
     torch.testing.assert_close(samples.mean(0), torch.tensor([1.0, -2.0]), atol=0.02, rtol=0)
     torch.testing.assert_close(samples.std(0), torch.exp(torch.tensor([0.0, -1.0])), atol=0.02, rtol=0)
+    torch.testing.assert_close(log_probs, gaussian_log_probs(mean, torch.tensor(log_variance), samples)[0])
+
+
+def test_the_likeliest_action_is_the_largest_logit_and_the_mean():
+    logits = padded(*random_branches(64))
+    outputs = torch.cat([logits.reshape(64, -1), torch.randn(64, 2)], 1)
+    uniform, normal = np.full((64, 3), 0.99, np.float32), np.ones((64, 2), np.float32)
+    choices, samples, _ = choose_in(outputs, uniform, normal, (0.0, 0.0), likeliest=True)
+    assert (choices == logits.argmax(-1)).all() and (samples == outputs[:, -2:]).all()

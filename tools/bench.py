@@ -1,11 +1,12 @@
 """How fast it is on this machine: medians over windows, with their spread.
 
-python tools/bench.py [simulator | wire | learner | train | peers | all] [--json]
+python tools/bench.py [simulator | wire | learner | train | start | peers | all] [--json]
 
 simulator   a game alone, in this process, by number of arenas
 wire        simulator process and client with random actions, and the round trip of one arena
 learner     sample passes of an update, beside the bare matrix products of the same shapes
 train       all of it: what `python -m trainer train` reaches
+start       seconds until a simulator listens and a run has made its first update, and memory of both (Linux)
 peers       the same beside Stable-Baselines3's PPO and a Gymnasium AsyncVectorEnv, on the same game
 """
 
@@ -15,6 +16,7 @@ import math
 import os
 import platform
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -108,7 +110,29 @@ def bench_wire() -> Figures:
                         low, median, high = np.percentile(trips[400:], [5, 50, 95]) * 1e6
                         key = f"{name}, 1 arena, round trip in µs (p50, p5, p95)"
                         figures[key] = {"median": median, "low": low, "high": high}
+            figures |= _two_sessions(name, address, address, "two half-batches in flight")
+            with simulator_process() as other:
+                figures |= _two_sessions(name, address, other, "half of them at each of two simulators")
     return figures
+
+
+def _two_sessions(name: str, first: str, second: str, how: str) -> Figures:
+    """Measure 256 arenas in two sessions, where one is always being answered while the other is worked on."""
+    with Session(first, name, arenas=128, seed=0) as one, Session(second, name, arenas=128, seed=0) as two:
+        acts = random_acts(one.spec, 128, np.random.default_rng(0))
+        one.send(acts[0])
+
+        def work() -> float:
+            for step in range(400):
+                two.send(acts[step % len(acts)])
+                one.receive()
+                one.send(acts[step % len(acts)])
+                two.receive()
+            return 400.0 * 256
+
+        figure = measure(work)
+        one.receive()
+    return {f"{name}, 256 arenas, {how}, agent-steps/s": figure}
 
 
 def bench_learner() -> Figures:
@@ -205,6 +229,63 @@ def bench_train(transitions: int = 1_500_000) -> Figures:
     return figures
 
 
+def bench_start(transitions: int = 1_500_000) -> Figures:
+    """Seconds until a simulator listens and until a run ends that makes a single update; memory in MB."""
+    figures: Figures = {}
+    experiment = CONFIGS / "shooting_birds" / "bucket-11.yaml"
+
+    def seconds(work: Callable[[], object]) -> dict[str, float]:
+        times = []
+        for _ in range(WINDOWS):
+            begin = time.perf_counter()
+            work()
+            times.append(time.perf_counter() - begin)
+        return {"median": statistics.median(times), "low": min(times), "high": max(times)}
+
+    def listen() -> None:
+        with simulator_process():
+            pass
+
+    def update() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "trainer", "train", str(experiment), "--run", f"{folder}/run"]
+            subprocess.run([*command, "stop=1"], check=True, capture_output=True)
+
+    figures["start and end of a simulator, s"] = seconds(listen)
+    figures["a run of one rollout and one update, start to end, s"] = seconds(update)
+    config = load_config(experiment, [f"stop={transitions}", "summary=150000"])
+    with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
+        simulator, *_ = _children()
+        held: dict[str, list[float]] = {"trainer": [], "simulator": []}
+
+        def report(done: int, live: dict[str, float], row: dict[str, float] | None) -> None:
+            if row is not None:
+                held["trainer"].append(_megabytes(os.getpid()))
+                held["simulator"].append(_megabytes(simulator))
+
+        train(config, Path(folder) / "run", [address], resume=False, report=report)
+        with Session(address, "shooting_birds", arenas=256, seed=0) as session:
+            acts = random_acts(session.spec, 256, np.random.default_rng(0))
+            for step in range(400):
+                session.step(acts[step % len(acts)])
+            large = _megabytes(simulator)
+    for name, sizes in held.items():
+        key = f"memory of the {name} in training, MB (at the end, at first, at most)"
+        figures[key] = {"median": sizes[-1], "low": sizes[0], "high": max(sizes)}
+    figures["memory of a simulator at 256 arenas, MB"] = {"median": large, "low": large, "high": large}
+    return figures
+
+
+def _children() -> list[int]:
+    """Return this process's children."""
+    return [int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+
+
+def _megabytes(process: int) -> float:
+    """Return the resident memory of a process."""
+    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
 def bench_peers() -> Figures:
     """Transitions per second of others on Shooting Birds bucket-11, and of ours beside them in the same session."""
     from tools.sb3_example import make_model
@@ -247,6 +328,7 @@ BENCHES = {
     "wire": bench_wire,
     "learner": bench_learner,
     "train": bench_train,
+    "start": bench_start,
     "peers": bench_peers,
 }
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 
 from joybridge.v1 import bridge_pb2 as pb
 from trainer.actions import LayoutError, make_layouts, policy_name
@@ -12,6 +13,8 @@ from trainer.policy import Policy
 
 def make_policies(config: Config, spec: pb.GameSpec, arenas: int) -> list[Policy]:
     """Return untrained policies for all behaviours of the spec. Raises ConfigError."""
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device is cuda, but torch finds no such device here; set device=cpu")
     policies: list[Policy] = []
     seeds = np.random.SeedSequence(config.seed)
     for index, behaviour in enumerate(spec.behaviours):
@@ -22,7 +25,8 @@ def make_policies(config: Config, spec: pb.GameSpec, arenas: int) -> list[Policy
         for part, layout in layouts.items():
             name = policy_name(behaviour.name, part, alone=len(spec.behaviours) == 1)
             seed = int(seeds.spawn(1)[0].generate_state(1, np.uint64)[0])
-            policies.append(Policy(name, spec, index, layout, config.policy_config(name), arenas, seed))
+            policy_config = config.policy_config(name)
+            policies.append(Policy(name, spec, index, layout, policy_config, arenas, seed, config.device))
     names = [policy.name for policy in policies]
     for name in config.policies:
         if name not in names:

@@ -6,7 +6,7 @@ A YAML file may name another one with `extends:`; mappings are merged, everythin
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -59,6 +59,7 @@ class Config(_Checked):
     parameters: dict[str, float] = {}  # parameter -> value
     layout: str = "hybrid"  # how policies map to the device; see trainer/actions.py
     arenas: int = Field(75, ge=1)
+    device: Literal["cpu", "cuda"] = "cpu"  # where networks live; small ones are faster on the processor
     seed: int = Field(0, ge=0, lt=2**64)
     transitions: int = Field(30_000_000, ge=1)  # length of the run, and of its schedules
     stop: int | None = Field(None, ge=1)  # end earlier, after so many transitions, with the schedules unchanged

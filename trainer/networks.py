@@ -78,13 +78,18 @@ class Network(nn.Module):
         value = (self.critic or self.actor).head.weight[-1:]
         nn.init.xavier_uniform_(value, generator=generator)
 
-    def forward(self, observations: Tensor) -> Outputs:
-        """Return the outputs for observations [lanes, observation]."""
+    def heads(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the actor's outputs [lanes, columns], without mask and bias, and the values [lanes]."""
         outputs = self.actor(observations)
+        value = outputs if self.critic is None else self.critic(observations)
+        return outputs, value[:, -1] + self.value_bias
+
+    def forward(self, observations: Tensor) -> Outputs:
+        """Return what `heads` does, taken apart."""
+        outputs, value = self.heads(observations)
         logits = outputs[:, : self.pad.numel()].view(len(outputs), *self.pad.shape) + self.pad
         mean = outputs[:, self.pad.numel() : self.pad.numel() + self.space.continuous] + self.mean_bias
-        value = outputs if self.critic is None else self.critic(observations)
-        return Outputs(logits, mean, value[:, -1] + self.value_bias)
+        return Outputs(logits, mean, value)
 
     def value(self, observations: Tensor) -> Tensor:
         """Return the values [lanes] alone."""

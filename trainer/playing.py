@@ -21,7 +21,7 @@ class Players:
 
         `seed` fixes the samples. Raises CheckpointError or ConfigError.
         """
-        config = run_config(run).model_copy(update={"seed": seed})
+        config = run_config(run).model_copy(update={"seed": seed, "device": "cpu"})
         arrays, manifest = load_checkpoint(run)
         self.transitions: int = manifest["transitions"]
         self.deterministic = deterministic

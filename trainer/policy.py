@@ -20,8 +20,8 @@ from trainer.actions import Layout
 from trainer.advantages import estimate_advantages
 from trainer.checkpoint import CheckpointError
 from trainer.config import PolicyConfig
-from trainer.distributions import chosen_log_probs, gaussian_log_probs, sample_branches, sample_gaussians
 from trainer.gradient import ClosedFormGradient
+from trainer.kernels import choose
 from trainer.networks import Network, flatten_parameters
 from trainer.ppo import Batch, Gradient, Update, anneal, autograd_gradient
 from trainer.rollout import Rollout
@@ -34,11 +34,19 @@ class Policy:
     """A policy that acts in every lane of one behaviour and learns from what follows."""
 
     def __init__(
-        self, name: str, spec: pb.GameSpec, behaviour: int, layout: Layout, config: PolicyConfig, arenas: int, seed: int
+        self,
+        name: str,
+        spec: pb.GameSpec,
+        behaviour: int,
+        layout: Layout,
+        config: PolicyConfig,
+        arenas: int,
+        seed: int,
+        device: str = "cpu",
     ) -> None:
         """Make an untrained policy for the behaviour of that index, or for a part of its device.
 
-        `seed` fixes its network, its samples and its shuffles.
+        `seed` fixes its network, its samples and its shuffles. device: where the network lives and learns.
         """
         self.name, self.behaviour, self.layout, self.config, self.seed = name, behaviour, layout, config, seed
         self.senses = Senses(name, spec.behaviours[behaviour], config)
@@ -46,12 +54,15 @@ class Policy:
         self.lanes = lane_count(spec.behaviours[behaviour], arenas)
         space = layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
-        self.network = Network(self.senses.size * config.stack, space, config.hidden, shared, seed)
+        self.device = torch.device(device)
+        self.network = Network(self.senses.size * config.stack, space, config.hidden, shared, seed).to(self.device)
+        self.sizes = np.array(space.branches, np.int64)
         self.acting = copy.deepcopy(self.network) if config.overlap else self.network
         self.weights = flatten_parameters(self.network)
         self.optimizer = torch.optim.Adam([self.weights], fused=True)
         reference = partial(autograd_gradient, self.network)
-        self.gradient: Gradient = reference if config.autograd else ClosedFormGradient(self.network)
+        closed_form = device == "cpu" and not config.autograd
+        self.gradient: Gradient = ClosedFormGradient(self.network) if closed_form else reference
         self.rollout, self.last = (
             Rollout(config.rollout, self.lanes, self.senses.size, config.stack, space) for _ in range(2)
         )
@@ -66,8 +77,8 @@ class Policy:
 
     def _draw_samples(self) -> None:
         rng = self._rng(self.rollouts, SAMPLES)
-        self.normal = torch.from_numpy(rng.standard_normal(self.rollout.continuous.shape, np.float32))
-        self.uniform = torch.from_numpy(rng.random(self.rollout.discrete.shape, np.float32))
+        self.normal = rng.standard_normal(self.rollout.continuous.shape, np.float32)
+        self.uniform = rng.random(self.rollout.discrete.shape, np.float32)
 
     def begin(self, steps: Sequence[StepArrays]) -> None:
         """Take the first observations of new episodes; here and below, steps and acts hold one per behaviour."""
@@ -82,22 +93,14 @@ class Policy:
         """
         step, act = steps[self.behaviour], acts[self.behaviour]
         rollout, network, t = self.rollout, self.acting, self.rollout.step
-        outputs = network(torch.from_numpy(rollout.observations[t]))
-        log_probs = torch.zeros(self.lanes)
-        if network.space.branches:
-            masks = rollout.set_masks(None if step.masks is None else self.layout.masks(step.masks))
-            logits = outputs.logits if masks is None else outputs.logits + torch.from_numpy(masks)
-            log_p = torch.log_softmax(logits, -1)
-            discrete = log_p.argmax(-1) if deterministic else sample_branches(log_p, self.uniform[t])
-            log_probs += chosen_log_probs(log_p, discrete)
-            rollout.discrete[t] = discrete.numpy()
-        if network.space.continuous:
-            normal = torch.zeros_like(outputs.mean) if deterministic else self.normal[t]
-            continuous = sample_gaussians(outputs.mean, network.log_variance, normal)
-            log_probs += gaussian_log_probs(outputs.mean, network.log_variance, continuous)[0]
-            rollout.continuous[t] = continuous.numpy()
-        rollout.values[t] = outputs.value.numpy()
-        rollout.log_probs[t] = log_probs.numpy()
+        masks = rollout.set_masks(None if step.masks is None else self.layout.masks(step.masks))
+        outputs, values = network.heads(self._tensor(rollout.observations[t]))
+        choose(
+            _array(outputs), _array(network.mean_bias), _array(network.log_variance), self.sizes, masks,
+            self.uniform[t], self.normal[t], deterministic,
+            rollout.continuous[t], rollout.discrete[t], rollout.log_probs[t],
+        )  # fmt: skip
+        rollout.values[t] = _array(values)
         self.layout.write(rollout.continuous[t], rollout.discrete[t], act, step.masks)
 
     def take(self, steps: Sequence[StepArrays]) -> Array:
@@ -112,7 +115,10 @@ class Policy:
 
     @torch.inference_mode()
     def _values(self, observations: Array) -> Array:
-        return self.acting.value(torch.from_numpy(observations)).numpy()
+        return _array(self.acting.value(self._tensor(observations)))
+
+    def _tensor(self, array: Array) -> torch.Tensor:
+        return torch.from_numpy(array).to(self.device)
 
     def learn_on(self) -> None:
         """Do the present step's share of an update that overlaps with the rollout."""
@@ -151,7 +157,7 @@ class Policy:
             rollout.truncated, rollout.final_values, live,
             gamma=config.gamma, lam=config.lam, horizon=config.horizon,
         )  # fmt: skip
-        return rollout.batch(advantages, live), float(rollout.values[live].mean())
+        return rollout.batch(advantages, live).to(self.device), float(rollout.values[live].mean())
 
     def _begin_update(self, batch: Batch) -> Update:
         config = self.config
@@ -163,14 +169,14 @@ class Policy:
 
     def state(self) -> dict[str, Array]:
         """Return copies of everything that fixes what follows, right after `turn_over`, for a checkpoint."""
-        state = {f"network.{name}": t.detach().numpy().copy() for name, t in self.network.state_dict().items()}
+        state = {f"network.{name}": _array(t).copy() for name, t in self.network.state_dict().items()}
         moments = self.optimizer.state_dict()["state"].get(0, {})
-        state |= {f"adam.{name}": moment.numpy().copy() for name, moment in moments.items()}
+        state |= {f"adam.{name}": _array(moment).copy() for name, moment in moments.items()}
         state |= {"rollouts": np.array(self.rollouts), "progress": np.array(self.progress)}
         state |= {"observations": self.rollout.observations[0].copy(), "deciding": self.rollout.deciding[0].copy()}
         if self.update is not None:
             fields = vars(self.update.batch).items()
-            state |= {f"batch.{name}": field.numpy().copy() for name, field in fields if field is not None}
+            state |= {f"batch.{name}": _array(field).copy() for name, field in fields if field is not None}
         return state
 
     def load(self, state: dict[str, Array]) -> None:
@@ -183,7 +189,11 @@ class Policy:
         self.rollout.observations[0] = state["observations"]
         self.rollout.deciding[0] = state["deciding"]
         batch = _tensors(state, "batch.")
-        self.update = self._begin_update(Batch(**({"masks": None} | batch))) if batch else None  # type: ignore[arg-type]
+        if batch:
+            whole = Batch(**({"masks": None} | batch))  # type: ignore[arg-type]
+            self.update = self._begin_update(whole.to(self.device))
+        else:
+            self.update = None
         self._draw_samples()
 
     def load_network(self, state: dict[str, Array]) -> None:
@@ -194,6 +204,11 @@ class Policy:
         except RuntimeError as error:
             text = f"{self.name}: the checkpoint's network does not fit this game, layout or version: {error}"
             raise CheckpointError(text) from error
+
+
+def _array(tensor: torch.Tensor) -> Array:
+    """Return a tensor's numbers: the very same where it lives on the processor, else a copy."""
+    return tensor.detach().cpu().numpy()
 
 
 def _tensors(state: dict[str, Array], prefix: str) -> dict[str, torch.Tensor]:

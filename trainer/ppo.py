@@ -33,6 +33,10 @@ class Batch:
         """Return the transitions at `index`."""
         return self._each(lambda field: field[index])
 
+    def to(self, device: torch.device) -> "Batch":
+        """Return the batch on a device."""
+        return self._each(lambda field: field.to(device))
+
     def slice(self, start: int, end: int) -> "Batch":
         """Return the transitions start .. end - 1 without copying them."""
         return self._each(lambda field: field[start:end])
@@ -138,7 +142,9 @@ class Update:
         while len(self.parts) < min(share, 1.0) * self.total:
             number = len(self.parts) % self.per_epoch
             if number == 0:
-                self.shuffled = self.batch.rows(torch.from_numpy(self.rng.permutation(len(self.batch))))
+                self.shuffled = self.batch.rows(
+                    torch.from_numpy(self.rng.permutation(len(self.batch))).to(self.batch.returns.device)
+                )
             rows = self.shuffled.slice(number * self.minibatch, (number + 1) * self.minibatch)
             self.parts.append(self.gradient(rows, self.coefficients))
             self.optimizer.step()

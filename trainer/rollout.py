@@ -121,7 +121,7 @@ class Rollout:
             if masks is None:
                 return None
             steps, lanes, branches = self.discrete.shape
-            self.masks = np.zeros((steps, lanes, branches, max(self.space.branches)), np.float32)
+            self.masks = np.zeros((steps, lanes, branches, max(self.space.branches, default=0)), np.float32)
         row: Array = self.masks[self.step]
         row[...] = 0.0
         for branch, mask in enumerate(masks or ()):
