@@ -1,0 +1,50 @@
+/** One session: the order of its messages, and what becomes of errors. Knows nothing of sockets. */
+
+import { status } from "@grpc/grpc-js";
+
+import { invalid, Refusal } from "./contract.js";
+import { Play } from "./play.js";
+import { choose, type Games } from "./settings.js";
+import type { CompletePlayRequest } from "./types/joybridge/v1/PlayRequest.js";
+import type { PlayResponse } from "./types/joybridge/v1/PlayResponse.js";
+
+/** The requests of one stream. */
+export class Session {
+  private play: Play | undefined;
+
+  constructor(private readonly games: Games) {}
+
+  /** Return the response to one request. Throws a Refusal; the session must then end. */
+  answer(request: CompletePlayRequest): PlayResponse {
+    try {
+      return this.respond(request);
+    } catch (error) {
+      if (error instanceof Refusal) throw error;
+      const moment = this.play ? `step ${this.play.steps}` : "start";
+      console.error(`${moment} of a session failed:`, error);
+      const name = this.play?.chosen.spec.name ?? request.start?.game;
+      throw new Refusal(status.INTERNAL, `${name} failed in ${moment}: ${error}; the server's log has more`);
+    }
+  }
+
+  private respond({ request, start, act, reset, save }: CompletePlayRequest): PlayResponse {
+    if (!this.play) {
+      if (!start) throw request ? early(`${request} came before start`) : empty();
+      this.play = new Play(choose(this.games, start.game, start.options), start);
+      return { started: { spec: this.play.chosen.spec, step: this.play.observe() } };
+    }
+    if (start) throw early("start comes once, first");
+    if (act) return { step: this.play.act(act) };
+    if (reset) return { step: this.play.reset(reset) };
+    if (save) throw new Refusal(status.FAILED_PRECONDITION, "there are no snapshots here; begin new episodes instead");
+    throw empty();
+  }
+}
+
+function early(what: string): Refusal {
+  return new Refusal(status.FAILED_PRECONDITION, `${what}; open a new stream and begin with start`);
+}
+
+function empty(): Refusal {
+  return invalid("an empty PlayRequest; send start, act, reset or save");
+}

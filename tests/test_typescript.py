@@ -1,0 +1,176 @@
+"""The server in TypeScript: built from nothing, held to the contract, trained, and ended, as a process of its own."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import grpc
+import numpy as np
+import pytest
+
+from joybridge.codec import ActArrays
+from tests.wire import Stream, refused, start
+from trainer.client import Session
+from trainer.metrics import read_rows
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "proto" / "servers" / "typescript"
+CONFIG = ROOT / "configs" / "meteors" / "hybrid.yaml"
+NODE = 20  # the oldest that will do
+
+
+def run(*command: str, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200, check=False)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """Return a folder with the server, built there as its README says."""
+    found = run("node", "--version").stdout if shutil.which("node") and shutil.which("npm") else "v0"
+    if int(found[1:].split(".")[0]) < NODE:
+        pytest.skip(f"install Node.js {NODE} or newer, with npm, to build and run the server in TypeScript")
+    proto = tmp_path_factory.mktemp("typescript") / "proto"
+    folder = proto / "servers" / "typescript"
+    shutil.copytree(SOURCE, folder, ignore=shutil.ignore_patterns("node_modules", "dist", "types"))
+    contract = Path("joybridge") / "v1" / "bridge.proto"
+    (proto / contract).parent.mkdir(parents=True)
+    shutil.copy(SOURCE.parents[1] / contract, proto / contract)
+    for command in (("npm", "ci"), ("npm", "run", "build")):
+        done = run(*command, folder=folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@contextmanager
+def serving(folder: Path, *more: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run the server and yield its process and its address."""
+    command = ["node", "dist/main.js", "--address", "127.0.0.1:0", *more]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert re.fullmatch(r"joybridge simulator listening on 127\.0\.0\.1:\d+\n", line), process.communicate()
+            yield process, line.split()[-1]
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def address(built) -> Iterator[str]:
+    with serving(built) as (_, bound):
+        yield bound
+
+
+def test_it_keeps_every_rule_of_the_contract(address):
+    done = run(sys.executable, "-m", "simulator", "check", address, "--json")
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert done.returncode == report["failed"] == 0, done.stdout
+    assert {result["game"] for result in report["results"]} == {"server", "meteors"}
+    passed = {result["check"] for result in report["results"] if result["outcome"] == "passed"}
+    assert passed >= {  # some that apply only to a game that has what they are about
+        "a_masked_choice_is_refused", "an_axis_above_its_range_is_refused", "metrics_have_a_row_per_end",
+        "pictures_come_in_the_order_of_the_request", "a_parameter_left_out_of_a_reset_keeps_its_value",
+        "a_choice_starts_with_the_spec_that_was_described_for_it", "ended_lists_exactly_the_lanes_that_ended",
+        "an_arena_plays_the_same_however_many_are_beside_it", "a_game_without_snapshots_refuses_to_save",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["__proto__", "constructor", "toString", "🚀" * 5000, "\ufffe"])
+def test_names_that_mean_something_to_javascript_or_are_hard_to_tell_are_refused_like_any_other(name, address):
+    for fields, text in (({"options": {name: "x"}}, "unknown option"), ({"parameters": {name: 1.0}}, "unknown param")):
+        code, details = refused(address, start("meteors", **fields))
+        assert code == grpc.StatusCode.INVALID_ARGUMENT
+        assert text in details and name[:9] in details
+    assert refused(address, start(name))[0] == grpc.StatusCode.NOT_FOUND
+
+
+def test_a_known_field_of_another_type_is_refused_by_its_name(address):
+    arenas_as_bytes = b"\x0a\x03\x22\x01\x05"
+    code, details = refused(address, arenas_as_bytes)
+    assert code == grpc.StatusCode.INVALID_ARGUMENT
+    assert details.startswith("PlayRequest.start: field 4 is unknown to this server or of another type")
+
+
+@pytest.mark.parametrize("sky", ["calm", "windy"])
+def test_a_town_that_is_defended_stands_until_the_time_is_up_and_another_falls(sky, address):
+    with Session(address, "meteors", arenas=2, seed=3, options={"sky": sky}) as session:
+        ends: list[list[tuple[bool, float, float, float]]] = [[], []]
+        for _ in range(200):
+            (step,) = session.steps
+            gun, meteor, _ = step.observations
+            assert step.masks is not None
+            aim = meteor[:, 0] + 0.04 * meteor[:, 2] - gun[:, 0]
+            steer = np.clip(aim / 0.15, -1, 1)
+            shoot = step.masks[0][:, 1] & (np.abs(aim) < 0.2) & [True, False]  # arena 1 holds its fire
+            (step,) = session.step([ActArrays(steer[:, None].astype("<f4"), shoot[:, None].astype("<i4"))])
+            for row, lane in enumerate(step.ended):
+                assert step.final_observations is not None and step.metrics is not None
+                houses = step.final_observations[2][row, 0]
+                accuracy, left = step.metrics[row].tolist()
+                ends[lane].append((bool(step.truncated[lane]), float(houses), accuracy, left))
+    ((cut, houses, accuracy, left),) = ends[0]
+    assert cut and houses == 1 and left == 3 and accuracy > 0.9
+    assert len(ends[1]) == 3
+    assert set(ends[1]) == {(False, 0.0, 0.0, 0.0)}
+
+
+def test_a_policy_learns_the_game(address, tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "trainer",
+        "train",
+        str(CONFIG),
+        "--simulator",
+        address,
+        "--run",
+        str(tmp_path / "r"),
+    ]
+    done = run(*command, "seed=0", "stop=80000")
+    assert done.returncode == 0, done.stderr
+    rewards = [row["reward"] for row in read_rows(tmp_path / "r" / "metrics-gunner.csv")]
+    assert rewards[0] < 0  # most of the town is lost and most shots miss
+    assert rewards[-1] > 10
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_order(number, built):
+    with serving(built) as (process, bound), Stream(bound) as stream:
+        stream.ask(start("meteors"))
+        process.send_signal(number)
+        assert stream.end() == (grpc.StatusCode.UNAVAILABLE, "the server is shutting down")
+        assert process.wait(60) == 0
+        assert process.communicate() == ("", "")
+
+
+def test_more_sessions_than_it_takes_are_refused_until_one_ends(built):
+    with serving(built, "--sessions", "1") as (_, bound):
+        for _ in range(3):
+            with Stream(bound) as stream:
+                stream.ask(start("meteors"))
+                code, text = refused(bound, start("meteors"))
+                assert (code, text.split(";")[0]) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "1 sessions are open already")
+                stream.requests.put(None)
+                assert list(stream.responses) == []
+
+
+def test_an_address_that_is_taken_is_an_error_in_one_sentence(built, address):
+    done = run("node", "dist/main.js", "--address", address, folder=built)
+    assert done.returncode == 2
+    assert f"error: cannot listen on {address}: " in done.stderr
+
+
+def test_the_lock_file_pins_versions_and_names_no_host():
+    lock = (SOURCE / "package-lock.json").read_text()
+    assert "://" not in lock
+    package = json.loads((SOURCE / "package.json").read_text())
+    for group in ("dependencies", "devDependencies"):
+        for name, version in package[group].items():
+            assert re.fullmatch(r"\d+\.\d+\.\d+", version), name
+            assert json.loads(lock)["packages"][f"node_modules/{name}"]["version"] == version
