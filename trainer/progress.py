@@ -9,6 +9,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from trainer.metrics import Row
 
 ACTIVITIES = ("simulate", "wire", "act", "learn")
+OF_EVERY_GAME = {  # columns of metrics; the others are the game's own
+    "transitions", "episodes", "reward", "reward_std", "length", "policy_loss", "value_loss", "entropy", "value",
+    "transitions_per_second", *ACTIVITIES,
+}  # fmt: skip
 
 
 class Display:
@@ -33,9 +37,10 @@ class Display:
         shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
         speed = f"{live['transitions_per_second'] / 1000:.1f} k transitions/s"
         if row is not None and "reward" in row:
-            accuracy = f"  accuracy {100 * row['click_accuracy']:.1f} %" if "click_accuracy" in row else ""
-            self.reward = f"reward {row['reward']:.1f}{accuracy}"
-            text = f"{transitions / 1e6:7.2f} M  {self.reward}  length {row['length']:.0f}  {speed}  ({shares})"
+            self.reward = f"reward {row['reward']:.1f}"
+            metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if name not in OF_EVERY_GAME)
+            text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {speed}  ({shares})"
+            text = f"{transitions / 1e6:7.2f} M  {text}"
             self.console.print(text, soft_wrap=True)
         self.bar.update(self.task, completed=transitions, text=f"{self.reward}  {speed}  ({shares})")
 
