@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import torch
+
 from joybridge.codec import ActArrays, StepArrays
 from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
@@ -21,6 +23,7 @@ class Players:
 
         `seed` fixes the samples. Raises CheckpointError or ConfigError.
         """
+        torch.set_num_threads(1)  # networks this small are slower with more
         config = run_config(run).model_copy(update={"seed": seed, "device": "cpu"})
         arrays, manifest = load_checkpoint(run)
         self.transitions: int = manifest["transitions"]

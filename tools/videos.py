@@ -1,0 +1,118 @@
+"""Short, small videos of the best run of each layout on each game, and a moving picture of the best of each game.
+
+python tools/videos.py RUN [RUN …]    writes GAME-LAYOUT.mp4 to results/videos, and GAME.webp for pages without videos
+
+A video begins in the middle of an episode. Games of more than 25 decisions per second are shown at their own pace;
+of slower ones every decision is a frame, so Beastly Rivals runs three times as fast as it is played.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from statistics import mean
+from typing import NamedTuple, cast
+
+import av
+
+from trainer.checkpoint import CheckpointError
+from trainer.client import Session, SimulatorError, describe
+from trainer.config import ConfigError
+from trainer.launch import simulator_process
+from trainer.metrics import read_rows
+from trainer.playing import Players, run_config
+
+RATE = 25  # frames per second
+ROWS = 10  # of metrics at the end of a run, whose mean reward says how good it is
+SMALLER = 0.75  # times the picture's width and height
+
+
+class Format(NamedTuple):
+    """A codec with its options, and those of the file around it."""
+
+    codec: str
+    codec_options: dict[str, str]
+    file_options: dict[str, str]
+
+
+MP4 = Format("libx264", {"crf": "27", "preset": "slower"}, {"movflags": "faststart"})
+WEBP = Format("libwebp_anim", {"quality": "60"}, {"loop": "0"})  # 0: for ever
+
+
+def frames(run: Path, address: str, seed: int) -> Iterator[av.VideoFrame]:
+    """Yield pictures of a run's policy, which plays from the middle of an episode on.
+
+    Raises SimulatorError, CheckpointError or ConfigError.
+    """
+    config = run_config(run)
+    spec = describe(address, config.game, config.options)
+    if not spec.HasField("picture"):
+        raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
+    every = max(1, round(1 / (spec.tick_seconds * spec.decision_interval * RATE))) if spec.tick_seconds else 1
+    with Session(
+        address, config.game, arenas=1, seed=seed, options=config.options, parameters=config.parameters
+    ) as session:
+        players = Players(run, spec, 1, seed, deterministic=False)
+        players.begin(session.steps)
+        for _ in range(spec.max_episode_decisions // 2):
+            players.take(session.step(players.act(session.steps)))
+        while True:
+            for _ in range(every - 1):
+                players.take(session.step(players.act(session.steps)))
+            steps, pictures = session.step_and_draw(players.act(session.steps), [0])
+            players.take(steps)
+            yield av.VideoFrame.from_ndarray(pictures[0], "rgb24")
+
+
+def encode(pictures: Sequence[av.VideoFrame], output: Path, kind: Format, rate: int) -> None:
+    """Write pictures as a smaller video, so many of them per second."""
+    width, height = (round(SMALLER * side / 2) * 2 for side in (pictures[0].width, pictures[0].height))
+    output.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(output), "w", container_options=kind.file_options) as video:
+        stream = cast(av.VideoStream, video.add_stream(kind.codec, rate=rate, options=kind.codec_options))
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for number, picture in enumerate(pictures):
+            small = picture.reformat(width, height, "yuv420p", interpolation="AREA")
+            small.pts = number
+            video.mux(stream.encode(small))
+        video.mux(stream.encode())
+
+
+def score(run: Path) -> float:
+    """Return the mean reward at the end of a run, of all its policies; as bad as can be where there is none."""
+    rows = [row for path in run.glob("metrics-*.csv") for row in read_rows(path)[-ROWS:]]
+    return mean([row["reward"] for row in rows if "reward" in row] or [float("-inf")])
+
+
+def best(runs: Iterable[Path], *keys: str) -> dict[tuple[str, ...], Path]:
+    """Return the best run of those that agree in these keys of the configuration. Raises ConfigError."""
+    return {tuple(getattr(run_config(run), key) for key in keys): run for run in sorted(runs, key=score)}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(description="Record short, small videos of the best runs.")
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run")
+    parser.add_argument("--seconds", type=float, default=12.0, help="length of a video; default %(default)g")
+    parser.add_argument("--seed", type=int, default=1, help="of games and samples; default %(default)s")
+    parser.add_argument("--output", type=Path, default=Path("results/videos"), help="default %(default)s")
+    options = parser.parse_args(arguments)
+    try:
+        with simulator_process() as address:
+            winners = best(options.runs, "game", "layout")
+            champions = best(options.runs, "game").values()
+            for (game, layout), run in winners.items():
+                pictures = list(islice(frames(run, address, options.seed), round(options.seconds * RATE)))
+                encode(pictures, options.output / f"{game}-{layout}.mp4", MP4, RATE)
+                if run in champions:
+                    encode(pictures[::2], options.output / f"{game}.webp", WEBP, RATE // 2)
+                print(f"{game} {layout}: {run}", flush=True)
+    except (CheckpointError, ConfigError, SimulatorError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
