@@ -4,4 +4,8 @@ BUILT_IN = {
     "beastly_rivals": "simulator.games.beastly_rivals.game:BeastlyRivals",
     "shooting_birds": "simulator.games.shooting_birds.game:ShootingBirds",
     "ferry": "simulator.games.ferry.game:Ferry",
+    "orchard": "simulator.games.orchard.game:Orchard",
+    "marble": "simulator.games.marble.game:Marble",
+    "archer": "simulator.games.archer.game:Archer",
+    "noughts": "simulator.games.noughts.game:Noughts",
 }

@@ -1,0 +1,1 @@
+"""Marble: a small game of axes alone, for teaching and tests."""

@@ -1,0 +1,1 @@
+"""Noughts: a small game of two that take turns, for teaching and tests."""

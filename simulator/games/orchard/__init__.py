@@ -1,0 +1,1 @@
+"""Orchard: a small game of buttons alone, for teaching and tests."""
