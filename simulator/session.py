@@ -80,7 +80,10 @@ def describe(games: Catalogue, name: str, options: Mapping[str, str]) -> pb.Game
     """Return the spec of a game. Raises Refusal for an unknown game, option or choice, and for a broken spec."""
     if name not in games:
         known = ", ".join(games)
-        raise Refusal(grpc.StatusCode.NOT_FOUND, f"no game named {name!r}; this server has {known}")
+        raise Refusal(
+            grpc.StatusCode.NOT_FOUND,
+            f"no game named {name!r}; this server has {known}; `--game MODULE:CLASS` adds one",
+        )
     with checking():
         chosen = choose_options(games[name].options(), options, name)
     try:

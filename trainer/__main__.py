@@ -62,6 +62,10 @@ def main(arguments: list[str] | None = None) -> int:
     else:
         options.overrides += rest  # argparse does not see key=value pairs that stand after an option
 
+    if options.simulator and options.game:
+        parser.error(
+            "--game is for a simulator that is started here; give it to the one that runs, without --simulator"
+        )
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with ExitStack() as stack:

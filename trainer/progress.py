@@ -40,7 +40,7 @@ class Display:
             self.reward = f"reward {row['reward']:.1f}"
             metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if name not in OF_EVERY_GAME)
             text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {speed}  ({shares})"
-            text = f"{transitions / 1e6:7.2f} M  {text}"
+            text = f"{transitions:>11,}  {text}"
             self.console.print(text, soft_wrap=True)
         self.bar.update(self.task, completed=transitions, text=f"{self.reward}  {speed}  ({shares})")
 

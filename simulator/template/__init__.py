@@ -1,0 +1,1 @@
+"""What `python -m simulator new` writes, under the name that its author gives it."""

@@ -1,0 +1,210 @@
+"""`python -m simulator new`: what it writes keeps every rule and learns; what it cannot do, it refuses by name."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import tokenize
+from contextlib import chdir, contextmanager
+from pathlib import Path
+
+import pytest
+
+from simulator.__main__ import main
+from simulator.games import BUILT_IN
+from simulator.new import TEMPLATE
+from trainer.metrics import read_rows
+
+TYPED = [
+    "python -m simulator serve --game my_pond:MyPond",
+    "python -m simulator check 127.0.0.1:5005 --game my_pond",
+    "python -m trainer train my_pond.yaml --game my_pond:MyPond --run runs/my_pond",
+    "python -m trainer evaluate runs/my_pond --game my_pond:MyPond",
+    "python -m trainer record runs/my_pond my_pond.mp4 --game my_pond:MyPond",
+]
+# A reader's: the environment is active, and nothing says where games are.
+READER = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+READER["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{READER['PATH']}"
+
+
+def typed(output: str) -> list[str]:
+    return [line.strip() for line in output.splitlines() if line.startswith("  ")]
+
+
+def run(command: str, folder: Path) -> str:
+    """Return what a command prints in a folder."""
+    process = subprocess.run(
+        ["bash", "-c", command], cwd=folder, env=READER, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert process.returncode == 0, f"{command}\n{process.stdout}\n{process.stderr}"
+    return process.stdout
+
+
+@contextmanager
+def serving(command: str, folder: Path):
+    """Yield the address of a server that is started in a folder."""
+    command = f"exec {command} --address 127.0.0.1:0 --with-parent"
+    with subprocess.Popen(
+        ["bash", "-c", command], cwd=folder, env=READER, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().split()[-1]
+        finally:
+            process.terminate()
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Return a folder in which a game was begun, and the commands that were said to come next."""
+    folder = tmp_path_factory.mktemp("author")
+    return folder, typed(run("python -m simulator new my_pond", folder))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    with chdir(tmp_path):
+        yield tmp_path
+
+
+def test_it_says_what_to_type_next(written):
+    assert written[1] == TYPED
+
+
+def test_what_it_writes_passes_the_kit(written):
+    folder, (serve, check, *_) = written
+    with serving(serve, folder) as address:
+        output = run(check.replace("127.0.0.1:5005", address) + " --json", folder)
+    result = json.loads(output.splitlines()[-1])
+    assert result["failed"] == 0 and result["passed"] > 150
+
+
+def test_what_it_writes_learns_and_can_be_watched(written):
+    folder, (_, _, train, evaluate, record) = written
+    run(train, folder)
+    first, *_, last = read_rows(folder / "runs/my_pond/metrics-player.csv")
+    assert first["caught"] < 10 and last["caught"] > 20
+    result = json.loads(run(f"{evaluate} --episodes 32 --json", folder).splitlines()[-1])
+    assert result["player"]["means"]["caught"] > 20
+    assert run(f"{record} --seconds 2", folder).strip() == "my_pond.mp4: 20 frames"
+
+
+def test_an_author_has_written_at_most_sixty_lines():
+    path = TEMPLATE / "my_game.py"
+    assert 40 < len(code_lines(path)) <= 60
+
+
+def code_lines(path: Path) -> set[int]:
+    """Return the lines of a module that hold more than comments and docstrings."""
+    words = {
+        line
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
+    empty = {tokenize.ENCODING, tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
+    empty |= {tokenize.ENDMARKER}
+    with path.open("rb") as file:
+        tokens = [token for token in tokenize.tokenize(file.readline) if token.type not in empty]
+    return {line for token in tokens for line in range(token.start[0], token.end[0] + 1)} - words
+
+
+def test_code_lines_are_counted(tmp_path):
+    path = tmp_path / "a.py"
+    path.write_text(
+        '"""Words.\n\nMore."""\n\n# and more\nx = [  # a list\n\n    1,\n]\n\ndef f():\n    """Say."""\n    return x\n'
+    )
+    assert code_lines(path) == {6, 8, 9, 11, 13}
+
+
+def test_its_names_are_the_authors_everywhere(folder, capsys):
+    assert main(["new", "red_kite7"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"red_kite7.py", "red_kite7.yaml"}
+    for path in folder.iterdir():
+        text = path.read_text()
+        template = (TEMPLATE / f"my_game{path.suffix}").read_text()
+        assert "my_game" not in text and "MyGame" not in text
+        assert text.replace("red_kite7", "my_game").replace("RedKite7", "MyGame") == template
+
+
+def test_it_may_be_written_elsewhere(folder, capsys):
+    assert main(["new", "my_pond", "--folder", "some where/else"]) == 0
+    assert {path.name for path in Path("some where/else").iterdir()} == {"my_pond.py", "my_pond.yaml"}
+    go, serve, again, *_ = typed(capsys.readouterr().out)
+    assert go == again == "cd 'some where/else'"
+    listed = run(f"{go} && {serve.replace(' serve ', ' list ')}", folder)
+    assert "my_pond: " in listed
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("9lives", "'9lives': its name is its module's, too; use small letters"),
+        ("my-game", "'my-game': its name is its module's, too; use small letters"),
+        ("MyGame", "'MyGame': its name is its module's, too; use small letters"),
+        ("a/b", "'a/b': its name is its module's, too; use small letters"),
+        ("", "'': its name is its module's, too; use small letters"),
+        ("class", "'class', a word of Python's own; try class_game"),
+        ("none", "the class of 'none' would be None, which is another thing; try my_none"),
+        ("action", "the class of 'action' would be Action, which is another thing; try my_action"),
+        ("json", "a module 'json' already, which json.py would hide; try json_game"),
+        ("antigravity", "a module 'antigravity' already, which antigravity.py would hide; try antigravity_game"),
+        ("numpy", "a module 'numpy' already, which numpy.py would hide; try numpy_game"),
+        ("trainer", "a module 'trainer' already, which trainer.py would hide; try trainer_game"),
+        *((name, f"'{name}' is a built-in game; choose another name, as in my_{name}") for name in BUILT_IN),
+    ],
+)
+def test_a_bad_name_is_refused_with_the_next_move(name, complaint, folder, capsys):
+    assert main(["new", name]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert error.startswith("error: ") and complaint in error
+    assert not list(folder.iterdir())
+
+
+def test_a_package_in_the_folder_is_not_hidden_either(folder, capsys):
+    (folder / "there/my_pond").mkdir(parents=True)
+    (folder / "there/my_pond/__init__.py").touch()
+    assert main(["new", "my_pond", "--folder", "there"]) == 2
+    assert "there is a module 'my_pond' already" in capsys.readouterr().err
+    assert [path.name for path in (folder / "there").iterdir()] == ["my_pond"]
+
+
+@pytest.mark.parametrize("suffix", [".py", ".yaml"])
+def test_nothing_is_overwritten(suffix, folder, capsys):
+    path = folder / f"my_pond{suffix}"
+    path.write_text("precious")
+    assert main(["new", "my_pond"]) == 2
+    wanted = f"error: {path.name} is there already and is not overwritten; choose another name or --folder\n"
+    assert capsys.readouterr().err == wanted
+    assert [(path.name, path.read_text()) for path in folder.iterdir()] == [(path.name, "precious")]
+
+
+def test_a_folder_that_is_none_is_refused(folder, capsys):
+    (folder / "file").touch()
+    assert main(["new", "my_pond", "--folder", "file"]) == 2
+    assert capsys.readouterr().err == "error: cannot write file: File exists; choose another --folder\n"
+
+
+# --------------------------------------------------------------------------------- other arguments that are refused
+
+PORTS = "expected HOST:PORT with a port from 0 to 65535, as in 127.0.0.1:5005, or unix:PATH"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["serve", "--address", "127.0.0.1:65536"], f"argument --address: got '127.0.0.1:65536', {PORTS}"),
+        (["serve", "--address", "127.0.0.1:-1"], f"argument --address: got '127.0.0.1:-1', {PORTS}"),
+        (["serve", "--address", "localhost"], f"argument --address: got 'localhost', {PORTS}"),
+        (["serve", "--address", ":5005"], f"argument --address: got ':5005', {PORTS}"),
+        (["check", "127.0.0.1:70541"], f"argument ADDRESS: got '127.0.0.1:70541', {PORTS}"),
+        (["serve", "--sessions", "0"], "argument --sessions: got '0', expected a whole number, at least 1"),
+        (["serve", "--sessions", "many"], "argument --sessions: got 'many', expected a whole number, at least 1"),
+    ],
+)
+def test_an_argument_out_of_range_is_refused_by_name(arguments, complaint, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith(f"error: {complaint}")
