@@ -74,7 +74,8 @@ def unary_refusal(address, method, request):
 
 def test_an_unknown_game_is_not_found_by_its_name(simulator):
     for game in ("chess", "", "Hybrid", "hybrid ", "tests.games:Hybrid"):
-        wanted = (StatusCode.NOT_FOUND, f"no game named {game!r}; this server has {', '.join(LISTED)}; `--game MODULE:CLASS` adds one")
+        text = f"no game named {game!r}; this server has {', '.join(LISTED)}; `--game MODULE:CLASS` adds one"
+        wanted = (StatusCode.NOT_FOUND, text)
         assert unary_refusal(simulator, "DescribeGame", pb.DescribeGameRequest(game=game)) == wanted
         assert refused(simulator, start(game)) == wanted
 

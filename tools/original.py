@@ -1,7 +1,9 @@
-"""The original's published results: learning curves of its ten runs per experiment.
+"""The original's published results: its logs of ten runs per experiment, and what its paper prints.
 
 `original.csv` holds, per game, layout and policy, the mean and the standard deviation over ten runs of reward
-and episode length at some of its steps. One step of the original is one decision of each of its 15 arenas.
+and episode length at some of its steps; `original_runs.csv` the end of each run; `paper.csv` the figures in the
+paper's text and plots. One step of the original is one decision of each of its 15 arenas, and its lengths leave
+out an episode's last decision.
 """
 
 import csv
@@ -23,19 +25,54 @@ class Point:
     length_std: float
 
 
+@dataclass(frozen=True)
+class Ends:
+    """How the original's ten runs of an experiment ended, one figure per run."""
+
+    reward: tuple[float, ...]  # of the last row
+    last_ten: tuple[float, ...]  # mean reward of the last ten rows
+    length: tuple[float, ...]  # decisions per episode of the last row
+    hours: tuple[float, ...]  # wall-clock of the whole run
+
+
 @cache
 def original_curve(game: str, layout: str, policy: str = "") -> tuple[Point, ...]:
     """Return the curve of an experiment, empty where the original has none.
 
     policy: "axes" or "buttons" of multiagent, whose rewards differ; else "".
     """
-    with Path(__file__).with_name("original.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if (row["game"], row["layout"]) == (game, layout)]
     return tuple(
         Point(
             int(row["step"]) * TRANSITIONS_PER_STEP,
             *(float(row[name]) for name in ("reward", "reward_std", "length", "length_std")),
         )
-        for row in rows
-        if row["policy"] in ("", policy)
+        for row in _table("original.csv", game, layout, policy)
     )
+
+
+def original_point(game: str, layout: str, policy: str, transitions: int) -> Point | None:
+    """Return the original's figures at a number of transitions, or None where it has none."""
+    points = original_curve(game, layout, policy)
+    return next((point for point in points if point.transitions == transitions), None)
+
+
+@cache
+def original_ends(game: str, layout: str, policy: str = "") -> Ends | None:
+    """Return how the original's runs of an experiment ended, or None where it has none; policy as above."""
+    rows = _table("original_runs.csv", game, layout, policy)
+    columns = [tuple(float(row[name]) for row in rows) for name in ("reward", "last_ten", "length", "hours")]
+    return Ends(*columns) if rows else None
+
+
+@cache
+def paper_figures(game: str, layout: str) -> dict[str, float]:
+    """Return what the paper prints of an experiment: reward, accuracy, length, hours, as far as it does."""
+    rows = _table("paper.csv", game, layout)
+    return {key: float(row[key]) for row in rows for key in ("reward", "accuracy", "length", "hours") if row[key]}
+
+
+def _table(name: str, game: str, layout: str, policy: str = "") -> list[dict[str, str]]:
+    """Return the rows of an experiment in one of the files beside this one."""
+    with Path(__file__).with_name(name).open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if (row["game"], row["layout"]) == (game, layout)]
+    return [row for row in rows if row.get("policy", "") in ("", policy)]

@@ -1,89 +1,235 @@
-"""A page about the finished runs in results/: each experiment beside the original's ten runs."""
+"""The page about the finished runs in results/: figures, tables and claims, ours beside the original's."""
 
-from dataclasses import dataclass
+import json
+from collections.abc import Sequence
 from pathlib import Path
-from statistics import mean
+from statistics import mean, stdev
 
-from tools.original import TRANSITIONS_PER_STEP, Point, original_curve
-from trainer.metrics import Row, read_rows
+from tools.claims import Behaviour, make_claims
+from tools.figures import TITLES, draw_figures
+from tools.original import TRANSITIONS_PER_STEP, original_ends, original_point, paper_figures
+from tools.results import (
+    COMPLETE,
+    MARK,
+    Experiment,
+    Results,
+    Run,
+    interquartile_mean,
+    interval,
+    main_policy,
+    read_results,
+)
+from tools.verdicts import FAILS, HOLDS
 
-MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, 30_000_000)  # transitions that the page compares at
-SLACK = 5_000  # transitions of one step at most
+MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # transitions that the last table compares at
+LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
+COURSES = ("lap_radius",)  # behaviour over time, which only a plot can show
+CAPTIONS = {
+    "figure-11-threshold.png": "Figure 11: the threshold approach.",
+    "figure-12-bucket.png": "Figure 12: the bucket approach with 3, 11 and 41 values per axis.",
+    "figure-13-approaches.png": "Figure 13: all approaches; hybrid is not in the paper.",
+    "figure-14-training-time.png": "Figure 14: training time, on a logarithmic scale.",
+}
+INTRODUCTION = """\
+# The paper's experiments: our runs beside the original's
+
+Written by `python tools/paper.py report` from the metrics in the folders beside this page, which are named by the
+length of their runs; of several lengths of one run the longest counts. The original's figures are from its logs of
+ten runs per experiment; its click accuracies were only printed in the paper. Reward is the mean over the episodes of
+the 300 000 transitions (20 000 steps of the original) before each mark, as in its logs. The reward of the two agents
+is that of the one that clicks, as in the paper."""
+COMPLETE_RUNS = """\
+Each run of 30 M transitions, and the original's mean ± two standard deviations of its ten runs at the same number of
+transitions. Hours are wall-clock."""
+FIGURES = """\
+Where seeds are of different lengths, the mean is over those that got there. Time is on logarithmic scales."""
+RULES = """\
+A score counts as higher if it is so by two standard errors of the difference, and as alike if it is not, provided that
+two standard errors are at most 10 points. A single run is taken to scatter as much as our seeds do, or as the
+original's ten runs where those scatter more. Stability is an F test of pooled variances at the 5 % level. Scores are
+compared at the longest length that all the runs a claim needs have reached; before the complete length only if the
+original's curves show the claim there. Training times are those of a machine that did other work as well, so that small
+differences say little."""
+CONTRADICTIONS = """\
+Where the original's own logs do not bear its paper out, by the same rules:"""
+DETAILS = """\
+The figures behind each verdict, with the number of runs in brackets; ± is one standard deviation of runs."""
+BEHAVIOUR = """\
+Measured by `tools/behaviour.py` on trained policies. Speeds are in units/s, `slow share` is of the time. The original's
+published bucket-11 network, replayed, hits 157 157 127 173 131 168 78 birds in levels 0 to 6."""
+EXPERIMENTS = """\
+At the end of the runs; where seeds differ in length there is a line per length, over the seeds that got there. In
+square brackets the 95 % bootstrap confidence interval of the mean, which is rough for few seeds; the interquartile
+mean (IQM) leaves out the lowest and the highest quarter of the runs, none of up to three. Logs ± one standard
+deviation."""
+BY_MARKS = """\
+Mean of our seeds, in brackets the original's mean ± two standard deviations. **Bold** lies outside."""
 
 
-@dataclass(frozen=True)
-class Curves:
-    """The finished runs of one policy of one experiment."""
+def write_report(results: Path) -> Path:
+    """Draw the figures, write the page into `results` and return its path."""
+    experiments = read_results(results)
+    path = results / "behaviour.json"
+    behaviour: Behaviour = json.loads(path.read_text()) if path.exists() else {}
+    pictures = [picture.name for picture in draw_figures(experiments, results / "figures")]
+    blocks = [
+        INTRODUCTION,
+        "## Complete runs", COMPLETE_RUNS, complete_runs(experiments),
+        "## The figures of the paper", FIGURES,
+        *(f"![{CAPTIONS[name]}](figures/{name})\n\n{CAPTIONS[name]}" for name in pictures),
+        "## The paper's claims", *claims(experiments, behaviour),
+        *behaviours(behaviour, results),
+        "## Every experiment", EXPERIMENTS, every_experiment(experiments),
+        "## Reward at some marks", BY_MARKS, *by_marks(experiments),
+    ]  # fmt: skip
+    page = results / "README.md"
+    page.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
+    return page
 
-    game: str
-    layout: str
-    policy: str  # "axes" or "buttons" of multiagent, else ""
-    runs: tuple[tuple[Row, ...], ...]  # rows of metrics, one tuple per seed
 
-    def at(self, transitions: int, key: str = "reward") -> list[float]:
-        """Return the figure of each run that has a row there, which ends with the first step beyond it."""
-        return [
-            row[key] for run in self.runs for row in run if 0 <= row["transitions"] - transitions < SLACK and key in row
+def complete_runs(results: Results) -> str:
+    """Return a table that sets every complete run against the original's ten."""
+    heads = ("run", "reward", "the original", "place", "last ten marks", "the original", "hours", "the original")
+    rows = []
+    for experiment in results.values():
+        ends = original_ends(experiment.game, experiment.layout, experiment.policy)
+        for run in experiment.complete:
+            reward, last = run.rows[COMPLETE]["reward"], last_ten(run)
+            rows.append((
+                f"{TITLES[experiment.game]} {experiment.name}, seed {run.seed}",
+                f"{reward:.1f}", _two_sigma(ends.reward) if ends else "",
+                place(reward, ends.reward) if ends else "not in the paper",
+                f"{last:.1f}", _two_sigma(ends.last_ten) if ends else "",
+                f"{run.hours:.2f}", f"{mean(ends.hours):.1f}" if ends else "",
+            ))  # fmt: skip
+    return _table(heads, rows) if rows else "None has finished yet."
+
+
+def last_ten(run: Run) -> float:
+    """Return the mean reward of the last ten marks of a complete run."""
+    return mean(run.rows[mark]["reward"] for mark in LAST_TEN if mark in run.rows)
+
+
+def place(value: float, others: Sequence[float]) -> str:
+    """Say where a value lies in respect of the mean ± two standard deviations of others."""
+    if abs(value - mean(others)) <= 2 * stdev(others):
+        return "inside"
+    return "above" if value > mean(others) else "**below**"
+
+
+def claims(results: Results, behaviour: Behaviour) -> list[str]:
+    """State every claim with our verdict and the original's own, then the figures behind them."""
+    rows, details, contradictions = [], [], []
+    for number, claim in enumerate(make_claims(), 1):
+        verdict, logs = claim.judge(results, behaviour), claim.logs
+        here = f"**{verdict.word}** {verdict.where}".strip()
+        rows.append((f"{number}", claim.text, TITLES[claim.game], here, logs.word if logs else "do not tell"))
+        details.append(f"{number}. Here: {verdict.evidence}." + (f" Logs: {logs.evidence}." if logs else ""))
+        if logs and logs.word != HOLDS:
+            said = "contradict" if logs.word == FAILS else "do not decide"
+            contradictions.append(f"- They {said} claim {number}, {TITLES[claim.game]}: {logs.evidence}.")
+    return [
+        RULES, _table(("", "the paper says", "game", "here", "the original's logs"), rows),
+        CONTRADICTIONS, "\n".join(contradictions), DETAILS, "\n".join(details),
+    ]  # fmt: skip
+
+
+def behaviours(behaviour: Behaviour, results: Path) -> list[str]:
+    """Tabulate what `tools/behaviour.py` measured of trained policies, except for courses over time."""
+    blocks = []
+    for game, title in TITLES.items():
+        chosen = {name: figures for name, figures in sorted(behaviour.items()) if name.startswith(f"{game}/")}
+        keys = dict.fromkeys(key for figures in chosen.values() for key in figures if key not in COURSES)
+        rows = [
+            (name.removeprefix(f"{game}/"), *(_figure(figures.get(key)) for key in keys))
+            for name, figures in chosen.items()
         ]
+        if rows:
+            blocks += [f"{title}:", _table(("policy", *(key.replace("_", " ") for key in keys)), rows)]
+    if blocks and (results / "figures" / "behaviour.png").exists():
+        blocks.append("![Behaviour of trained policies](figures/behaviour.png)")
+    return ["## Learned behaviour", BEHAVIOUR, *blocks] if blocks else []
 
 
-def read_curves(results: Path) -> list[Curves]:
-    """Return everything under `results`; of several lengths of one run, the longest."""
-    longest: dict[tuple[str, str, str, str], tuple[Row, ...]] = {}
-    for path in sorted(results.glob("*M/*/*.csv")):
-        stem, policy = path.stem, ""
-        for part in ("axes", "buttons"):
-            if stem.endswith(f"-{part}"):
-                stem, policy = stem.removesuffix(f"-{part}"), part
-        layout, _, seed = stem.rpartition("-s")
-        rows = tuple(read_rows(path))
-        key = (path.parent.name, layout, policy, seed)
-        if len(rows) > len(longest.get(key, ())):
-            longest[key] = rows
-    grouped: dict[tuple[str, str, str], list[tuple[Row, ...]]] = {}
-    for (game, layout, policy, _), rows in sorted(longest.items()):
-        grouped.setdefault((game, layout, policy), []).append(rows)
-    return [Curves(*key, tuple(runs)) for key, runs in grouped.items()]
+def every_experiment(results: Results) -> str:
+    """Return a table of every experiment at the ends of its runs."""
+    heads = (
+        "experiment", "transitions", "seeds", "reward", "IQM", "accuracy or length", "hours per run", "transitions/s",
+        "logs: reward", "logs: IQM", "logs: length", "paper: reward", "paper: accuracy or length", "paper: hours",
+    )  # fmt: skip
+    return _table(
+        heads,
+        [
+            _experiment_row(experiment, mark)
+            for experiment in results.values()
+            for mark in sorted({run.end for run in experiment.runs})
+        ],
+    )
 
 
-def write_report(results: Path, output: Path) -> None:
-    """Write the page."""
-    lines = [
-        "# Our runs beside the original's",
-        "",
-        "Mean episode reward over the 300 000 transitions (20 000 original steps) before each mark, of all our seeds,",
-        "and in brackets the original's mean ± two standard deviations of its ten runs. **Bold** lies outside. Raw",
-        "metrics are in the folders beside this page, named by the length of the run; `tools/paper.py` made them.",
-    ]
-    curves = read_curves(results)
-    for game in sorted({curve.game for curve in curves}):
-        marks = [mark for mark in MARKS if any(c.at(mark) for c in curves if c.game == game)]
-        heads = [f"{mark / 1e6:g} M ({mark // TRANSITIONS_PER_STEP // 1000} k steps)" for mark in marks]
-        lines += ["", f"## {game}", "", "| experiment | seeds | " + " | ".join(heads) + " |"]
-        lines.append("|---" * (2 + len(marks)) + "|")
-        for curve in curves:
-            if curve.game == game:
-                cells = [_cell(curve, mark) for mark in marks]
-                name = f"{curve.layout} {curve.policy}".strip()
-                lines.append(f"| {name} | {len(curve.runs)} | " + " | ".join(cells) + " |")
-    output.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _cell(curve: Curves, mark: int) -> str:
-    rewards = curve.at(mark)
-    if not rewards:
-        return ""
-    ours = mean(rewards)
-    point = original_point(curve, mark)
-    if point is None:
-        return f"{ours:.1f}"
-    inside = abs(ours - point.reward) <= 2 * point.reward_std
-    return f"{ours:.1f} ({point.reward:.1f} ± {2 * point.reward_std:.1f})" if inside else (
-        f"**{ours:.1f}** ({point.reward:.1f} ± {2 * point.reward_std:.1f})"
+def _experiment_row(experiment: Experiment, mark: int) -> Sequence[str]:
+    key = game, layout, policy = experiment.game, experiment.layout, experiment.policy
+    birds = game == "shooting_birds"
+    rewards, second = experiment.at(mark), mean(experiment.at(mark, "click_accuracy" if birds else "length"))
+    hours = mean(run.hours for run in experiment.runs if run.end == mark)
+    point, ends = original_point(*key, mark), original_ends(*key) if mark == COMPLETE else None
+    theirs = f"{point.reward:.1f} ± {point.reward_std:.1f}" if point else ""
+    printed = paper_figures(game, layout) if policy in ("", main_policy(layout)) else {}
+    printed_second = printed.get("accuracy" if birds else "length")
+    return (
+        f"{TITLES[game]} {experiment.name}", f"{mark / 1e6:g} M", f"{len(rewards)}",
+        f"{mean(rewards):.1f}{_interval(rewards)}",
+        f"{interquartile_mean(rewards):.1f}" if len(rewards) > 1 else "one seed",
+        _percent(second) if birds else f"{second:.0f}", f"{hours:.2f}", f"{experiment.speed:.0f}",
+        theirs + (_interval(ends.reward) if ends else ""), f"{interquartile_mean(ends.reward):.1f}" if ends else "",
+        f"{point.length:.0f} ± {point.length_std:.0f}" if point and not birds else "",
+        _figure(printed.get("reward")),
+        (_percent(printed_second) if birds else f"{printed_second:.0f}") if printed_second else "",
+        _figure(printed.get("hours")),
     )  # fmt: skip
 
 
-def original_point(curve: Curves, transitions: int) -> Point | None:
-    """Return the original's figures for an experiment at a mark, or None where it has none."""
-    points = original_curve(curve.game, curve.layout, curve.policy)
-    return next((point for point in points if point.transitions == transitions), None)
+def by_marks(results: Results) -> list[str]:
+    """Tabulate reward at some marks, of all seeds, in bold where it lies outside the original's two sigma."""
+    blocks = []
+    for game, title in TITLES.items():
+        experiments = [experiment for experiment in results.values() if experiment.game == game]
+        marks = [mark for mark in MARKS if any(experiment.at(mark) for experiment in experiments)]
+        heads = [f"{mark / 1e6:g} M ({mark // TRANSITIONS_PER_STEP // 1000} k steps)" for mark in marks]
+        rows = [(each.name, *(_mark_cell(each, mark) for mark in marks)) for each in experiments]
+        blocks += [f"{title}:", _table(("experiment", *heads), rows)]
+    return blocks
+
+
+def _mark_cell(experiment: Experiment, mark: int) -> str:
+    rewards = experiment.at(mark)
+    point = original_point(experiment.game, experiment.layout, experiment.policy, mark)
+    if not rewards or point is None:
+        return f"{mean(rewards):.1f}" if rewards else ""
+    ours = f"{mean(rewards):.1f}"
+    if abs(mean(rewards) - point.reward) > 2 * point.reward_std:
+        ours = f"**{ours}**"
+    return f"{ours} ({point.reward:.1f} ± {2 * point.reward_std:.1f})"
+
+
+def _interval(values: Sequence[float]) -> str:
+    bounds = interval(values)
+    return f" [{bounds[0]:.1f}, {bounds[1]:.1f}]" if bounds else ""
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.1f} %"
+
+
+def _two_sigma(values: Sequence[float]) -> str:
+    return f"{mean(values):.1f} ± {2 * stdev(values):.1f}"
+
+
+def _figure(value: float | Sequence[float] | None) -> str:
+    if isinstance(value, Sequence):
+        return " ".join(f"{each:.0f}" for each in value)
+    return "" if value is None else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, ["---"] * len(heads), *rows))

@@ -78,6 +78,14 @@ class Means:
         self.values = {}
         return row
 
+    def state(self) -> dict[str, Array]:
+        """Return everything for a checkpoint."""
+        return {name: np.array(values) for name, values in self.values.items()}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned."""
+        self.values = {name: values.tolist() for name, values in state.items()}
+
 
 class Stopwatch:
     """Where the time goes: seconds by activity since the last row."""
@@ -128,38 +136,33 @@ class Writer:
     """Writes one policy's rows to metrics-NAME.csv and to TensorBoard under the run's folder."""
 
     def __init__(self, run: Path, policy: str, after: int) -> None:
-        """Open for appending; rows later than `after` transitions, of a run that was cut off, are dropped."""
+        """Begin, or go on after so many transitions; later rows, of a run that was cut off, are dropped."""
         self.path = run / f"metrics-{policy}.csv"
-        self.fields: list[str] | None = None
-        rows = [row for row in read_rows(self.path) if row["transitions"] <= after] if after else []
-        self.path.unlink(missing_ok=True)
-        for row in rows:
-            self._append(row)
+        self.rows = [cells for cells in _read_cells(self.path) if float(cells["transitions"]) <= after]
+        self._save()
         self.board = SummaryWriter(run / "tensorboard" / policy, purge_step=after + 1)
 
     def write(self, row: Row) -> None:
         """Write one row; it holds "transitions"."""
-        self._append(row)
+        self.rows.append(
+            {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
+        )
+        self._save()
         for name, value in row.items():
             self.board.add_scalar(name, value, int(row["transitions"]))
         self.board.flush()
 
-    def _append(self, row: Row) -> None:
-        new = self.fields is None or any(name not in self.fields for name in row)
-        if new and self.fields is not None:  # columns came in later: write the file anew with all of them
-            before = read_rows(self.path)
-            self.fields = [*self.fields, *(name for name in row if name not in self.fields)]
-            with self.path.open("w", newline="") as file:
-                table = csv.DictWriter(file, self.fields)
-                table.writeheader()
-                table.writerows([*before, row])
+    def _save(self) -> None:
+        """Write the whole file, so that columns may come in later and an interruption never leaves half of it."""
+        if not self.rows:
+            self.path.unlink(missing_ok=True)
             return
-        self.fields = self.fields or list(row)
-        with self.path.open("a", newline="") as file:
-            table = csv.DictWriter(file, self.fields)
-            if new:
-                table.writeheader()
-            table.writerow({name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()})
+        fresh = self.path.with_suffix(".new")
+        with fresh.open("w", newline="") as file:
+            table = csv.DictWriter(file, dict.fromkeys(name for cells in self.rows for name in cells))
+            table.writeheader()
+            table.writerows(self.rows)
+        fresh.replace(self.path)
 
     def close(self) -> None:
         """Finish the TensorBoard file."""
@@ -183,7 +186,11 @@ class Journal:
 
 def read_rows(path: Path) -> list[Row]:
     """Return the rows of a metrics file; empty cells are left out."""
+    return [{name: float(cell) for name, cell in cells.items()} for cells in _read_cells(path)]
+
+
+def _read_cells(path: Path) -> list[dict[str, str]]:
     if not path.exists():
         return []
     with path.open(newline="") as file:
-        return [{name: float(cell) for name, cell in row.items() if cell} for row in csv.DictReader(file)]
+        return [{name: cell for name, cell in cells.items() if cell} for cells in csv.DictReader(file)]

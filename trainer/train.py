@@ -60,6 +60,7 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
         if resume:
             policy.load(select(arrays, f"{policy.name}/policy/"))
             journal.episodes.load(select(arrays, f"{policy.name}/episodes/"))
+            journal.means.load(select(arrays, f"{policy.name}/means/"))
     boundary = capture(transitions, policies, journals, simulators)
     saved = transitions
     acts = make_acts(simulators.spec, config.arenas)
@@ -107,6 +108,7 @@ def capture(transitions: int, policies: Sequence[Policy], journals: Sequence[Jou
     for policy, journal in zip(policies, journals, strict=True):
         arrays |= {f"{policy.name}/policy/{name}": array for name, array in policy.state().items()}
         arrays |= {f"{policy.name}/episodes/{name}": array for name, array in journal.episodes.state().items()}
+        arrays |= {f"{policy.name}/means/{name}": array for name, array in journal.means.state().items()}
     parts = None
     if simulators.spec.snapshot_bytes_per_arena:
         snapshots = simulators.save()

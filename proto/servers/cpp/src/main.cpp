@@ -1,0 +1,57 @@
+/// The command line: serve until SIGINT or SIGTERM.
+
+#include <charconv>
+#include <iostream>
+#include <stdexcept>
+
+#include "paddle.hpp"
+#include "refusal.hpp"
+#include "server.hpp"
+
+namespace {
+
+constexpr char USAGE[] =
+    "usage: paddle [--address HOST:PORT] [--sessions MOST]\n"
+    "  --address   where to listen, port 0 being any free one; default 127.0.0.1:5005. There is no encryption and no\n"
+    "              password: listen beyond this machine only in a network you trust\n"
+    "  --sessions  the most sessions at once; default 64\n";
+
+/// Returns a number of the command line. Throws std::invalid_argument for what is none in low .. high.
+int number(const std::string& what, const std::string& text, int low, int high) {
+  int value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error == std::errc() && end == text.data() + text.size() && value >= low && value <= high) return value;
+  throw std::invalid_argument(simulator::text(what, " is '", text, "', expected a number in ", low, "..", high));
+}
+
+}  // namespace
+
+int main(int count, char** words) {
+  std::string address = "127.0.0.1:5005";
+  int sessions = 64;
+  try {
+    for (int place = 1; place < count; place += 2) {
+      const std::string name = words[place], value = place + 1 < count ? words[place + 1] : "";
+      if (name == "--address") {
+        number("the port of --address", value.substr(value.rfind(':') + 1), 0, 65535);
+        address = value;
+      } else if (name == "--sessions") {
+        sessions = number(name, value, 1, 1'000'000);
+      } else if (name == "--help") {
+        std::cout << USAGE;
+        return 0;
+      } else {
+        throw std::invalid_argument("unknown argument '" + name + "'; see --help");
+      }
+    }
+    simulator::Games games;
+    auto paddle = std::make_unique<simulator::Paddle>();
+    const std::string name = paddle->describe({}).name();
+    games[name] = std::move(paddle);  // another game of yours goes here
+    simulator::serve(games, address, static_cast<std::size_t>(sessions));
+  } catch (const std::exception& error) {
+    std::cerr << "error: " << error.what() << std::endl;
+    return 2;
+  }
+  return 0;
+}

@@ -1,0 +1,14 @@
+/// The gRPC server: the three calls, health, reflection, limits and an orderly end.
+#pragma once
+
+#include "game.hpp"
+
+namespace simulator {
+
+/// Serves games to at most so many sessions at once, until SIGINT or SIGTERM; then ends open sessions with UNAVAILABLE.
+///
+/// `address` is HOST:PORT, port 0 being any free one; prints where it listens as one line. Throws std::runtime_error if
+/// it cannot listen there. To be called by the main thread before there are others.
+void serve(const Games& games, const std::string& address, std::size_t most_sessions);
+
+}  // namespace simulator

@@ -1,0 +1,359 @@
+"""The page about the paper: what it reads, how claims are judged, each way, and what it writes."""
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from tools.claims import Claim, make_claims
+from tools.original import original_curve, original_ends, original_point, paper_figures
+from tools.report import last_ten, place, write_report
+from tools.results import COMPLETE, MARK, Experiment, Results, Run, interquartile_mean, interval, read_results
+from tools.verdicts import FAILS, HOLDS, UNDECIDED, UNTESTED, Sample, alike, beats, steadier, trails
+
+EARLY = 10 * MARK  # 3 M
+
+
+def write_run(folder: Path, length: str, name: str, rewards: Sequence[float], **more: float) -> None:
+    """Write the metrics of a run: a reward per mark, and other figures that never change."""
+    path = folder / length / f"{name}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    columns = {"episodes": 150.0, "length": 1000.0, "click_accuracy": 0.9, "transitions_per_second": 30_000.0} | more
+    with path.open("w", newline="") as file:
+        table = csv.DictWriter(file, ["transitions", "reward", *columns])
+        table.writeheader()
+        for number, reward in enumerate(rewards, 1):
+            table.writerow({"transitions": f"{number * MARK + 24:.6g}", "reward": reward, **columns})
+
+
+def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPLETE, **more: float) -> Results:
+    """Return results with a row at one mark only. rewards: by layout, one per seed."""
+    results = {}
+    for layout, values in rewards.items():
+        key = (game, layout, "buttons" if layout == "multiagent" else "")
+        figures = {"click_accuracy": 0.9, "transitions_per_second": 30_000.0} | more
+        runs = [Run(seed, {mark: {"reward": value, **figures}}) for seed, value in enumerate(values)]
+        results[key] = Experiment(*key, tuple(runs))
+    return results
+
+
+def claim(text: str, game: str) -> Claim:
+    (found,) = [claim for claim in make_claims() if claim.text.startswith(text) and claim.game == game]
+    return found
+
+
+# What is read
+
+
+def test_of_several_lengths_of_one_run_the_longest_counts(tmp_path):
+    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s0", [1.0] * 5)
+    write_run(tmp_path, "3M", "shooting_birds/bucket-11-s0", [2.0] * 10)
+    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s1", [4.0] * 5)
+    experiment = read_results(tmp_path)["shooting_birds", "bucket-11", ""]
+    assert [(run.seed, run.end) for run in experiment.runs] == [(0, 10 * MARK), (1, 5 * MARK)]
+    assert experiment.at(5 * MARK) == [2.0, 4.0]
+    assert experiment.at(6 * MARK) == [2.0]
+    assert experiment.at(11 * MARK) == []
+
+
+def test_the_two_agents_are_told_apart_and_rounded_transitions_find_their_mark(tmp_path):
+    write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-axes", [float(n) for n in range(1, 101)])
+    write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-buttons", [5.0] * 100)
+    results = read_results(tmp_path)
+    assert list(results) == [("beastly_rivals", "multiagent", policy) for policy in ("axes", "buttons")]
+    axes = results["beastly_rivals", "multiagent", "axes"]
+    assert axes.at(COMPLETE) == [100.0]
+    assert axes.at(99 * MARK) == [99.0]
+    assert last_ten(axes.runs[0]) == 95.5
+    assert axes.runs[0].hours == pytest.approx(COMPLETE / 30_000 / 3600)
+    assert axes.speed == pytest.approx(30_000)
+
+
+def test_files_that_have_only_begun_and_folders_that_are_no_results_are_passed_over(tmp_path):
+    write_run(tmp_path, "3M", "shooting_birds/bucket-3-s0", [])
+    write_run(tmp_path, "pictures", "shooting_birds/bucket-11-s0", [1.0])
+    assert read_results(tmp_path) == {}
+
+
+def test_the_interval_of_one_seed_is_not_invented_and_of_several_holds_their_mean():
+    assert interval([5.0]) is None
+    low, high = interval([1.0, 2.0, 6.0]) or (0.0, 0.0)
+    assert 1.0 <= low < 3.0 < high <= 6.0
+    assert interval([1.0, 2.0, 6.0]) == (low, high)  # the same page every time
+
+
+def test_the_interquartile_mean_leaves_out_the_outer_quarters():
+    assert interquartile_mean([1.0, 2.0, 4.0, 100.0]) == 3.0
+    assert interquartile_mean([1.0, 2.0, 6.0]) == 3.0
+
+
+def test_the_originals_figures_are_there_for_every_experiment_of_the_paper():
+    for game in ("shooting_birds", "beastly_rivals"):
+        for layout in ("bucket-3", "bucket-11", "bucket-41", "threshold-0.0", "threshold-0.1", "threshold-0.5"):
+            ends = original_ends(game, layout)
+            assert ends is not None
+            assert len(ends.reward) == len(ends.hours) == 10
+            end = original_point(game, layout, "", COMPLETE)
+            assert end is not None
+            assert sum(ends.reward) / 10 == pytest.approx(end.reward, abs=0.01)
+            assert len(original_curve(game, layout)) == 28
+            assert "hours" in paper_figures(game, layout)
+    assert original_ends("shooting_birds", "hybrid") is None
+    assert original_ends("shooting_birds", "multiagent", "axes") != original_ends(
+        "shooting_birds", "multiagent", "buttons"
+    )
+
+
+# How rules decide
+
+
+def samples(*means: float, spread: float = 3.0, runs: int = 3) -> list[Sample]:
+    return [Sample(mean, spread, runs) for mean in means]
+
+
+@pytest.mark.parametrize(
+    ("rule", "means", "word"),
+    [
+        (beats, (20, 10, 12), HOLDS),
+        (beats, (20, 10, 19), UNDECIDED),
+        (beats, (20, 10, 40), FAILS),
+        (trails, (10, 20, 30), HOLDS),
+        (trails, (10, 20, 11), UNDECIDED),
+        (trails, (10, 20, 0), FAILS),
+        (alike, (10, 11, 12), HOLDS),
+        (alike, (10, 11, 30), FAILS),
+    ],
+)
+def test_means_are_compared_beyond_their_noise(rule, means, word):
+    assert rule(samples(*means)) == word
+
+
+def test_what_is_noisy_cannot_be_called_alike():
+    assert alike(samples(10, 11, spread=20)) == UNDECIDED
+
+
+@pytest.mark.parametrize(("calm", "wild", "word"), [(1, 10, HOLDS), (3, 3, UNDECIDED), (10, 1, FAILS)])
+def test_stability_compares_the_scatter_of_runs(calm, wild, word):
+    assert steadier(samples(1, 2, 3, spread=calm), samples(1, 2, 3, spread=wild)) == word
+
+
+@pytest.mark.parametrize(("reward", "word"), [(10.0, "inside"), (14.0, "above"), (5.0, "**below**")])
+def test_a_run_lies_inside_above_or_below_two_standard_deviations(reward, word):
+    assert place(reward, (9.0, 10.0, 11.0)) == word
+
+
+# How claims are judged
+
+BUCKET_WINS = ("The bucket approach scores higher than the threshold", "shooting_birds")
+
+
+@pytest.mark.parametrize(
+    ("bucket", "threshold", "word"), [(137.0, 114.0, HOLDS), (115.0, 114.0, UNDECIDED), (100.0, 114.0, FAILS)]
+)
+def test_scores_of_complete_runs_decide(bucket, threshold, word):
+    results = made_up("shooting_birds", {"bucket-11": [bucket], "threshold-0.0": [threshold]})
+    verdict = claim(*BUCKET_WINS).judge(results, {})
+    assert (verdict.word, verdict.where) == (word, "at 30 M")
+    assert f"bucket-11 {bucket:.1f} (1), threshold-0.0 {threshold:.1f} (1)" in verdict.evidence
+    assert "the original there bucket-11 137.6 ± 2.8 (10)" in verdict.evidence
+
+
+def test_short_runs_do_not_decide_what_the_original_shows_only_later():
+    results = made_up("shooting_birds", {"bucket-11": [200.0], "threshold-0.0": [10.0]}, EARLY)
+    verdict = claim(*BUCKET_WINS).judge(results, {})
+    assert verdict.word == UNTESTED
+    assert "needs longer runs" in verdict.evidence
+
+
+@pytest.mark.parametrize(("best", "word"), [(65.0, HOLDS), (30.0, UNDECIDED), (-40.0, FAILS)])
+def test_short_runs_decide_what_the_original_shows_as_early(best, word):
+    results = made_up(
+        "shooting_birds", {"threshold-0.0": [best], "threshold-0.1": [20.0], "threshold-0.5": [15.0]}, EARLY
+    )
+    verdict = claim("Threshold 0.0 is the best", "shooting_birds").judge(results, {})
+    assert (verdict.word, verdict.where) == (word, "at 3 M")
+
+
+def test_a_claim_names_the_experiments_that_it_lacks():
+    verdict = claim(*BUCKET_WINS).judge(made_up("shooting_birds", {"bucket-11": [100.0]}), {})
+    assert (verdict.word, verdict.evidence) == (UNTESTED, "needs runs of threshold-0.0")
+
+
+def test_a_single_lucky_seed_counts_with_the_originals_spread():
+    rewards = {"multiagent": [105.0], "threshold-0.0": [100.0]}
+    two_agents = claim("The two agents score higher", "beastly_rivals")
+    assert two_agents.judge(made_up("beastly_rivals", rewards), {}).word == UNDECIDED
+    many = {layout: values * 10 for layout, values in rewards.items()}
+    assert two_agents.judge(made_up("beastly_rivals", many), {}).word == HOLDS
+
+
+@pytest.mark.parametrize(
+    ("bucket", "threshold", "word"), [(1.0, 20.0, HOLDS), (5.0, 5.0, UNDECIDED), (20.0, 1.0, FAILS)]
+)
+def test_stability_needs_several_seeds_and_compares_their_scatter(bucket, threshold, word):
+    stable = claim("The bucket approach is more stable", "shooting_birds")
+    names = {f"bucket-{values}": bucket for values in (11, 3, 41)} | {
+        f"threshold-{value}": threshold for value in ("0.0", "0.1", "0.5")
+    }
+    several = {layout: [100 - scatter, 100.0, 100 + scatter] for layout, scatter in names.items()}
+    assert stable.judge(made_up("shooting_birds", several), {}).word == word
+    single = {layout: values[:1] for layout, values in several.items()}
+    verdict = stable.judge(made_up("shooting_birds", single), {})
+    assert verdict.word == UNTESTED
+    assert "at least 2 seeds of bucket-11, bucket-3" in verdict.evidence
+
+
+@pytest.mark.parametrize(("threshold", "word"), [(0.95, HOLDS), (0.985, FAILS)])
+def test_click_accuracy_decides_by_one_point(threshold, word):
+    results = made_up("shooting_birds", {"bucket-11": [136.0], "multiagent": [122.0]}, click_accuracy=0.99)
+    accurate = claim("Bucket and the two agents click more accurately", "shooting_birds")
+    assert accurate.judge(results, {}).word == UNTESTED
+    results |= made_up("shooting_birds", {"threshold-0.0": [114.0]}, click_accuracy=threshold)
+    assert accurate.judge(results, {}).word == word
+
+
+@pytest.mark.parametrize(("other", "word"), [(0.985, HOLDS), (0.9, FAILS)])
+def test_values_per_axis_click_alike_or_not(other, word):
+    results = made_up("shooting_birds", {"bucket-11": [136.0]}, click_accuracy=0.99)
+    results |= made_up("shooting_birds", {"bucket-3": [115.0], "bucket-41": [128.0]}, click_accuracy=other)
+    assert claim("With 3 and 41 values clicks", "shooting_birds").judge(results, {}).word == word
+
+
+@pytest.mark.parametrize(("speed", "word", "extra"), [(15_000.0, HOLDS, "+100 %"), (30_000.0, FAILS, "+0 %")])
+def test_training_time_follows_from_speed(speed, word, extra):
+    results = made_up("shooting_birds", {"bucket-11": [1.0]}, EARLY)
+    slow = claim("The two agents cost extra", "shooting_birds")
+    assert slow.judge(results, {}).word == UNTESTED
+    results |= made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, transitions_per_second=speed)
+    verdict = slow.judge(results, {})
+    assert verdict.word == word
+    assert extra in verdict.evidence
+
+
+def policy(**more: object) -> dict[str, object]:
+    """Return the behaviour of a trained policy of Beastly Rivals."""
+    return {
+        "lap_radius": [[seconds, 6.0 if seconds < 120 else 4.0] for seconds in range(0, 240, 10)],
+        "blinks_per_episode": 0.5, "survival_seconds": 210.0, "slow_share": 0.12, "slow_share_by_chance": 0.13,
+        "transitions": COMPLETE + 75,
+    } | more  # fmt: skip
+
+
+GROWING = [[seconds, 4.0 + seconds / 100] for seconds in range(0, 240, 10)]
+
+
+@pytest.mark.parametrize(
+    ("text", "changed"),
+    [
+        ("Laps around the pitch", {"lap_radius": GROWING}),
+        ("Blinking hardly matters", {"blinks_per_episode": 20.0}),
+        ("The slow sphere hardly matters", {"slow_share": 0.02}),
+    ],
+)
+def test_behaviour_holds_fails_or_differs_between_policies(text, changed):
+    judged = claim(text, "beastly_rivals")
+
+    def word(**behaviour: dict[str, object]) -> str:
+        return judged.judge({}, {f"beastly_rivals/{name}": figures for name, figures in behaviour.items()}).word
+
+    assert word(**{"bucket-3-s0": policy(), "threshold-0.0-s0": policy()}) == HOLDS
+    assert word(**{"bucket-3-s0": policy(**changed)}) == FAILS
+    assert word(**{"bucket-3-s0": policy(), "threshold-0.0-s0": policy(**changed)}) == UNDECIDED
+    assert word(**{"bucket-3-s0": policy(transitions=EARLY)}) == UNTESTED  # has not learned to behave yet
+    assert word(**{"hybrid-s0": policy()}) == UNTESTED  # not an approach of the paper
+
+
+def test_where_the_originals_logs_contradict_its_paper_they_say_so():
+    words = {(claim.text, claim.game): claim.logs.word for claim in make_claims() if claim.logs}
+    assert words["The thresholds score alike", "beastly_rivals"] == FAILS
+    assert words["Threshold 0.0 is the best threshold", "beastly_rivals"] == UNDECIDED
+    assert words["Eleven values per axis score higher than 3 and 41", "shooting_birds"] == HOLDS
+    assert words["The bucket approach is more stable than the threshold approach", "shooting_birds"] == HOLDS
+
+
+# What is written
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Path:
+    """Return results of a few runs of different lengths, with the page written."""
+    folder = tmp_path_factory.mktemp("results")
+    rising = [136.0 * number / 100 for number in range(1, 101)]
+    write_run(folder, "30M", "shooting_birds/bucket-11-s0", rising)
+    write_run(folder, "3M", "shooting_birds/bucket-11-s1", rising[:10])
+    write_run(folder, "30M", "beastly_rivals/hybrid-s0", [80.0] * 100)
+    write_run(folder, "30M", "beastly_rivals/threshold-0.0-s2", [150.0] * 100)
+    write_run(folder, "3M", "beastly_rivals/multiagent-s0-axes", [40.0] * 10, transitions_per_second=10_000.0)
+    write_run(folder, "3M", "beastly_rivals/multiagent-s0-buttons", [41.0] * 10, transitions_per_second=10_000.0)
+    shooter = {"abs_vx": 12.5, "hits_per_level": [150.0, 151.0, 120.4], "transitions": COMPLETE}
+    known = {"beastly_rivals/threshold-0.0-s2": policy(), "shooting_birds/bucket-11-s0": shooter}
+    (folder / "behaviour.json").write_text(json.dumps(known))
+    write_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(results) -> str:
+    return (results / "README.md").read_text()
+
+
+def test_four_small_figures_are_drawn_and_shown(results, page):
+    names = sorted(path.name for path in (results / "figures").iterdir())
+    assert [name[:9] for name in names] == ["figure-11", "figure-12", "figure-13", "figure-14"]
+    for name in names:
+        assert f"](figures/{name})" in page
+        assert (results / "figures" / name).stat().st_size < 120_000
+        with Image.open(results / "figures" / name) as picture:
+            assert picture.width > 1000
+            assert len(picture.convert("RGB").getcolors(100_000) or []) > 50
+
+
+def test_complete_runs_are_set_against_the_originals_ten(page):
+    assert (
+        "| Shooting Birds bucket-11, seed 0 | 136.0 | 137.6 ± 5.6 | inside | 129.9 | 135.9 ± 5.2 | 0.28 | 6.1 |" in page
+    )
+    assert "| Beastly Rivals threshold-0.0, seed 2 | 150.0 | 93.2 ± 6.7 | above | 150.0 |" in page
+    assert "| Beastly Rivals hybrid, seed 0 | 80.0 |  | not in the paper |" in page
+
+
+def test_every_claim_is_stated_with_a_verdict(page):
+    for number, claim in enumerate(make_claims(), 1):
+        assert f"| {number} | {claim.text} |" in page
+        assert f"\n{number}. Here: " in page
+    assert (
+        "| The bucket approach scores higher than the threshold approach | Shooting Birds | **not tested** | holds |"
+        in page
+    )
+    assert (
+        "Blinking hardly matters: it is almost never done | Beastly Rivals | **holds** at 30 M | do not tell |" in page
+    )
+    assert "They contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)" in page
+
+
+def test_every_experiment_has_a_line_per_length_and_one_seed_is_called_one(page):
+    assert "| Shooting Birds bucket-11 | 3 M | 2 | 13.6 [13.6, 13.6] | 13.6 |" in page
+    assert "| Shooting Birds bucket-11 | 30 M | 1 | 136.0 | one seed | 90.0 % | 0.28 | 30000 | 137.6 ± 2.8 [" in page
+    assert (
+        "| Beastly Rivals multiagent, buttons | 3 M | 1 | 41.0 | one seed | 1000 | 0.08 | 10000 | 81.7 ± 8.9 |" in page
+    )
+
+
+def test_marks_that_lie_outside_are_bold(page):
+    assert "| bucket-11 | **1.4** (-47.7 ± 5.2) |" in page
+    assert "| 136.0 (137.6 ± 5.6) |" in page
+
+
+def test_behaviour_is_tabulated(page):
+    assert "| threshold-0.0-s2 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |" in page
+    assert "| policy | abs vx | hits per level | transitions |" in page
+    assert "| bucket-11-s0 | 12.5 | 150 151 120 | 30000000 |" in page
+
+
+def test_without_any_run_the_page_says_so(tmp_path):
+    text = write_report(tmp_path).read_text()
+    assert "None has finished yet." in text
+    assert "**holds**" not in text
+    assert "**not tested**" in text

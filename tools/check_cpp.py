@@ -1,0 +1,144 @@
+"""Hold the C++ server to all that it promises: it builds, keeps the contract, can be trained, and ends in order.
+
+Runs the commands a person would type, and says which. Ends with the first thing that fails, exit status 1, or
+before it begins with exit status 77 where the compiler or a package is missing.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from trainer.client import Session, SimulatorLost
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "proto/servers/cpp"
+BUILD = SOURCE / "build"  # which git ignores
+CONFIG = ROOT / "configs/paddle/hybrid.yaml"
+MISSING = 77  # exit status: nothing was checked
+PROGRAMS = {  # and the packages of Debian 12 that have them
+    "cmake": "cmake",
+    "make": "make",
+    "c++": "g++",
+    "pkg-config": "pkg-config",
+    "protoc": "protobuf-compiler",
+    "grpc_cpp_plugin": "protobuf-compiler-grpc",
+}
+LIBRARIES = {"grpc++": "libgrpc++-dev", "protobuf": "libprotobuf-dev"}
+UNTRAINED = ("stop=4000", "policy.learning_rate=1e-9")  # a run that learns nothing
+GAIN = 25.0  # reward of a trained policy above an untrained one's; three seeds gained 36
+ENDING_SECONDS = 10.0
+
+
+class Failed(Exception):
+    """Something that the server should do and does not; the text says what came."""
+
+
+def main() -> int:
+    """Check the server and return the exit status."""
+    packages = missing()
+    if packages:
+        print(f"not checked: the C++ server needs what is not installed here: {' '.join(packages)}")
+        return MISSING
+    try:
+        run("cmake", "-S", str(SOURCE), "-B", str(BUILD))
+        run("cmake", "--build", str(BUILD), "--parallel", str(os.cpu_count()))
+        with server() as (process, address):
+            run(sys.executable, "-m", "simulator", "check", address, "--json")
+            with tempfile.TemporaryDirectory() as folder:
+                check_learning(address, Path(folder))
+            check_ending(process, address)
+    except Failed as failure:
+        print(f"failed: {failure}", file=sys.stderr)
+        return 1
+    print("the C++ server builds, keeps the contract, can be trained, and ends in order")
+    return 0
+
+
+def missing() -> list[str]:
+    """Return the packages that are not there and needed to build the server."""
+    packages = [package for program, package in PROGRAMS.items() if shutil.which(program) is None]
+    if "pkg-config" not in packages:
+        found = {name: subprocess.run(["pkg-config", "--exists", name], check=False) for name in LIBRARIES}
+        packages += [LIBRARIES[name] for name, result in found.items() if result.returncode]
+    return packages
+
+
+def run(*command: str) -> list[str]:
+    """Run a command, showing it and what it prints, and return the lines of its output. Raises Failed."""
+    print("\n$", *command, flush=True)
+    lines = []
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            print(line, end="", flush=True)
+            lines.append(line)
+    if process.returncode:
+        raise Failed(f"{' '.join(command)} ended with {process.returncode}; what it says is above")
+    return lines
+
+
+@contextmanager
+def server() -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run the server on a free port and yield the process and its address. Raises Failed if it does not start."""
+    command = [str(BUILD / "paddle"), "--address", "127.0.0.1:0"]
+    print("\n$", *command, flush=True)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            print(line, end="")
+            if not line.startswith("joybridge simulator listening on 127.0.0.1:"):
+                raise Failed(f"the server said {line!r}, expected where it listens")
+            yield process, line.split()[-1]
+        finally:
+            process.kill()
+
+
+def check_learning(address: str, folder: Path) -> None:
+    """Raise Failed unless a policy gets clearly better by training, seeds being fixed."""
+    rewards = [learn(address, folder / name, overrides) for name, overrides in
+               (("untrained", UNTRAINED), ("trained", ()))]  # fmt: skip
+    print(f"reward {rewards[0]:.1f} untrained, {rewards[1]:.1f} trained")
+    if not rewards[1] >= rewards[0] + GAIN:
+        raise Failed(f"training gained {rewards[1] - rewards[0]:.1f}, expected at least {GAIN:g}")
+
+
+def learn(address: str, folder: Path, overrides: Sequence[str]) -> float:
+    """Train a policy and return its mean reward per episode."""
+    trainer = (sys.executable, "-m", "trainer")
+    run(*trainer, "train", str(CONFIG), "--simulator", address, "--run", str(folder), *overrides)
+    *_, last = run(*trainer, "evaluate", str(folder), "--simulator", address, "--episodes", "64", "--json")
+    result: dict[str, Any] = json.loads(last)
+    return float(result["player"]["means"]["reward"])
+
+
+def check_ending(process: "subprocess.Popen[str]", address: str) -> None:
+    """Raise Failed unless SIGTERM ends an open session with UNAVAILABLE, and the server with status 0."""
+    print("\n$ kill -TERM, with a session open", flush=True)
+    with Session(address, "paddle", arenas=1, seed=0) as session:
+        process.send_signal(signal.SIGTERM)
+        try:
+            session.receive()
+            raise Failed("the open session got a step that nobody asked for, expected UNAVAILABLE")
+        except SimulatorLost as lost:
+            print(lost)
+            if "UNAVAILABLE" not in str(lost):
+                raise Failed(f"the open session ended with: {lost}; expected UNAVAILABLE") from lost
+    try:
+        status = process.wait(ENDING_SECONDS)
+    except subprocess.TimeoutExpired as error:
+        raise Failed(f"the server runs {ENDING_SECONDS:g} s after SIGTERM") from error
+    if status:
+        raise Failed(f"the server ended with {status}, expected 0")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,215 @@
+"""A grid of training runs: each a process, started, watched, and gone on with where it stopped."""
+
+import fcntl
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint
+from trainer.config import ConfigError
+from trainer.metrics import read_rows
+
+POLL_SECONDS = 0.5
+GRACE_SECONDS = 10.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """One training run of the grid."""
+
+    experiment: str  # a configuration's path under `configs`, without ".yaml"
+    seed: int
+    transitions: int
+    configs: Path  # folder of configurations
+    runs: Path  # folder of all runs
+
+    @property
+    def name(self) -> str:
+        """Return what the run is called."""
+        return f"{self.experiment} s{self.seed}"
+
+    @property
+    def config(self) -> Path:
+        """Return its configuration."""
+        return self.configs / f"{self.experiment}.yaml"
+
+    @property
+    def run(self) -> Path:
+        """Return the run's folder."""
+        return self.runs / f"{self.experiment}-s{self.seed}"
+
+    def done(self) -> int:
+        """Return the transitions of the last row of metrics."""
+        rows = [row for path in self.run.glob("metrics-*.csv") for row in read_rows(path)[-1:]]
+        return min(self.transitions, max((int(row["transitions"]) for row in rows), default=0))
+
+    def finished(self) -> bool:
+        """Return whether the run has reached its end."""
+        try:
+            return has_checkpoint(self.run) and load_checkpoint(self.run)[1]["transitions"] >= self.transitions
+        except CheckpointError:  # the trainer will say what is wrong with it
+            return False
+
+    def command(self, config: Path, run: Path) -> list[str]:
+        """Return the trainer's command that begins or goes on with the run in the folder `run`."""
+        resume = ["--resume"] if has_checkpoint(run) else []
+        overrides = [f"seed={self.seed}", f"stop={self.transitions}"]
+        return [sys.executable, "-m", "trainer", "train", str(config), "--run", str(run), *overrides, *resume]
+
+    def complaint(self) -> str:
+        """Return the last line of its log, which says why it failed."""
+        log = self.run / "log.txt"
+        lines = log.read_text(errors="replace").split("\n") if log.exists() else []
+        return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+
+
+class Process(Protocol):
+    """A run that goes on somewhere; like `subprocess.Popen`."""
+
+    def poll(self) -> int | None:
+        """Return the exit status, or None while it runs."""
+
+    def terminate(self) -> None:
+        """Ask it to save and end."""
+
+    def wait(self) -> int:
+        """Wait for the exit status."""
+
+
+def start(job: Job) -> Process:
+    """Start or go on with a run as a process of this machine; its output goes to log.txt in the run's folder.
+
+    Raises BlockingIOError if another process is training it.
+    """
+    job.run.mkdir(parents=True, exist_ok=True)
+    with (job.run / "log.txt").open("ab") as log, (job.run / "lock").open("w") as lock:
+        take(lock.fileno(), job)
+        command = job.command(job.config, job.run)
+        return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, pass_fds=[lock.fileno()])
+
+
+def take(lock: int, job: Job) -> None:
+    """Lock a run's folder through an open file, which whoever trains it keeps open. Raises BlockingIOError."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BlockingIOError(f"another process is training {job.run}; end that one first") from None
+
+
+def run_grid(
+    jobs: Sequence[Job], parallel: int, results: Path, begin: Callable[[Job], Process] = start
+) -> dict[Job, str]:
+    """Run the jobs that are not finished, `parallel` at a time; return why those that failed did.
+
+    begin: how to start a run. The metrics of each are kept in `results` as soon as it is finished. An
+    interruption is passed on to the running jobs, which save.
+    """
+    waiting = [job for job in jobs if not job.finished()]
+    for job in set(jobs) - set(waiting):
+        keep_results(job, results)
+    display = Display(waiting, finished=len(jobs) - len(waiting))
+    running: dict[Job, Process] = {}
+    failed: dict[Job, str] = {}
+    try:
+        with display.bars:
+            while waiting or running:
+                while waiting and len(running) < parallel:
+                    job = waiting.pop(0)
+                    try:
+                        running[job] = begin(job)
+                    except (OSError, ConfigError) as error:
+                        failed[job] = str(error)
+                        display.end(job, failed[job])
+                for job, process in list(running.items()):
+                    status = process.poll()
+                    if status is not None:
+                        del running[job]
+                        if status:
+                            failed[job] = job.complaint()
+                        else:
+                            keep_results(job, results)
+                        display.end(job, failed.get(job))
+                display.update(list(running))
+                time.sleep(POLL_SECONDS)
+    finally:
+        end(list(running.values()))
+    return failed
+
+
+def end(processes: Sequence[Process]) -> None:
+    """End processes and wait until they have saved.
+
+    An interruption from the terminal has reached them already, and another one would disturb their saving: so they
+    are only asked after a while.
+    """
+    deadline = time.monotonic() + GRACE_SECONDS
+    while any(process.poll() is None for process in processes) and time.monotonic() < deadline:
+        time.sleep(POLL_SECONDS)
+    for process in processes:
+        if process.poll() is None:
+            process.terminate()
+    for process in processes:
+        process.wait()
+
+
+def keep_results(job: Job, folder: Path) -> None:
+    """Copy the metrics of a finished run to `folder`, one CSV per policy."""
+    paths = sorted(job.run.glob("metrics-*.csv"))
+    for path in paths:
+        policy = "" if len(paths) == 1 else path.stem.removeprefix("metrics")
+        target = folder / f"{job.transitions / 1e6:g}M" / f"{job.experiment}-s{job.seed}{policy}.csv"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        fresh = target.with_suffix(".new")
+        fresh.write_bytes(path.read_bytes())
+        fresh.replace(target)
+
+
+class Display:
+    """One line per running run and one for all, with speed and the time left at that speed."""
+
+    def __init__(self, jobs: Sequence[Job], finished: int) -> None:
+        """Show the jobs that are to be run; `finished` more were so before."""
+        self.console = Console(highlight=False)
+        self.console.print(f"{len(jobs) + finished} runs, {finished} of them finished already")
+        self.bars = Progress(
+            TextColumn("{task.description:<32}"), BarColumn(bar_width=16), TextColumn("{task.fields[text]}"),
+            TimeElapsedColumn(), console=self.console,
+        )  # fmt: skip
+        self.jobs = list(jobs)
+        self.all = self.bars.add_task("all", total=None, text="")
+        self.tasks = {job: self.bars.add_task(job.name, total=job.transitions, visible=False, text="") for job in jobs}
+        self.begin, self.first = time.monotonic(), {job: job.done() for job in jobs}
+
+    def update(self, running: Sequence[Job]) -> None:
+        """Show how far the runs are."""
+        done = {job: job.done() for job in self.jobs}
+        for job in running:
+            self.bars.update(self.tasks[job], completed=done[job], visible=True, text=f"{done[job] / 1e6:.1f} M")
+        total = sum(job.transitions for job in self.jobs)
+        speed = sum(done[job] - self.first[job] for job in self.jobs) / (time.monotonic() - self.begin)
+        text = time_left(total - sum(done.values()), speed)
+        self.bars.update(self.all, completed=sum(done.values()), total=total, text=text)
+
+    def end(self, job: Job, complaint: str | None) -> None:
+        """Show that a run has ended, and why if it failed; what failed no longer counts for the time left."""
+        self.bars.update(self.tasks[job], visible=False)
+        if complaint is None:
+            self.console.print(f"{job.name}: done")
+        else:
+            self.jobs.remove(job)
+            self.console.print(f"{job.name}: failed: {complaint} (see {job.run / 'log.txt'})", soft_wrap=True)
+
+
+def time_left(transitions: int, speed: float) -> str:
+    """Return speed and time left, once both can be told. speed: transitions per second."""
+    if speed <= 0:
+        return "measuring"
+    minutes = round(transitions / speed / 60)
+    return f"{speed / 1000:.1f} k transitions/s, {minutes // 60} h {minutes % 60} min left"

@@ -1,0 +1,127 @@
+"""Our finished runs in results/, by experiment, and what several seeds say together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import bootstrap, trim_mean
+
+from trainer.metrics import Row, read_rows
+
+MARK = 300_000  # transitions between two rows of metrics: 20 000 of the original's steps
+COMPLETE = 30_000_000  # transitions of a complete run
+POLICIES = ("axes", "buttons")  # the two agents of multiagent
+GAMES = ("shooting_birds", "beastly_rivals")
+LAYOUTS = (
+    "bucket-11", "bucket-3", "bucket-41", "threshold-0.0", "threshold-0.1", "threshold-0.5", "multiagent", "hybrid",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Run:
+    """The metrics of one policy of one run."""
+
+    seed: int
+    rows: dict[int, Row]  # by mark: a multiple of MARK transitions, to which each row belongs
+
+    @property
+    def end(self) -> int:
+        """Return its last mark."""
+        return max(self.rows)
+
+    @cached_property
+    def hours(self) -> float:
+        """Return the wall-clock time of its rows."""
+        return sum(MARK / row["transitions_per_second"] for row in self.rows.values()) / 3600
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The runs of one policy of one experiment, one per seed."""
+
+    game: str
+    layout: str
+    policy: str  # "axes" or "buttons" of multiagent, else ""
+    runs: tuple[Run, ...]
+
+    @property
+    def name(self) -> str:
+        """Return what to call it within its game."""
+        return f"{self.layout}, {self.policy}" if self.policy else self.layout
+
+    @property
+    def marks(self) -> list[int]:
+        """Return every mark that a run has reached."""
+        return sorted({mark for run in self.runs for mark in run.rows})
+
+    def at(self, mark: int, key: str = "reward") -> list[float]:
+        """Return the figure of each run that has it at a mark."""
+        return [run.rows[mark][key] for run in self.runs if key in run.rows.get(mark, {})]
+
+    @property
+    def complete(self) -> tuple[Run, ...]:
+        """Return the complete runs."""
+        return tuple(run for run in self.runs if run.end >= COMPLETE)
+
+    @property
+    def speed(self) -> float:
+        """Return transitions per second over all its runs."""
+        return sum(MARK * len(run.rows) for run in self.runs) / (3600 * sum(run.hours for run in self.runs))
+
+    @property
+    def complete_hours(self) -> float:
+        """Return the mean hours of its complete runs, or where there are none of a complete run at its speed."""
+        return float(np.mean([run.hours for run in self.complete] or COMPLETE / self.speed / 3600))
+
+    @property
+    def quick_speed(self) -> float:
+        """Return the upper quartile of its rows' transitions per second: whatever else ran slowed those less."""
+        rows = (row for run in self.runs for row in run.rows.values())
+        return float(np.quantile([row["transitions_per_second"] for row in rows], 0.75))
+
+
+Results = dict[tuple[str, str, str], Experiment]  # by game, layout and policy
+
+
+def read_results(folder: Path) -> Results:
+    """Return the runs of the paper's games under `folder`; of several lengths of one run, the longest."""
+    longest: dict[tuple[str, str, str], dict[int, Run]] = {}
+    for path in (path for game in GAMES for path in sorted(folder.glob(f"*M/{game}/*.csv"))):
+        stem, _, policy = path.stem.rpartition("-")
+        if policy not in POLICIES:
+            stem, policy = path.stem, ""
+        layout, _, seed = stem.rpartition("-s")
+        rows = {round(row["transitions"] / MARK) * MARK: row for row in read_rows(path) if "reward" in row}
+        runs = longest.setdefault((path.parent.name, layout, policy), {})
+        if rows and (int(seed) not in runs or max(rows) > runs[int(seed)].end):
+            runs[int(seed)] = Run(int(seed), rows)
+    return {
+        key: Experiment(*key, tuple(runs[seed] for seed in sorted(runs)))
+        for key, runs in sorted(longest.items(), key=lambda item: _place(*item[0]))
+        if runs
+    }
+
+
+def _place(game: str, layout: str, policy: str) -> tuple[int, int, str, str]:
+    """Return what puts experiments into the order of GAMES and LAYOUTS, others behind."""
+    return GAMES.index(game), LAYOUTS.index(layout) if layout in LAYOUTS else len(LAYOUTS), layout, policy
+
+
+def main_policy(layout: str) -> str:
+    """Return the policy whose reward stands for a layout: of the two agents the one that clicks, as in the paper."""
+    return "buttons" if layout == "multiagent" else ""
+
+
+def interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """Return the 95 % bootstrap confidence interval of the mean, or None for a single value."""
+    if len(values) < 2:
+        return None
+    result = bootstrap((values,), np.mean, method="percentile", rng=np.random.default_rng(0))
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+
+
+def interquartile_mean(values: Sequence[float]) -> float:
+    """Return the mean without the lowest and the highest quarter of the values; of up to three, all count."""
+    return float(trim_mean(values, 0.25))
