@@ -4,10 +4,15 @@ SimulatorError            a simulator refused or failed; the text is its sentenc
 └── SimulatorLost         it went away; the run can be resumed once it is back
 """
 
-import queue
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import asyncio
+import atexit
+import threading
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import cache
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import grpc
 
@@ -18,8 +23,17 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
 CALL_SECONDS = 30.0  # deadline of the unary calls
+OPENINGS = 10  # attempts to begin a session
 _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
 _KEEPALIVE = [("grpc.keepalive_time_ms", 30_000), ("grpc.keepalive_timeout_ms", 20_000)]
+
+
+# Sessions are served by an event loop of their own, which runs only while one of them sends or waits. Compared with
+# gRPC's threads this saves handing every message from thread to thread.
+_ONE_AT_A_TIME = threading.Lock()
+_OUTSIDE = ThreadPoolExecutor(1)
+
+T = TypeVar("T")
 
 
 class SimulatorError(Exception):
@@ -28,6 +42,10 @@ class SimulatorError(Exception):
 
 class SimulatorLost(SimulatorError):
     """A simulator cannot be reached or went away."""
+
+
+class _Unsent(SimulatorLost):
+    """A request could not be sent: the stream has ended."""
 
 
 def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
@@ -88,17 +106,13 @@ class Session:
         self.simulate_seconds = 0.0  # the game's own time in the last step
         limit = response_bytes(self.spec, arenas, MAX_PICTURES if self.spec.HasField("picture") else 0)
         lengths = [("grpc.max_receive_message_length", limit), ("grpc.max_send_message_length", -1)]
-        self._channel = grpc.insecure_channel(address, options=_KEEPALIVE + lengths)
-        self._requests: queue.SimpleQueue[pb.PlayRequest | None] = queue.SimpleQueue()
-        self._responses: Iterator[pb.PlayResponse] = rpc.SimulatorStub(self._channel).Play(
-            iter(self._requests.get, None)
-        )
+        self._pending: asyncio.Task[pb.PlayResponse] | None = None  # the answer to the last request
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
         )  # fmt: skip
         try:
-            started = self._exchange(pb.PlayRequest(start=start), "started").started
+            started = self._begin(pb.PlayRequest(start=start), _KEEPALIVE + lengths).started
             if started.spec != self.spec:
                 raise SimulatorError(f"the simulator at {address} changed the spec of {game} between two calls")
             self.steps = self._unpack(started.step)
@@ -111,7 +125,7 @@ class Session:
         request = pb.PlayRequest(act=pb.Act(draw=draw))
         for act in acts:
             fill_act(request.act.behaviours.add(), act)
-        self._requests.put(request)
+        _run(self._send(request))
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
@@ -143,8 +157,8 @@ class Session:
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas."""
-        self._requests.put(None)
-        self._channel.close()
+        if not _loop().is_closed():  # which it is when the interpreter ends
+            _run(self._close())
 
     def __enter__(self) -> Self:
         return self
@@ -154,17 +168,63 @@ class Session:
     ) -> None:
         self.close()
 
+    def _begin(self, start: pb.PlayRequest, options: list[tuple[str, int]]) -> pb.PlayResponse:
+        """Open the stream and return the answer to the first request.
+
+        A server may refuse a stream before it reads from it. gRPC then tells either why, or only that nothing
+        could be sent; so ask again.
+        """
+        for _ in range(OPENINGS):
+            _run(self._open(options))
+            with suppress(_Unsent):
+                return self._exchange(start, "started")
+            self.close()
+        raise SimulatorLost(f"the simulator at {self.address} refuses every session, and does not say why")
+
+    async def _open(self, options: list[tuple[str, int]]) -> None:
+        self._pending = None
+        self._channel = grpc.aio.insecure_channel(self.address, options=options)
+        self._call = rpc.SimulatorStub(self._channel).Play()
+
+    async def _send(self, request: pb.PlayRequest) -> None:
+        """Send a request, and begin to wait for its answer; after a failure that is the failure again."""
+        if self._pending is None or not self._pending.done() or self._pending.exception() is None:
+            self._pending = asyncio.create_task(self._ask(request))
+            await asyncio.sleep(0)
+
+    async def _ask(self, request: pb.PlayRequest) -> pb.PlayResponse:
+        try:
+            await self._call.write(request)
+        except asyncio.InvalidStateError:  # the session is over: reading says why
+            pass
+        except grpc.RpcError as error:
+            raise _Unsent(f"lost the simulator at {self.address}: it went away") from error
+        response: pb.PlayResponse = await self._call.read()
+        return response
+
+    async def _wait(self) -> pb.PlayResponse:
+        assert self._pending is not None, "nothing has been sent"
+        return await self._pending
+
+    async def _close(self) -> None:
+        if self._pending is not None:
+            self._pending.cancel()
+            with suppress(asyncio.CancelledError, grpc.RpcError, _Unsent):
+                await self._pending
+        self._call.cancel()
+        await self._channel.close()
+
     def _exchange(self, request: pb.PlayRequest, wanted: str) -> pb.PlayResponse:
-        self._requests.put(request)
+        _run(self._send(request))
         return self._receive(wanted)
 
     def _receive(self, wanted: str) -> pb.PlayResponse:
         try:
-            response = next(self._responses)
+            response = _run(self._wait())
         except grpc.RpcError as error:
             raise _explain(error, self.address) from error
-        except StopIteration:
-            raise SimulatorLost(f"the simulator at {self.address} ended the session") from None
+        if response is grpc.aio.EOF:
+            raise SimulatorLost(f"the simulator at {self.address} ended the session")
         if response.WhichOneof("response") != wanted:
             came = response.WhichOneof("response")
             raise SimulatorError(f"the simulator at {self.address} answered with {came}, expected {wanted}")
@@ -184,6 +244,35 @@ class Session:
             return [codec.unpack_step(message) for codec, message in zip(codecs, messages, strict=True)]
         except TensorError as error:
             raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
+
+
+@cache
+def _loop() -> asyncio.AbstractEventLoop:
+    loop = asyncio.new_event_loop()
+
+    async def drop_all() -> None:
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
+
+    def end() -> None:
+        """Drop the sessions that nobody closed."""
+        loop.run_until_complete(drop_all())
+        loop.close()
+
+    atexit.register(end)
+    return loop
+
+
+def _run(work: Coroutine[Any, Any, T]) -> T:
+    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook."""
+    with _ONE_AT_A_TIME:
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            return _loop().run_until_complete(work)
+        return _OUTSIDE.submit(_loop().run_until_complete, work).result()
 
 
 def _explain(error: Any, address: str) -> SimulatorError:

@@ -1,0 +1,84 @@
+"""The trainer's end of a session: wherever it is called from, and whatever becomes of the other end."""
+
+import asyncio
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from trainer.actions import make_acts
+from trainer.client import Session, SimulatorError, SimulatorLost
+from trainer.launch import simulator_process
+
+DECISIONS = 20
+
+
+@pytest.fixture(scope="module")
+def address():
+    with simulator_process() as bound:
+        yield bound
+
+
+def played(address: str, seed: int) -> bytes:
+    """Return what a session of Marble shows in some decisions at rest."""
+    with Session(address, "marble", arenas=3, seed=seed) as session:
+        acts = make_acts(session.spec, 3)
+        return b"".join(array.tobytes() for _ in range(DECISIONS) for array in session.step(acts)[0].observations)
+
+
+def test_it_works_inside_a_running_event_loop_as_in_a_notebook(address):
+    async def cell() -> bytes:
+        return played(address, 1)
+
+    assert asyncio.run(cell()) == played(address, 1)
+
+
+def test_sessions_in_several_threads_do_not_disturb_each_other(address):
+    alone = [played(address, seed) for seed in range(4)]
+    assert len(set(alone)) == 4
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(lambda seed: played(address, seed), range(4))) == alone
+
+
+def test_several_sessions_may_be_answered_at_the_same_time(address):
+    with Session(address, "marble", arenas=2, seed=0) as one, Session(address, "marble", arenas=2, seed=0) as other:
+        acts = make_acts(one.spec, 2)
+        for _ in range(DECISIONS):
+            one.send(acts)
+            other.send(acts)
+            for a, b in zip(other.receive()[0].observations, one.receive()[0].observations, strict=True):
+                np.testing.assert_array_equal(a, b)
+
+
+def test_what_is_sent_after_a_refusal_is_answered_by_it(address):
+    with Session(address, "marble", arenas=2, seed=0) as session:
+        acts = make_acts(session.spec, 2)
+        acts[0].axes[1, 0] = 2.0
+        for _ in range(2):
+            with pytest.raises(SimulatorError, match=r"got 2\.0 in lane 1"):
+                session.step(acts)
+
+
+def test_a_session_of_a_simulator_that_went_away_is_lost_and_can_be_closed_twice():
+    with simulator_process() as bound:
+        session = Session(bound, "marble", arenas=2, seed=0)
+    acts = make_acts(session.spec, 2)
+    for _ in range(2):
+        with pytest.raises(SimulatorLost):
+            session.step(acts)
+    session.close()
+    session.close()
+
+
+def test_a_session_that_is_never_closed_ends_with_the_program_in_silence(address):
+    script = f"""
+from trainer.actions import make_acts
+from trainer.client import Session
+session = Session({address!r}, "marble", arenas=2, seed=0)
+session.step(make_acts(session.spec, 2))
+session.send(make_acts(session.spec, 2))
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
