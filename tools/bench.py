@@ -93,7 +93,7 @@ def bench_wire() -> Figures:
     figures: Figures = {}
     with simulator_process() as address:
         for name in GAMES:
-            for arenas in (1, 64, 256):
+            for arenas in (1, 64, 128, 256):
                 with Session(address, name, arenas=arenas, seed=0) as session:
                     acts = random_acts(session.spec, arenas, np.random.default_rng(0))
                     trips: list[float] = []
@@ -110,9 +110,9 @@ def bench_wire() -> Figures:
                         low, median, high = np.percentile(trips[400:], [5, 50, 95]) * 1e6
                         key = f"{name}, 1 arena, round trip in µs (p50, p5, p95)"
                         figures[key] = {"median": median, "low": low, "high": high}
-            figures |= _two_sessions(name, address, address, "two half-batches in flight")
+            figures |= _two_sessions(name, address, address, "in turns at one simulator")
             with simulator_process() as other:
-                figures |= _two_sessions(name, address, other, "half of them at each of two simulators")
+                figures |= _two_sessions(name, address, other, "at two simulators")
     return figures
 
 
@@ -132,7 +132,7 @@ def _two_sessions(name: str, first: str, second: str, how: str) -> Figures:
 
         figure = measure(work)
         one.receive()
-    return {f"{name}, 256 arenas, {how}, agent-steps/s": figure}
+    return {f"{name}, 2 x 128 arenas, {how}, agent-steps/s": figure}
 
 
 def bench_learner() -> Figures:
