@@ -4,6 +4,7 @@ import numpy as np
 
 from joybridge.codec import StepArrays
 from trainer.actions import ActionSpace
+from trainer.distributions import FORBIDDEN
 from trainer.rollout import Rollout
 
 LANES, STACK = 2, 3
@@ -99,3 +100,31 @@ def test_masks_are_kept_from_the_first_one_on():
     row = rollout.set_masks(None)
     assert row is not None
     assert not row.any()
+
+
+def test_parts_are_filled_at_their_own_pace_and_make_up_the_whole():
+    whole, rollout = make_rollout(), make_rollout()
+    parts = [rollout.part(slice(0, 1)), rollout.part(slice(1, 2))]
+    frames = [[2, 20], [3, 30], [4, 40], [5, 50]]
+    for row in frames:
+        add(whole, row, (1, 2))
+    for lane, part in enumerate(parts):
+        for row in frames:
+            zeros = np.zeros(1, bool)
+            step = StepArrays([], np.zeros((1, 1)), zeros, zeros)
+            part.add_step(step, np.array([[row[lane]]], np.float32), np.array([1.0 + lane], np.float32))
+        assert part.full
+    np.testing.assert_array_equal(rollout.observations, whole.observations)
+    np.testing.assert_array_equal(rollout.rewards, whole.rewards)
+    np.testing.assert_array_equal(rollout.live(), whole.live())
+
+
+def test_masks_of_parts_are_joined_and_a_part_without_any_allows_everything():
+    rollout = make_rollout()
+    parts = [rollout.part(slice(0, 1)), rollout.part(slice(1, 2))]
+    rollout.join_masks(parts)
+    assert rollout.masks is None
+    parts[1].set_masks([np.array([[True, False]])])
+    rollout.join_masks(parts)
+    assert rollout.masks.shape == (4, 2, 1, 2)
+    assert (rollout.masks[0, 0] == 0).all() and rollout.masks[0, 1].tolist() == [[0.0, FORBIDDEN]]

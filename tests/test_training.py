@@ -187,7 +187,7 @@ def test_a_killed_trainer_takes_its_simulator_with_it(tmp_path):
         (["policy.sensors=[gnu]"], "hunter: sensors: the game has no 'gnu'; it has gun, crosshair"),
         (["policy.channels={hits: 1}"], "hunter: channels: the game has no 'hits'"),
         (["policies.hnter.epochs=1"], "there is no policy 'hnter'; this game and layout have hunter"),
-        (["arenas=99999"], "arenas is 99999, expected 1..4096"),
+        (["arenas=99999", "groups=1"], "arenas is 99999, expected 1..4096"),
         (["epocs=3"], "unknown key 'epocs'"),
     ],
 )
@@ -223,7 +223,7 @@ def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(
     other = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
     assert "seed changed" in other.stderr
     two = train(run, *SMALL, "stop=400", "--resume", "--simulator", address, "--simulator", address)
-    assert "was made with 1 simulators" in two.stderr
+    assert "the checkpoint holds 2 sessions, 2 groups at 2 simulators make 4" in two.stderr
 
 
 def test_evaluation_balances_levels_and_prints_json_last(whole, address):

@@ -9,10 +9,11 @@ from joybridge.v1 import bridge_pb2 as pb
 from trainer.actions import LayoutError, make_layouts, policy_name
 from trainer.config import Config, ConfigError
 from trainer.policy import Policy
+from trainer.shards import split
 
 
-def make_policies(config: Config, spec: pb.GameSpec, arenas: int) -> list[Policy]:
-    """Return untrained policies for all behaviours of the spec. Raises ConfigError."""
+def make_policies(config: Config, spec: pb.GameSpec, arenas: int, groups: int = 1) -> list[Policy]:
+    """Return untrained policies for all behaviours of the spec, their lanes in groups. Raises ConfigError."""
     if config.device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch finds no such device here; set device=cpu")
     policies: list[Policy] = []
@@ -26,7 +27,9 @@ def make_policies(config: Config, spec: pb.GameSpec, arenas: int) -> list[Policy
             name = policy_name(behaviour.name, part, alone=len(spec.behaviours) == 1)
             seed = int(seeds.spawn(1)[0].generate_state(1, np.uint64)[0])
             policy_config = config.policy_config(name)
-            policies.append(Policy(name, spec, index, layout, policy_config, arenas, seed, config.device))
+            policies.append(
+                Policy(name, spec, index, layout, policy_config, split(arenas, groups), seed, config.device)
+            )
     names = [policy.name for policy in policies]
     for name in config.policies:
         if name not in names:

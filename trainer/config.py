@@ -59,6 +59,7 @@ class Config(_Checked):
     parameters: dict[str, float] = {}  # parameter -> value
     layout: str = "hybrid"  # how policies map to the device; see trainer/actions.py
     arenas: int = Field(75, ge=1)
+    groups: int = Field(2, ge=1)  # parts of the arenas that take turns: one is played while others are decided for
     device: Literal["cpu", "cuda"] = "cpu"  # where networks live; small ones are faster on the processor
     seed: int = Field(0, ge=0, lt=2**64)
     transitions: int = Field(30_000_000, ge=1)  # length of the run, and of its schedules

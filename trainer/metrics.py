@@ -29,12 +29,12 @@ class Episodes:
         self.length = np.zeros(lanes, np.int64)
         self.finished = np.zeros((0, 3 + len(self.metrics)))  # lane, reward, length, metrics of each episode
 
-    def add(self, step: StepArrays, rewards: Array) -> None:
-        """Count one step: rewards [lanes] as the policy is paid."""
-        self.reward += rewards
-        self.length += 1
-        ended = step.ended
-        if len(ended):
+    def add(self, step: StepArrays, rewards: Array, lanes: slice = slice(None)) -> None:
+        """Count one step of some lanes: rewards as the policy is paid."""
+        self.reward[lanes] += rewards
+        self.length[lanes] += 1
+        if len(step.ended):
+            ended = step.ended + (lanes.start or 0)
             columns = [ended[:, None], self.reward[ended, None], self.length[ended, None]]
             if step.metrics is not None:
                 columns.append(step.metrics)

@@ -48,7 +48,7 @@ class Players:
         """Take what followed; return each policy's rewards [lanes]."""
         rewards = [policy.take(steps) for policy in self.policies]
         for policy in self.policies:
-            if policy.rollout.full:
+            if policy.full:
                 policy.next_rollout()
         return rewards
 

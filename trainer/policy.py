@@ -9,6 +9,7 @@ clock, so a run is reproducible either way.
 import copy
 from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -40,18 +41,21 @@ class Policy:
         behaviour: int,
         layout: Layout,
         config: PolicyConfig,
-        arenas: int,
+        arenas: Sequence[int],
         seed: int,
         device: str = "cpu",
     ) -> None:
         """Make an untrained policy for the behaviour of that index, or for a part of its device.
 
-        `seed` fixes its network, its samples and its shuffles. device: where the network lives and learns.
+        arenas: the first arena of each group and, last, their number; groups act in turn. `seed` fixes the
+        network, the samples and the shuffles. device: where the network lives and learns.
         """
         self.name, self.behaviour, self.layout, self.config, self.seed = name, behaviour, layout, config, seed
         self.senses = Senses(name, spec.behaviours[behaviour], config)
         self.metrics = [metric.name for metric in spec.behaviours[behaviour].metrics]
-        self.lanes = lane_count(spec.behaviours[behaviour], arenas)
+        bounds = [lane_count(spec.behaviours[behaviour], arena) for arena in arenas]
+        self.groups = [slice(first, end) for first, end in pairwise(bounds)]
+        self.lanes = bounds[-1]
         space = layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
         self.device = torch.device(device)
@@ -65,6 +69,9 @@ class Policy:
         self.gradient: Gradient = ClosedFormGradient(self.network) if closed_form else reference
         self.rollout, self.last = (
             Rollout(config.rollout, self.lanes, self.senses.size, config.stack, space) for _ in range(2)
+        )
+        self.parts, self.last_parts = (
+            [rollout.part(lanes) for lanes in self.groups] for rollout in (self.rollout, self.last)
         )
         self.rollouts = 0  # finished ones
         self.progress = 0.0  # share of the run at the end of the last rollout
@@ -80,38 +87,49 @@ class Policy:
         self.normal = rng.standard_normal(self.rollout.continuous.shape, np.float32)
         self.uniform = rng.random(self.rollout.discrete.shape, np.float32)
 
-    def begin(self, steps: Sequence[StepArrays]) -> None:
-        """Take the first observations of new episodes; here and below, steps and acts hold one per behaviour."""
+    def begin(self, steps: Sequence[StepArrays], group: int = 0) -> None:
+        """Take a group's first observations of new episodes; here and below, steps and acts are the group's.
+
+        They hold one entry per behaviour.
+        """
         step = steps[self.behaviour]
-        self.rollout.begin(self.senses.frames(step.observations), step.deciding)
+        self.parts[group].begin(self.senses.frames(step.observations), step.deciding)
 
     @torch.inference_mode()
-    def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], *, deterministic: bool = False) -> None:
+    def act(
+        self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], group: int = 0, *, deterministic: bool = False
+    ) -> None:
         """Decide on the present observations and write the decision into the policy's part of `acts`.
 
         deterministic: the likeliest action instead of a sample.
         """
         step, act = steps[self.behaviour], acts[self.behaviour]
-        rollout, network, t = self.rollout, self.acting, self.rollout.step
+        rollout, network, lanes = self.parts[group], self.acting, self.groups[group]
+        t = rollout.step
         masks = rollout.set_masks(None if step.masks is None else self.layout.masks(step.masks))
         outputs, values = network.heads(self._tensor(rollout.observations[t]))
         choose(
             _array(outputs), _array(network.mean_bias), _array(network.log_variance), self.sizes, masks,
-            self.uniform[t], self.normal[t], deterministic,
+            self.uniform[t, lanes], self.normal[t, lanes], deterministic,
             rollout.continuous[t], rollout.discrete[t], rollout.log_probs[t],
         )  # fmt: skip
         rollout.values[t] = _array(values)
         self.layout.write(rollout.continuous[t], rollout.discrete[t], act, step.masks)
 
-    def take(self, steps: Sequence[StepArrays]) -> Array:
-        """Store what followed the decision; return the rewards, float32 [lanes]."""
-        step, rollout = steps[self.behaviour], self.rollout
+    def take(self, steps: Sequence[StepArrays], group: int = 0) -> Array:
+        """Store what followed the decision; return the rewards, float32 [lanes of the group]."""
+        step, rollout = steps[self.behaviour], self.parts[group]
         rewards = self.senses.rewards(step)
         if step.truncated.any() and step.final_observations is not None:
             final = rollout.final_stack(step.ended, self.senses.frames(step.final_observations))
             rollout.final_values[rollout.step, step.ended] = self._values(final)
         rollout.add_step(step, self.senses.frames(step.observations), rewards)
         return rewards
+
+    @property
+    def full(self) -> bool:
+        """Return whether an update is due."""
+        return all(part.full for part in self.parts)
 
     @torch.inference_mode()
     def _values(self, observations: Array) -> Array:
@@ -123,7 +141,7 @@ class Policy:
     def learn_on(self) -> None:
         """Do the present step's share of an update that overlaps with the rollout."""
         if self.update is not None:
-            self.update.advance((self.rollout.step + 1) / self.config.rollout)
+            self.update.advance((self.parts[0].step + 1) / self.config.rollout)
 
     def turn_over(self, progress: float) -> dict[str, float]:
         """Begin to learn from the full rollout, after a share `progress` of the run, and to collect the next.
@@ -144,13 +162,16 @@ class Policy:
     def next_rollout(self) -> None:
         """Begin the next rollout where this one ended."""
         self.last, self.rollout = self.rollout, self.last
-        self.rollout.continue_from(self.last)
+        self.last_parts, self.parts = self.parts, self.last_parts
+        for part, last in zip(self.parts, self.last_parts, strict=True):
+            part.continue_from(last)
         self.rollouts += 1
         self._draw_samples()
 
     def _batch(self) -> tuple[Batch, float]:
         """Return what the full rollout has to teach, and its mean value estimate."""
         config, rollout = self.config, self.rollout
+        rollout.join_masks(self.parts)
         live = rollout.live()
         advantages = estimate_advantages(
             rollout.rewards, rollout.values, self._values(rollout.observations[-1]), rollout.terminated,

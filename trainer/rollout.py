@@ -1,5 +1,6 @@
 """One policy's rollout: what its lanes saw, did and earned since its last update, in preallocated arrays."""
 
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,6 +37,14 @@ class Rollout:
         self.final_values = np.zeros((steps, lanes), np.float32)
         self.deciding = np.ones((steps + 1, lanes), bool)
         self.open = np.full(lanes, -1)  # the decision each lane has made and not yet been paid for
+
+    def part(self, lanes: slice) -> "Rollout":
+        """Return some lanes of this rollout, which are filled at their own pace; the memory is the same."""
+        part = copy.copy(self)
+        for name, array in vars(self).items():
+            if isinstance(array, np.ndarray):
+                setattr(part, name, array[lanes] if name == "open" else array[:, lanes])
+        return part
 
     @property
     def full(self) -> bool:
@@ -93,6 +102,17 @@ class Rollout:
         live[self.open[waiting], waiting] = False
         return live
 
+    def join_masks(self, parts: Sequence["Rollout"]) -> None:
+        """Take the masks of all lanes from the parts that they are divided into."""
+        if any(part.masks is not None for part in parts):
+            self.masks = np.concatenate(
+                [part.masks if part.masks is not None else part.no_masks() for part in parts], 1
+            )
+
+    def no_masks(self) -> Array:
+        """Return masks that forbid nothing."""
+        return np.zeros((*self.discrete.shape, max(self.space.branches, default=0)), np.float32)
+
     def batch(self, advantages: Array, live: Array) -> Batch:
         """Return the live transitions with these advantages [steps, lanes], normalised, as one flat batch."""
         whole = live.all()
@@ -120,8 +140,7 @@ class Rollout:
         if self.masks is None:
             if masks is None:
                 return None
-            steps, lanes, branches = self.discrete.shape
-            self.masks = np.zeros((steps, lanes, branches, max(self.space.branches, default=0)), np.float32)
+            self.masks = self.no_masks()
         row: Array = self.masks[self.step]
         row[...] = 0.0
         for branch, mask in enumerate(masks or ()):

@@ -16,6 +16,11 @@ from trainer.client import Session
 Snapshot = dict[str, bytes]
 
 
+def split(arenas: int, parts: int) -> list[int]:
+    """Return the first arena of each of `parts` nearly equal parts, and behind them the number of arenas."""
+    return [int(bound) for bound in np.linspace(0, arenas, parts + 1).round()]
+
+
 class Shards:
     """Sessions with the interface of a single one."""
 
@@ -26,6 +31,7 @@ class Shards:
         *,
         arenas: int,
         seed: int,
+        first_arena: int = 0,
         options: Sequence[Mapping[str, str]],
         parameters: Mapping[str, float] | None = None,
         snapshots: Sequence[Snapshot] | None = None,
@@ -34,20 +40,20 @@ class Shards:
 
         The options must give the same behaviours. Raises SimulatorError.
         """
-        bounds = np.linspace(0, arenas, len(addresses) + 1).round().astype(int)
+        bounds = split(arenas, len(addresses))
         self._stack = ExitStack()
         self.sessions: list[Session] = []
         with self._stack:
             for index, address in enumerate(addresses):
                 session = Session(
-                    address, game, arenas=int(bounds[index + 1] - bounds[index]), seed=seed,
-                    first_arena=int(bounds[index]), options=options[index], parameters=parameters,
+                    address, game, arenas=bounds[index + 1] - bounds[index], seed=seed,
+                    first_arena=first_arena + bounds[index], options=options[index], parameters=parameters,
                     snapshot=snapshots[index] if snapshots else None,
                 )  # fmt: skip
                 self.sessions.append(self._stack.enter_context(session))
             self._stack = self._stack.pop_all()
         self.spec = self.sessions[0].spec
-        self.bounds = [[lane_count(b, int(arena)) for arena in bounds] for b in self.spec.behaviours]
+        self.bounds = [[lane_count(b, arena) for arena in bounds] for b in self.spec.behaviours]
         self.steps = _join([session.steps for session in self.sessions])
 
     @property

@@ -6,6 +6,7 @@ nothing had happened.
 """
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +16,13 @@ import numpy as np
 import torch
 
 from joybridge.tensors import Array
-from trainer.actions import make_acts
 from trainer.build import make_policies, rollout_cycle
 from trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from trainer.client import describe
 from trainer.config import Config, ConfigError, dump_config, load_config
+from trainer.groups import Group, close_groups, group_count, open_groups
 from trainer.metrics import Journal, Row, Stopwatch
 from trainer.policy import Policy
-from trainer.shards import Shards
 
 
 @dataclass
@@ -44,53 +44,51 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     """
     torch.set_num_threads(1)  # two threads collapse when the other core is busy, and the simulator keeps it so
     arrays, manifest = load_checkpoint(run) if resume else ({}, {"transitions": 0, "snapshots": None})
-    policies = make_policies(config, describe(addresses[0], config.game, config.options), config.arenas)
+    spec = describe(addresses[0], config.game, config.options)
+    policies = make_policies(config, spec, config.arenas, group_count(config))
     cycle = rollout_cycle(policies)
+    stretch = math.gcd(*(policy.config.rollout for policy in policies))  # decisions between which nothing is learned
     write_config(config, run, resume)
 
     transitions: int = manifest["transitions"]  # of the first behaviour's lanes
     lanes = policies[0].lanes
-    simulators = Shards(
-        addresses, config.game, arenas=config.arenas, seed=config.seed, options=[config.options] * len(addresses),
-        parameters=config.parameters, snapshots=unpack_snapshots(arrays, manifest["snapshots"], len(addresses)),
-    )  # fmt: skip
+    groups = open_groups(config, addresses, unpack_snapshots(arrays, manifest["snapshots"]))
     journals = [Journal(run, policy.name, policy.lanes, policy.metrics, transitions) for policy in policies]
-    for policy, journal in zip(policies, journals, strict=True):
-        policy.begin(simulators.steps)
-        if resume:
+    for group in groups:
+        group.begin(policies)
+    if resume:
+        for policy, journal in zip(policies, journals, strict=True):
             policy.load(select(arrays, f"{policy.name}/policy/"))
             journal.episodes.load(select(arrays, f"{policy.name}/episodes/"))
             journal.means.load(select(arrays, f"{policy.name}/means/"))
-    boundary = capture(transitions, policies, journals, simulators)
+    boundary = capture(transitions, policies, journals, groups)
     saved = transitions
-    acts = make_acts(simulators.spec, config.arenas)
     watch = Stopwatch()
     try:
         while transitions < config.end:
-            for _ in range(cycle):
-                with watch.measure("act"):
-                    for policy in policies:
-                        policy.act(simulators.steps, acts)
-                    simulators.send(acts)
+            for decision in range(cycle):
+                if decision % stretch == 0:
+                    for group in groups:
+                        group.act(policies, watch)
                 with watch.measure("learn"):
                     for policy in policies:
                         policy.learn_on()
-                with watch.measure_wait(lambda: simulators.simulate_seconds):
-                    steps = simulators.receive()
-                with watch.measure("act"):
-                    for policy, journal in zip(policies, journals, strict=True):
-                        journal.episodes.add(steps[policy.behaviour], policy.take(steps))
+                last = (decision + 1) % stretch == 0
+                for group in groups:
+                    group.take(policies, journals, watch)
+                    if not last:
+                        group.act(policies, watch)
                 transitions += lanes
                 watch.transitions += lanes
                 with watch.measure("learn"):
                     for policy, journal in zip(policies, journals, strict=True):
-                        if policy.rollout.full:
+                        if policy.full:
                             journal.means.add(policy.turn_over(transitions / config.transitions))
                 if transitions // config.summary > (transitions - lanes) // config.summary:
                     shared = watch.summarise()
                     rows = [journal.write(transitions, shared) for journal in journals]
                     report(transitions, rows[0], rows[0])
-            boundary = capture(transitions, policies, journals, simulators)
+            boundary = capture(transitions, policies, journals, groups)
             if transitions - saved >= config.checkpoint:
                 save_checkpoint(run, boundary.arrays, boundary.manifest)
                 saved = transitions
@@ -99,10 +97,12 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
         save_checkpoint(run, boundary.arrays, boundary.manifest)
         for journal in journals:
             journal.writer.close()
-        simulators.close()
+        close_groups(groups)
 
 
-def capture(transitions: int, policies: Sequence[Policy], journals: Sequence[Journal], simulators: Shards) -> Boundary:
+def capture(
+    transitions: int, policies: Sequence[Policy], journals: Sequence[Journal], groups: Sequence[Group]
+) -> Boundary:
     """Return the state of the run; without the simulators' where the game has no snapshots."""
     arrays: dict[str, Array] = {}
     for policy, journal in zip(policies, journals, strict=True):
@@ -110,24 +110,18 @@ def capture(transitions: int, policies: Sequence[Policy], journals: Sequence[Jou
         arrays |= {f"{policy.name}/episodes/{name}": array for name, array in journal.episodes.state().items()}
         arrays |= {f"{policy.name}/means/{name}": array for name, array in journal.means.state().items()}
     parts = None
-    if simulators.spec.snapshot_bytes_per_arena:
-        snapshots = simulators.save()
+    if groups[0].simulators.spec.snapshot_bytes_per_arena:
+        snapshots = [snapshot for group in groups for snapshot in group.simulators.save()]
         parts = [list(snapshot) for snapshot in snapshots]
         for index, snapshot in enumerate(snapshots):
             arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}
     return Boundary(arrays, {"transitions": transitions, "snapshots": parts})
 
 
-def unpack_snapshots(
-    arrays: dict[str, Array], parts: list[list[str]] | None, simulators: int
-) -> list[dict[str, bytes]] | None:
-    """Return the simulators' snapshots from a checkpoint's arrays. Raises ConfigError for another number of them."""
+def unpack_snapshots(arrays: dict[str, Array], parts: list[list[str]] | None) -> list[dict[str, bytes]] | None:
+    """Return the sessions' snapshots from a checkpoint's arrays, or None where it has none."""
     if parts is None:
         return None
-    if len(parts) != simulators:
-        raise ConfigError(
-            f"the checkpoint was made with {len(parts)} simulators; resume with as many, not {simulators}"
-        )
     return [
         {name: arrays[f"simulator/{index}/{name}"].tobytes() for name in names} for index, names in enumerate(parts)
     ]
