@@ -122,9 +122,13 @@ def test_parts_are_filled_at_their_own_pace_and_make_up_the_whole():
 def test_masks_of_parts_are_joined_and_a_part_without_any_allows_everything():
     rollout = make_rollout()
     parts = [rollout.part(slice(0, 1)), rollout.part(slice(1, 2))]
-    rollout.join_masks(parts)
-    assert rollout.masks is None
     parts[1].set_masks([np.array([[True, False]])])
     rollout.join_masks(parts)
-    assert rollout.masks.shape == (4, 2, 1, 2)
+    assert rollout.masks is not None and rollout.masks.shape == (4, 2, 1, 2)
     assert (rollout.masks[0, 0] == 0).all() and rollout.masks[0, 1].tolist() == [[0.0, FORBIDDEN]]
+
+
+def test_parts_without_masks_make_none():
+    rollout = make_rollout()
+    rollout.join_masks([rollout.part(slice(0, 1)), rollout.part(slice(1, 2))])
+    assert rollout.masks is None
