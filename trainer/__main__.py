@@ -66,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(
             "--game is for a simulator that is started here; give it to the one that runs, without --simulator"
         )
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
         with ExitStack() as stack:
             addresses = options.simulator or [stack.enter_context(simulator_process(options.game))]

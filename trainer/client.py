@@ -31,6 +31,7 @@ _KEEPALIVE = [("grpc.keepalive_time_ms", 30_000), ("grpc.keepalive_timeout_ms", 
 # Sessions are served by an event loop of their own, which runs only while one of them sends or waits. Compared with
 # gRPC's threads this saves handing every message from thread to thread.
 _ONE_AT_A_TIME = threading.Lock()
+_ENDED = threading.Event()  # with the interpreter
 _OUTSIDE = ThreadPoolExecutor(1)
 
 T = TypeVar("T")
@@ -157,7 +158,7 @@ class Session:
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas."""
-        if not _loop().is_closed():  # which it is when the interpreter ends
+        if not _ENDED.is_set():
             _run(self._close())
 
     def __enter__(self) -> Self:
@@ -247,32 +248,30 @@ class Session:
 
 
 @cache
-def _loop() -> asyncio.AbstractEventLoop:
-    loop = asyncio.new_event_loop()
+def _runner() -> asyncio.Runner:
+    runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
+    atexit.register(_end, runner)
+    return runner
 
-    async def drop_all() -> None:
-        left = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in left:
-            task.cancel()
-        await asyncio.gather(*left, return_exceptions=True)
 
-    def end() -> None:
-        """Drop the sessions that nobody closed."""
-        loop.run_until_complete(drop_all())
-        loop.close()
-
-    atexit.register(end)
-    return loop
+def _end(runner: asyncio.Runner) -> None:
+    """Drop the sessions that nobody closed."""
+    _ENDED.set()
+    runner.close()
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:
-    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook."""
+    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook.
+
+    An interrupt that comes meanwhile is raised when the loop has come to rest (asyncio.Runner sees to that):
+    raised inside gRPC's callbacks it would be lost.
+    """
     with _ONE_AT_A_TIME:
         try:
             asyncio.get_running_loop()
         except RuntimeError:
-            return _loop().run_until_complete(work)
-        return _OUTSIDE.submit(_loop().run_until_complete, work).result()
+            return _runner().run(work)
+        return _OUTSIDE.submit(_runner().run, work).result()
 
 
 def _explain(error: Any, address: str) -> SimulatorError:
