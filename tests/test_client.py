@@ -82,3 +82,24 @@ session.send(make_acts(session.spec, 2))
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_an_interrupt_is_never_lost_wherever_it_comes(address):
+    script = f"""
+import random, signal
+from trainer.actions import make_acts
+from trainer.client import Session
+signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+for _ in range(25):
+    with Session({address!r}, "marble", arenas=2, seed=0) as session:
+        acts = make_acts(session.spec, 2)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.01 + 0.02 * random.random())
+            for _ in range(100_000):
+                session.step(acts)
+            raise SystemExit("lost")
+        except KeyboardInterrupt:
+            pass
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

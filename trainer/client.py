@@ -6,6 +6,7 @@ SimulatorError            a simulator refused or failed; the text is its sentenc
 
 import asyncio
 import atexit
+import signal
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -31,7 +32,6 @@ _KEEPALIVE = [("grpc.keepalive_time_ms", 30_000), ("grpc.keepalive_timeout_ms", 
 # Sessions are served by an event loop of their own, which runs only while one of them sends or waits. Compared with
 # gRPC's threads this saves handing every message from thread to thread.
 _ONE_AT_A_TIME = threading.Lock()
-_ENDED = threading.Event()  # with the interpreter
 _OUTSIDE = ThreadPoolExecutor(1)
 
 T = TypeVar("T")
@@ -158,7 +158,7 @@ class Session:
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas."""
-        if not _ENDED.is_set():
+        if not _loop().is_closed():  # which it is when the interpreter ends
             _run(self._close())
 
     def __enter__(self) -> Self:
@@ -248,30 +248,63 @@ class Session:
 
 
 @cache
-def _runner() -> asyncio.Runner:
-    runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
-    atexit.register(_end, runner)
-    return runner
+def _loop() -> asyncio.AbstractEventLoop:
+    loop = asyncio.new_event_loop()
 
+    async def drop_all() -> None:
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
 
-def _end(runner: asyncio.Runner) -> None:
-    """Drop the sessions that nobody closed."""
-    _ENDED.set()
-    runner.close()
+    def end() -> None:
+        """Drop the sessions that nobody closed."""
+        loop.run_until_complete(drop_all())
+        loop.close()
+
+    atexit.register(end)
+    return loop
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:
-    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook.
+    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook."""
+    try:
+        with _ONE_AT_A_TIME:
+            try:
+                asyncio.get_running_loop()
+            except RuntimeError:
+                return _run_here(work)
+            return _OUTSIDE.submit(_run_here, work).result()
+    finally:
+        work.close()  # of which nothing is left but where an interrupt came first
 
-    An interrupt that comes meanwhile is raised when the loop has come to rest (asyncio.Runner sees to that):
-    raised inside gRPC's callbacks it would be lost.
-    """
-    with _ONE_AT_A_TIME:
-        try:
-            asyncio.get_running_loop()
-        except RuntimeError:
-            return _runner().run(work)
-        return _OUTSIDE.submit(_runner().run, work).result()
+
+def _run_here(work: Coroutine[Any, Any, T]) -> T:
+    """Run it on the loop; an interrupt ends it, and is raised when the loop rests: in gRPC's callbacks it is lost."""
+    loop = _loop()
+    running: list[asyncio.Task[T]] = []
+    interrupts: list[int] = []
+
+    def interrupt(number: int, frame: object) -> None:
+        interrupts.append(number)
+        for task in running:
+            loop.call_soon_threadsafe(task.cancel)
+
+    held = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+    if held:
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        running.append(loop.create_task(work))
+        return loop.run_until_complete(running[0])
+    finally:
+        running.clear()  # the task goes first: as it does, an interrupt would be lost, too
+        if held:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            if interrupts:
+                raise KeyboardInterrupt
 
 
 def _explain(error: Any, address: str) -> SimulatorError:
