@@ -66,6 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(
             "--game is for a simulator that is started here; give it to the one that runs, without --simulator"
         )
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which shells switch off for what runs in the background
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
         with ExitStack() as stack:
