@@ -204,8 +204,12 @@ class Session:
         return response
 
     async def _wait(self) -> pb.PlayResponse:
-        assert self._pending is not None, "nothing has been sent"
-        return await self._pending
+        if self._pending is None:  # nothing was asked: what comes is the end
+            end: pb.PlayResponse = await self._call.read()
+            return end
+        response = await self._pending
+        self._pending = None
+        return response
 
     async def _close(self) -> None:
         if self._pending is not None:
