@@ -4,7 +4,7 @@ So neither process waits for the other. Every group has a session of its own; wh
 configuration alone, and what they play on the seed and their numbers alone.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 from trainer.actions import make_acts
@@ -49,9 +49,7 @@ def group_count(config: Config) -> int:
     return min(config.groups, config.arenas)
 
 
-def open_groups(
-    config: Config, addresses: Sequence[str], snapshots: Sequence[Mapping[str, bytes]] | None
-) -> list[Group]:
+def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None) -> list[Group]:
     """Open a session per group and simulator, new or from snapshots in that order.
 
     Raises SimulatorError, and ConfigError for another number of snapshots.
@@ -64,7 +62,7 @@ def open_groups(
                 f"the checkpoint holds {len(snapshots)} sessions, {count} groups at {simulators} simulators make "
                 f"{count * simulators}; resume with as many simulators as before"
             )
-        parts = [[dict(s) for s in snapshots[g * simulators : (g + 1) * simulators]] for g in range(count)]
+        parts = [snapshots[group * simulators : (group + 1) * simulators] for group in range(count)]
     groups: list[Group] = []
     try:
         for index, (first, end) in enumerate(pairwise(split(config.arenas, count))):
