@@ -206,6 +206,13 @@ def test_an_unknown_experiment_is_refused_by_name(configs, tmp_path, monkeypatch
     assert f"there is no {configs / 'fly.yaml'}" in capsys.readouterr().err
 
 
+def test_a_key_can_be_set_for_every_run(configs, tmp_path, monkeypatch, capsys):
+    arguments = ["--experiments", "survive", "--set", "arenas=0", "groups=1"]
+    monkeypatch.setattr(sys, "argv", command(configs, tmp_path, *arguments)[1:])
+    assert main() == 1
+    assert "arenas" in capsys.readouterr().err
+
+
 def test_files_of_a_run_travel_and_old_checkpoints_go(tmp_path):
     there, here = tmp_path / "there", tmp_path / "here"
     first = {

@@ -29,6 +29,7 @@ class Job:
     transitions: int
     configs: Path  # folder of configurations
     runs: Path  # folder of all runs
+    overrides: tuple[str, ...] = ()  # of the configuration, each KEY=VALUE
 
     @property
     def name(self) -> str:
@@ -60,7 +61,7 @@ class Job:
     def command(self, config: Path, run: Path) -> list[str]:
         """Return the trainer's command that begins or goes on with the run in the folder `run`."""
         resume = ["--resume"] if has_checkpoint(run) else []
-        overrides = [f"seed={self.seed}", f"stop={self.transitions}"]
+        overrides = [*self.overrides, f"seed={self.seed}", f"stop={self.transitions}"]
         return [sys.executable, "-m", "trainer", "train", str(config), "--run", str(run), *overrides, *resume]
 
     def complaint(self) -> str:

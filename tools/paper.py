@@ -33,6 +33,10 @@ def main() -> int:
     run.add_argument(
         "--jobs", type=int, help="runs at a time; one keeps two cores busy; default 1, on a cluster all it can"
     )
+    run.add_argument(
+        "--set", nargs="+", default=[], metavar="KEY=VALUE",
+        help="of every configuration; where several runs share the cores, groups=1 spares a third of the work",
+    )  # fmt: skip
     run.add_argument("--backend", choices=("local", "ray"), default="local", help="where to run; default %(default)s")
     run.add_argument("--address", help="of a running Ray cluster; without, a local one is started and ended")
     run.add_argument("--configs", type=Path, default=CONFIGS, help="folder of configurations; default the project's")
@@ -45,7 +49,7 @@ def main() -> int:
         print(write_report(options.results))
         return 0
     jobs = [
-        Job(experiment, seed, options.transitions, options.configs, options.runs)
+        Job(experiment, seed, options.transitions, options.configs, options.runs, tuple(options.set))
         for seed in options.seeds
         for experiment in options.experiments
     ]
