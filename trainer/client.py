@@ -5,15 +5,10 @@ SimulatorError            a simulator refused or failed; the text is its sentenc
 """
 
 import asyncio
-import atexit
-import signal
-import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from functools import cache
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import grpc
 
@@ -22,19 +17,12 @@ from joybridge.spec import MAX_PICTURES, SpecError, check_spec, response_bytes
 from joybridge.tensors import Array, Format, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
+from trainer.loop import hold_interrupts, loop, run
 
 CALL_SECONDS = 30.0  # deadline of the unary calls
 OPENINGS = 10  # attempts to begin a session
 _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
 _KEEPALIVE = [("grpc.keepalive_time_ms", 30_000), ("grpc.keepalive_timeout_ms", 20_000)]
-
-
-# Sessions are served by an event loop of their own, which runs only while one of them sends or waits. Compared with
-# gRPC's threads this saves handing every message from thread to thread.
-_ONE_AT_A_TIME = threading.Lock()
-_OUTSIDE = ThreadPoolExecutor(1)
-
-T = TypeVar("T")
 
 
 class SimulatorError(Exception):
@@ -100,6 +88,7 @@ class Session:
 
         Raises SimulatorError where the simulator refuses, SimulatorLost where it cannot be reached.
         """
+        hold_interrupts()
         self.address = address
         self.spec = describe(address, game, options or {})
         self.arenas = arenas
@@ -107,7 +96,8 @@ class Session:
         self.simulate_seconds = 0.0  # the game's own time in the last step
         limit = response_bytes(self.spec, arenas, MAX_PICTURES if self.spec.HasField("picture") else 0)
         lengths = [("grpc.max_receive_message_length", limit), ("grpc.max_send_message_length", -1)]
-        self._pending: asyncio.Task[pb.PlayResponse] | None = None  # the answer to the last request
+        self._pending: asyncio.Task[pb.PlayResponse] | None = None  # the answer to what was sent
+        self._failure: SimulatorError | None = None  # what ended the session
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
@@ -123,24 +113,19 @@ class Session:
 
     def send(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> None:
         """Send the actions of one decision without waiting for the step; `receive` returns it."""
-        request = pb.PlayRequest(act=pb.Act(draw=draw))
-        for act in acts:
-            fill_act(request.act.behaviours.add(), act)
-        _run(self._send(request))
+        run(self._send(_act(acts, draw)))
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
-        return self._take(self._receive("step").step)
+        return self._take(self._answer(self._wait(), "step").step)
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision. Raises SimulatorError."""
-        self.send(acts)
-        return self.receive()
+        return self._take(self._exchange(_act(acts), "step").step)
 
     def step_and_draw(self, acts: Sequence[ActArrays], draw: Sequence[int]) -> tuple[list[StepArrays], list[Array]]:
         """Advance every arena by one decision; also return pictures, uint8 [height, width, 3], of some arenas."""
-        self.send(acts, draw)
-        step = self._receive("step").step
+        step = self._exchange(_act(acts, draw), "step").step
         self._take(step)
         size = (self.spec.picture.height, self.spec.picture.width, 3)
         picture = Format(pb.UINT8, size, "step.pictures")
@@ -158,8 +143,8 @@ class Session:
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas."""
-        if not _loop().is_closed():  # which it is when the interpreter ends
-            _run(self._close())
+        if not loop().is_closed():  # which it is when the interpreter ends
+            run(self._close())
 
     def __enter__(self) -> Self:
         return self
@@ -176,22 +161,22 @@ class Session:
         could be sent; so ask again.
         """
         for _ in range(OPENINGS):
-            _run(self._open(options))
+            run(self._open(options))
             with suppress(_Unsent):
                 return self._exchange(start, "started")
             self.close()
         raise SimulatorLost(f"the simulator at {self.address} refuses every session, and does not say why")
 
     async def _open(self, options: list[tuple[str, int]]) -> None:
+        self._failure = None
         self._pending = None
         self._channel = grpc.aio.insecure_channel(self.address, options=options)
         self._call = rpc.SimulatorStub(self._channel).Play()
 
     async def _send(self, request: pb.PlayRequest) -> None:
-        """Send a request, and begin to wait for its answer; after a failure that is the failure again."""
-        if self._pending is None or not self._pending.done() or self._pending.exception() is None:
-            self._pending = asyncio.create_task(self._ask(request))
-            await asyncio.sleep(0)
+        """Send a request, and begin to wait for its answer."""
+        self._pending = asyncio.create_task(self._ask(request))
+        await asyncio.sleep(0)
 
     async def _ask(self, request: pb.PlayRequest) -> pb.PlayResponse:
         try:
@@ -207,9 +192,8 @@ class Session:
         if self._pending is None:  # nothing was asked: what comes is the end
             end: pb.PlayResponse = await self._call.read()
             return end
-        response = await self._pending
-        self._pending = None
-        return response
+        pending, self._pending = self._pending, None
+        return await pending
 
     async def _close(self) -> None:
         if self._pending is not None:
@@ -220,16 +204,29 @@ class Session:
         await self._channel.close()
 
     def _exchange(self, request: pb.PlayRequest, wanted: str) -> pb.PlayResponse:
-        _run(self._send(request))
-        return self._receive(wanted)
+        return self._answer(self._ask(request), wanted)
 
-    def _receive(self, wanted: str) -> pb.PlayResponse:
+    def _answer(self, coming: Coroutine[Any, Any, pb.PlayResponse], wanted: str) -> pb.PlayResponse:
+        """Wait for a response and check that it is the one that is wanted.
+
+        Raises SimulatorError. What ended the session is raised again whenever more is wanted of it.
+        """
+        if self._failure is not None:
+            coming.close()
+            raise self._failure
         try:
-            response = _run(self._wait())
+            response = run(coming)
+            if response is grpc.aio.EOF:
+                raise SimulatorLost(f"the simulator at {self.address} ended the session")
         except grpc.RpcError as error:
-            raise _explain(error, self.address) from error
-        if response is grpc.aio.EOF:
-            raise SimulatorLost(f"the simulator at {self.address} ended the session")
+            self._failure = _explain(error, self.address)
+            raise self._failure from error
+        except SimulatorLost as error:
+            self._failure = error
+            raise
+        except KeyboardInterrupt:
+            self._failure = SimulatorLost(f"the session at {self.address} was interrupted")
+            raise
         if response.WhichOneof("response") != wanted:
             came = response.WhichOneof("response")
             raise SimulatorError(f"the simulator at {self.address} answered with {came}, expected {wanted}")
@@ -251,64 +248,11 @@ class Session:
             raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
 
 
-@cache
-def _loop() -> asyncio.AbstractEventLoop:
-    loop = asyncio.new_event_loop()
-
-    async def drop_all() -> None:
-        left = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in left:
-            task.cancel()
-        await asyncio.gather(*left, return_exceptions=True)
-
-    def end() -> None:
-        """Drop the sessions that nobody closed."""
-        loop.run_until_complete(drop_all())
-        loop.close()
-
-    atexit.register(end)
-    return loop
-
-
-def _run(work: Coroutine[Any, Any, T]) -> T:
-    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook."""
-    try:
-        with _ONE_AT_A_TIME:
-            try:
-                asyncio.get_running_loop()
-            except RuntimeError:
-                return _run_here(work)
-            return _OUTSIDE.submit(_run_here, work).result()
-    finally:
-        work.close()  # of which nothing is left but where an interrupt came first
-
-
-def _run_here(work: Coroutine[Any, Any, T]) -> T:
-    """Run it on the loop; an interrupt ends it, and is raised when the loop rests: in gRPC's callbacks it is lost."""
-    loop = _loop()
-    running: list[asyncio.Task[T]] = []
-    interrupts: list[int] = []
-
-    def interrupt(number: int, frame: object) -> None:
-        interrupts.append(number)
-        for task in running:
-            loop.call_soon_threadsafe(task.cancel)
-
-    held = (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    )
-    if held:
-        signal.signal(signal.SIGINT, interrupt)
-    try:
-        running.append(loop.create_task(work))
-        return loop.run_until_complete(running[0])
-    finally:
-        running.clear()  # the task goes first: as it does, an interrupt would be lost, too
-        if held:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-            if interrupts:
-                raise KeyboardInterrupt
+def _act(acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
+    request = pb.PlayRequest(act=pb.Act(draw=draw))
+    for act in acts:
+        fill_act(request.act.behaviours.add(), act)
+    return request
 
 
 def _explain(error: Any, address: str) -> SimulatorError:
