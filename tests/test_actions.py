@@ -99,7 +99,6 @@ def written(layout: Layout, continuous: list[list[float]], discrete: list[list[i
 def test_bucket_11_has_steps_of_a_fifth_and_the_papers_click_branch():
     layout = bucket(POINTER, 11)
     assert layout.space.branches == (11, 11, 3)
-    assert layout.labels[2] == ("shoot", "reload", "nothing")
     act = written(layout, [], [[0, 10, 0], [5, 6, 1], [1, 4, 2]])
     np.testing.assert_allclose(act.axes, [[-1.0, 1.0], [0.0, 0.2], [-0.8, -0.2]], atol=1e-7)
     np.testing.assert_array_equal(act.choices, [[1, 0], [0, 1], [0, 0]])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joybridge.codec import ActArrays, Codec, StepArrays, lane_count, pack_act, pack_step
+from joybridge.codec import ActArrays, Codec, StepArrays, lane_count, pack_act
 from joybridge.spec import (
     MAX_MESSAGE,
     SpecError,
@@ -19,6 +19,7 @@ from joybridge.spec import (
 from joybridge.tensors import NUMPY_TYPES, TensorError, pack
 from joybridge.v1 import bridge_pb2 as pb
 from tests.games import Hybrid
+from tests.wire import pack_step
 
 ARENAS = 3
 PILOT = pb.Behaviour(

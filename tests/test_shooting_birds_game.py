@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays, Codec, pack_step
+from joybridge.codec import ActArrays, Codec
 from joybridge.spec import check_spec
 from joybridge.tensors import Array
 from simulator import pointer
 from simulator.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
 from simulator.randomness import BLOCK, integer, open_streams, reserve, restore_streams, save_streams, uniform
 from simulator.trigonometry import cosine, sine
+from tests.wire import pack_step
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
 DEFAULTS = {"rules": "original", "locomotion": "unit_circle", "level": "random"}

@@ -8,7 +8,7 @@ import grpc
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays, Codec, StepArrays, pack_act
+from joybridge.codec import ActArrays, Codec, StepArrays, fill_step, pack_act
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
@@ -27,6 +27,12 @@ def act(*behaviours, draw=()):
 
 def reset(**fields):
     return pb.PlayRequest(reset=pb.Reset(**fields))
+
+
+def pack_step(step: StepArrays) -> pb.BehaviourStep:
+    message = pb.BehaviourStep()
+    fill_step(message, step)
+    return message
 
 
 SAVE = pb.PlayRequest(save=pb.Save())

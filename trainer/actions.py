@@ -23,7 +23,6 @@ from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
-NOTHING = "nothing"  # the choice of an exclusive group in which no button is pressed
 
 
 class LayoutError(ValueError):
@@ -85,7 +84,6 @@ class Layout:
 
     continuous: tuple[AxisRange | Threshold | Split, ...] = ()
     discrete: tuple[AxisTable | BranchTable, ...] = ()
-    labels: tuple[tuple[str, ...], ...] = ()  # of the discrete choices, for people
 
     @property
     def space(self) -> ActionSpace:
@@ -178,7 +176,7 @@ def make_acts(spec: pb.GameSpec, arenas: int) -> list[ActArrays]:
 def hybrid(device: pb.Device) -> Layout:
     """Every axis a Gaussian, every branch categorical: the device as it is."""
     tables = tuple(_one_branch(index, branch) for index, branch in enumerate(device.branches))
-    return Layout(_ranges(device), tables, tuple(tuple(branch.choices) for branch in device.branches))
+    return Layout(_ranges(device), tables)
 
 
 def bucket(device: pb.Device, values: int) -> Layout:
@@ -188,11 +186,8 @@ def bucket(device: pb.Device, values: int) -> Layout:
     a time (paper, section IV-B).
     """
     spaced = [np.linspace(axis.low, axis.high, values, dtype=np.float32) for axis in device.axes]
-    axes = Layout(
-        discrete=tuple(AxisTable(index, column) for index, column in enumerate(spaced)),
-        labels=tuple(tuple(f"{value:g}" for value in column) for column in spaced),
-    )
-    return _together(axes, _coarse(device), _exclusive_buttons(device))
+    axes = tuple(AxisTable(index, column) for index, column in enumerate(spaced))
+    return _together(Layout(discrete=axes), _coarse(device), _exclusive_buttons(device))
 
 
 def threshold(device: pb.Device, value: float) -> Layout:
@@ -223,9 +218,11 @@ def _ranges(device: pb.Device) -> tuple[AxisRange, ...]:
 
 def _coarse(device: pb.Device) -> Layout:
     """Return the branches of more than two choices, as they are."""
-    chosen = [(index, branch) for index, branch in enumerate(device.branches) if len(branch.choices) > 2]
-    tables = tuple(_one_branch(index, branch) for index, branch in chosen)
-    return Layout((), tables, tuple(tuple(branch.choices) for _, branch in chosen))
+    return Layout(
+        discrete=tuple(
+            _one_branch(index, branch) for index, branch in enumerate(device.branches) if len(branch.choices) > 2
+        )
+    )
 
 
 def _exclusive_buttons(device: pb.Device) -> Layout:
@@ -234,8 +231,7 @@ def _exclusive_buttons(device: pb.Device) -> Layout:
     if not buttons:
         return Layout()
     pressed = np.vstack([np.eye(len(buttons)), np.zeros(len(buttons))]).astype(np.int32)
-    names = [device.branches[index].name for index in buttons]
-    return Layout((), (BranchTable(tuple(buttons), pressed),), ((*names, NOTHING),))
+    return Layout(discrete=(BranchTable(tuple(buttons), pressed),))
 
 
 def _together(*layouts: Layout) -> Layout:
@@ -243,7 +239,6 @@ def _together(*layouts: Layout) -> Layout:
     return Layout(
         tuple(target for layout in layouts for target in layout.continuous),
         tuple(table for layout in layouts for table in layout.discrete),
-        tuple(labels for layout in layouts for labels in layout.labels),
     )
 
 

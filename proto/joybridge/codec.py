@@ -58,13 +58,6 @@ def fill_act(message: pb.BehaviourAct, act: ActArrays) -> None:
         fill(message.choices, act.choices)
 
 
-def pack_step(step: StepArrays) -> pb.BehaviourStep:
-    """Return the message of one behaviour's step."""
-    message = pb.BehaviourStep()
-    fill_step(message, step)
-    return message
-
-
 def fill_step(message: pb.BehaviourStep, step: StepArrays) -> None:
     """Put a step into an empty message: in place within a larger one, which saves copies."""
     for observation in step.observations:
