@@ -155,10 +155,12 @@ class Gauntlet(BatchedGame):
         return picture
 
     def save(self):
-        return {"place": self.place, "counts": self.counts, "earned": self.earned}
+        set_by_reset = {"seed": np.array([self.seed], np.uint64), "drift": np.array([self.drift])}
+        return {"place": self.place, "counts": self.counts, "earned": self.earned, **set_by_reset}
 
     def restore(self, state):
         self.place, self.counts, self.earned = (state[name].copy() for name in ("place", "counts", "earned"))
+        self.seed, self.drift = int(state["seed"][0]), float(state["drift"][0])
 
 
 # ----------------------------------------------------------------------------------------------------- the server
@@ -629,11 +631,27 @@ class DrawingDraws(Gauntlet):
         return picture
 
 
-@broken("a_session_continues_from_a_snapshot_to_the_same_bytes")
+@broken("a_session_continues_from_a_snapshot_to_the_same_bytes", "a_snapshot_holds_what_a_reset_has_set")
 class SnapshotForgets(Gauntlet):
     def restore(self, state):
         super().restore(state)
         self.counts[:, DRAWS] = 0
+
+
+@broken("a_snapshot_holds_what_a_reset_has_set")
+class SnapshotForgetsTheSeed(Gauntlet):
+    def restore(self, state):
+        seed = self.seed
+        super().restore(state)
+        self.seed = seed
+
+
+@broken("a_snapshot_holds_what_a_reset_has_set")
+class SnapshotForgetsParameters(Gauntlet):
+    def restore(self, state):
+        drift = self.drift
+        super().restore(state)
+        self.drift = drift
 
 
 @broken("a_snapshot_of_another_seed_is_refused")

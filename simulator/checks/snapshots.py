@@ -18,6 +18,7 @@ from simulator.checks.subject import (
     Recording,
     Subject,
     expect_same_bytes,
+    reset_request,
 )
 from simulator.checks.wire import Stream
 
@@ -26,18 +27,16 @@ from simulator.checks.wire import Stream
 def a_session_continues_from_a_snapshot_to_the_same_bytes(subject: Subject) -> None:
     """A snapshot is enough to continue a session to the same bytes."""
     with _saved(subject) as saved:
-        randoms = deepcopy(saved.randoms)
-        for _ in range(2 * FEW):
-            saved.decide()
-    with Stream(subject.server) as stream:
-        start = subject.start(snapshot=saved.recording.snapshot)
-        player = Player(stream, Recording(subject.spec, ARENAS), start)
-        player.randoms = randoms
-        for _ in range(2 * FEW):
-            player.decide()
-    came, wanted = player.recording, saved.recording
-    expect(came.end is None, f"{came.end} after {len(came.steps)} answers", "a session that goes on")
-    expect_same_bytes(came.records[1:], wanted.records[FEW + 1 :], "after the snapshot")
+        _expect_continued(subject, saved)
+
+
+@check("Snapshot")
+def a_snapshot_holds_what_a_reset_has_set(subject: Subject) -> None:
+    """The seed and the parameters that a Reset has set are part of a snapshot."""
+    ends = {p.name: p.low if p.default_value != p.low else p.high for p in subject.spec.parameters}
+    others = {p.name: (p.default_value + ends[p.name]) / 2 for p in subject.spec.parameters}
+    with _saved(subject, reset=reset_request(SEED + 1, others)) as saved:
+        _expect_continued(subject, saved)
 
 
 @check("Started")
@@ -180,17 +179,35 @@ def _needs_snapshots(subject: Subject) -> None:
 
 
 @contextmanager
-def _saved(subject: Subject, decisions: int = FEW) -> Iterator[Player]:
-    """Yield a player who has played for a while and saved."""
+def _saved(subject: Subject, decisions: int = FEW, reset: pb.PlayRequest | None = None) -> Iterator[Player]:
+    """Yield a player who has played for a while, since a reset if there is one, and saved."""
     _needs_snapshots(subject)
     with Stream(subject.server) as stream:
         player = Player(stream, Recording(subject.spec, ARENAS), subject.start())
+        if reset:
+            player.begin(reset)
         for _ in range(decisions):
             player.decide()
         if player.recording.end:
             raise Broken(f"{player.recording.end} in a play before a save", "a play")
         player.save()
         yield player
+
+
+def _expect_continued(subject: Subject, saved: Player) -> None:
+    """Raise Broken unless a session from the snapshot goes on as the one that was saved."""
+    randoms, before = deepcopy(saved.randoms), len(saved.recording.steps)
+    for _ in range(2 * FEW):
+        saved.decide()
+    with Stream(subject.server) as stream:
+        start = subject.start(snapshot=saved.recording.snapshot)
+        player = Player(stream, Recording(subject.spec, ARENAS), start)
+        player.randoms = randoms
+        for _ in range(2 * FEW):
+            player.decide()
+    came = player.recording
+    expect(came.end is None, f"{came.end} after {len(came.steps)} answers", "a session that goes on")
+    expect_same_bytes(came.records[1:], saved.recording.records[before:], "after the snapshot")
 
 
 def _snapshot(subject: Subject) -> pb.Snapshot:
