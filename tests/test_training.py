@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from trainer.checkpoint import load_checkpoint
+from trainer.groups import share_out
 from trainer.launch import simulator_process
 from trainer.metrics import read_rows
 
@@ -78,9 +79,16 @@ def test_another_seed_gives_other_weights(whole, address, tmp_path):
     assert (weights(tmp_path / "run")[name] != weights(whole)[name]).any()
 
 
-def test_arenas_spread_over_two_simulators_play_and_learn_the_same(whole, address, tmp_path):
-    with simulator_process() as second:
-        result = train(tmp_path / "run", *SMALL, "stop=1900", "--simulator", address, "--simulator", second)
+def test_groups_are_shared_out_among_simulators_and_simulators_among_groups():
+    assert share_out(["a"], 3) == [["a"], ["a"], ["a"]]
+    assert share_out(["a", "b"], 3) == [["a"], ["b"], ["a"]]
+    assert share_out(["a", "b", "c"], 2) == [["a", "c"], ["b"]]
+
+
+def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, address, tmp_path):
+    with simulator_process() as other:
+        several = ["--simulator", address, "--simulator", other, "--simulator", other]
+        result = train(tmp_path / "run", *SMALL, "stop=1900", *several)
     assert result.returncode == 0, result.stderr
     for name, array in weights(whole).items():
         if not name.startswith("simulator/"):
@@ -93,7 +101,9 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
     again = train(run, *SMALL, "stop=1900", "--simulator", address)
     assert again.returncode == 1
     assert "go on with --resume, or name another folder with --run" in again.stderr
-    assert train(run, *SMALL, "stop=1900", "--resume", "--simulator", address).returncode == 0
+    with simulator_process() as other:  # one for each group, where there was one for both
+        both = ["--simulator", address, "--simulator", other]
+        assert train(run, *SMALL, "stop=1900", "--resume", *both).returncode == 0
     assert_same(weights(run), weights(whole))
     figures = [{k: v for k, v in r.items() if k in ("transitions", "value", "entropy", "policy_loss")}
                for path in (run, whole) for r in read_rows(path / "metrics-hunter.csv")]  # fmt: skip
@@ -222,8 +232,8 @@ def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(
     assert train(run, *SMALL, "stop=100", "--simulator", address).returncode == 0
     other = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
     assert "seed changed" in other.stderr
-    two = train(run, *SMALL, "stop=400", "--resume", "--simulator", address, "--simulator", address)
-    assert "the checkpoint holds 2 sessions, 2 groups at 2 simulators make 4" in two.stderr
+    three = train(run, *SMALL, "stop=400", "--resume", *["--simulator", address] * 3)
+    assert "the checkpoint holds 2 sessions, 2 groups at 3 simulators make 3" in three.stderr
 
 
 def test_evaluation_balances_levels_and_prints_json_last(whole, address):

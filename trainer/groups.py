@@ -1,11 +1,12 @@
 """Groups of arenas that take turns: while one is played at the simulators, the policies decide for another.
 
-So neither process waits for the other. Every group has a session of its own; which arenas it has depends on the
-configuration alone, and what they play on the seed and their numbers alone.
+So neither process waits for the other. Every group has a session of its own, or several where there are more
+simulators than groups; which arenas it has depends on the configuration alone, and what they play on the seed and
+their numbers alone.
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 
 from trainer.actions import make_acts
 from trainer.config import Config, ConfigError
@@ -49,26 +50,32 @@ def group_count(config: Config) -> int:
     return min(config.groups, config.arenas)
 
 
+def share_out(addresses: Sequence[str], groups: int) -> list[list[str]]:
+    """Return the simulators of each group: no more messages than there must be."""
+    return [list(addresses[group::groups] or addresses[group % len(addresses) :][:1]) for group in range(groups)]
+
+
 def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None) -> list[Group]:
-    """Open a session per group and simulator, new or from snapshots in that order.
+    """Open the groups' sessions, new or from snapshots in that order.
 
     Raises SimulatorError, and ConfigError for another number of snapshots.
     """
-    count, simulators = group_count(config), len(addresses)
-    parts: list[Sequence[Snapshot] | None] = [None] * count
-    if snapshots is not None:
-        if len(snapshots) != count * simulators:
-            raise ConfigError(
-                f"the checkpoint holds {len(snapshots)} sessions, {count} groups at {simulators} simulators make "
-                f"{count * simulators}; resume with as many simulators as before"
-            )
-        parts = [snapshots[group * simulators : (group + 1) * simulators] for group in range(count)]
+    homes = share_out(addresses, group_count(config))
+    bounds = pairwise(split(config.arenas, len(homes)))
+    sessions = sum(map(len, homes))
+    if snapshots is not None and len(snapshots) != sessions:
+        raise ConfigError(
+            f"the checkpoint holds {len(snapshots)} sessions, {len(homes)} groups at {len(addresses)} simulators make "
+            f"{sessions}; resume with as many simulators as before"
+        )
+    saved = iter(snapshots or ())
     groups: list[Group] = []
     try:
-        for index, (first, end) in enumerate(pairwise(split(config.arenas, count))):
+        for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
             shards = Shards(
-                addresses, config.game, arenas=end - first, first_arena=first, seed=config.seed,
-                options=[config.options] * simulators, parameters=config.parameters, snapshots=parts[index],
+                home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
+                options=[config.options] * len(home), parameters=config.parameters,
+                snapshots=list(islice(saved, len(home))),
             )  # fmt: skip
             groups.append(Group(index, shards, end - first))
     except BaseException:
