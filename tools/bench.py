@@ -274,7 +274,8 @@ def bench_start(transitions: int = 1_500_000) -> Figures:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "trainer", "train", str(experiment), "--run", f"{folder}/run"]
             begin = time.perf_counter()
-            with subprocess.Popen([*command, "summary=4425"], stdout=subprocess.DEVNULL) as process:
+            silence = subprocess.DEVNULL
+            with subprocess.Popen([*command, "summary=4425"], stdout=silence, stderr=silence) as process:
                 while process.poll() is None and not list(Path(folder).glob("run/metrics-*.csv")):
                     time.sleep(0.01)
                 seconds = time.perf_counter() - begin
