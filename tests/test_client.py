@@ -72,6 +72,38 @@ def test_a_session_of_a_simulator_that_went_away_is_lost_and_can_be_closed_twice
     session.close()
 
 
+def test_a_closed_session_says_so(address):
+    session = Session(address, "marble", arenas=2, seed=0)
+    acts = make_acts(session.spec, 2)
+    session.close()
+    with pytest.raises(SimulatorLost, match="is closed"):
+        session.step(acts)
+
+
+def test_the_garbage_collector_may_close_a_session_while_another_waits(address):
+    """In a program of its own, which would hang."""
+    script = f"""
+import gc, weakref
+from trainer.actions import make_acts
+from trainer.client import Session
+from trainer.loop import the_loop
+class Owner:
+    def __init__(self):
+        self.me = self  # so that only the collector frees it
+        weakref.finalize(self, Session({address!r}, "marble", arenas=2, seed=0).close)
+with Session({address!r}, "marble", arenas=2, seed=0) as session:
+    for inside in (True, False):
+        Owner()
+        if inside:
+            the_loop().call_soon(gc.collect)
+        else:
+            gc.collect()
+        session.step(make_acts(session.spec, 2))
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_a_session_that_is_never_closed_ends_with_the_program_in_silence(address):
     script = f"""
 from trainer.actions import make_acts
@@ -84,22 +116,55 @@ session.send(make_acts(session.spec, 2))
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_an_interrupt_is_never_lost_wherever_it_comes(address):
-    script = f"""
-import random, signal
+INTERRUPTED = """
+import asyncio, random, signal
 from trainer.actions import make_acts
-from trainer.client import Session
+from trainer.client import Session, SimulatorLost
 signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
-for _ in range(25):
-    with Session({address!r}, "marble", arenas=2, seed=0) as session:
+def play(address, begun):
+    with Session(address, "marble", arenas=2, seed=0) as session:
         acts = make_acts(session.spec, 2)
         try:
-            signal.setitimer(signal.ITIMER_REAL, 0.01 + 0.02 * random.random())
-            for _ in range(100_000):
+            if begun:
+                signal.setitimer(signal.ITIMER_REAL, 0.01 + 0.02 * random.random())
+            for _ in range(50_000):
                 session.step(acts)
+                session.send(acts)
+                session.receive()
             raise SystemExit("lost")
         except KeyboardInterrupt:
             pass
+        try:
+            session.send(acts)
+            session.receive()
+        except SimulatorLost:
+            pass
+def open_and_play(address):
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.02 * random.random())
+        play(address, False)
+    except KeyboardInterrupt:
+        pass
+"""
+
+
+def test_an_interrupt_is_never_lost_wherever_it_comes(address):
+    script = f"""{INTERRUPTED}
+for _ in range(20):
+    play({address!r}, True)
+    open_and_play({address!r})
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_an_interrupt_ends_what_waits_in_a_notebook(address):
+    script = f"""{INTERRUPTED}
+async def cell():
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # as notebooks have it
+    for _ in range(10):
+        play({address!r}, True)
+asyncio.run(cell())
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

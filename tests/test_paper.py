@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -206,11 +206,27 @@ def test_an_unknown_experiment_is_refused_by_name(configs, tmp_path, monkeypatch
     assert f"there is no {configs / 'fly.yaml'}" in capsys.readouterr().err
 
 
-def test_a_key_can_be_set_for_every_run(configs, tmp_path, monkeypatch, capsys):
-    arguments = ["--experiments", "survive", "--set", "arenas=0", "groups=1"]
-    monkeypatch.setattr(sys, "argv", command(configs, tmp_path, *arguments)[1:])
+def test_keys_can_be_set_for_every_run(configs, tmp_path, monkeypatch, capsys):
+    more = ["--experiments", "survive", "--set", "arenas=3", "groups=1", "--set", "policy.epochs=x"]
+    monkeypatch.setattr(sys, "argv", command(configs, tmp_path, *more)[1:])
     assert main() == 1
-    assert "arenas" in capsys.readouterr().err
+    assert "policy.epochs: got 'x'" in capsys.readouterr().err
+
+
+def test_a_finished_run_of_another_configuration_is_not_passed_off_as_finished(whole, configs):
+    plain = job(configs, whole.results.parent)
+    assert plain.finished()
+    other = replace(plain, overrides=("policy.epochs=1",))
+    assert not other.finished()
+    assert "policy changed" in run_grid([other], 1, whole.results)[other]
+
+
+@pytest.mark.parametrize(("setting", "option"), [("seed=3", "--seeds"), ("stop=9", "--transitions")])
+def test_what_has_an_option_of_its_own_is_not_set(setting, option, configs, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", command(configs, tmp_path, "--experiments", "survive", "--set", setting)[1:])
+    with pytest.raises(SystemExit):
+        main()
+    assert f"give {option} instead" in capsys.readouterr().err
 
 
 def test_files_of_a_run_travel_and_old_checkpoints_go(tmp_path):

@@ -80,9 +80,10 @@ def test_another_seed_gives_other_weights(whole, address, tmp_path):
 
 
 def test_groups_are_shared_out_among_simulators_and_simulators_among_groups():
-    assert share_out(["a"], 3) == [["a"], ["a"], ["a"]]
-    assert share_out(["a", "b"], 3) == [["a"], ["b"], ["a"]]
-    assert share_out(["a", "b", "c"], 2) == [["a", "c"], ["b"]]
+    assert share_out(["a"], [5, 5, 5]) == [["a"], ["a"], ["a"]]
+    assert share_out(["a", "b"], [5, 5, 5]) == [["a"], ["b"], ["a"]]
+    assert share_out(["a", "b", "c"], [5, 5]) == [["a", "c"], ["b"]]
+    assert share_out(["a", "b", "c"], [1, 1]) == [["a"], ["b"]]  # no simulator without an arena
 
 
 def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, address, tmp_path):
@@ -233,7 +234,7 @@ def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(
     other = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
     assert "seed changed" in other.stderr
     three = train(run, *SMALL, "stop=400", "--resume", *["--simulator", address] * 3)
-    assert "the checkpoint holds 2 sessions, 2 groups at 3 simulators make 3" in three.stderr
+    assert "the checkpoint holds 2 sessions, 2 groups at 3 simulators make 3; resume at 2 simulators" in three.stderr
 
 
 def test_evaluation_balances_levels_and_prints_json_last(whole, address):

@@ -107,7 +107,7 @@ def bench_wire() -> Figures:
             figures[f"{name}, 1 arena, round trip in µs (p50, p5, p95)"] = _round_trips(name, address)
             if hasattr(os, "SCHED_IDLE"):
                 with _cores_kept_awake():
-                    figures[f"{name}, likewise, cores kept from halting"] = _round_trips(name, address)
+                    figures[f"{name}, 1 arena, round trip in µs, cores kept from halting"] = _round_trips(name, address)
             figures |= _two_sessions(name, address, address, "in turns at one simulator")
             with simulator_process() as other:
                 figures |= _two_sessions(name, address, other, "at two simulators")
@@ -129,8 +129,13 @@ def _round_trips(name: str, address: str) -> dict[str, float]:
 @contextmanager
 def _cores_kept_awake() -> Iterator[None]:
     """Keep every core busy at the lowest priority: waking one that halts is slow, most of all in a virtual machine."""
-    idle = "import os; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))\nwhile True: pass"
-    spinning = [subprocess.Popen([sys.executable, "-c", idle]) for _ in range(os.cpu_count() or 1)]
+    idle = f"""
+import os
+os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+while os.getppid() == {os.getpid()}: pass
+"""
+    command = [sys.executable, "-c", idle]
+    spinning = [subprocess.Popen(command, start_new_session=True) for _ in range(os.cpu_count() or 1)]
     try:
         yield
     finally:
@@ -279,6 +284,8 @@ def bench_start(transitions: int = 1_500_000) -> Figures:
                 while process.poll() is None and not list(Path(folder).glob("run/metrics-*.csv")):
                     time.sleep(0.01)
                 seconds = time.perf_counter() - begin
+                if process.poll() is not None:
+                    raise RuntimeError(f"{' '.join(command)} ended with exit status {process.returncode}")
                 process.terminate()
             return seconds
 

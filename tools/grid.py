@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint
-from trainer.config import ConfigError
+from trainer.config import ConfigError, changes, load_config
 from trainer.metrics import read_rows
 
 POLL_SECONDS = 0.5
@@ -52,17 +52,22 @@ class Job:
         return min(self.transitions, max((int(row["transitions"]) for row in rows), default=0))
 
     def finished(self) -> bool:
-        """Return whether the run has reached its end."""
+        """Return whether the run has reached its end, configured as it is now."""
         try:
-            return has_checkpoint(self.run) and load_checkpoint(self.run)[1]["transitions"] >= self.transitions
-        except CheckpointError:  # the trainer will say what is wrong with it
+            if not has_checkpoint(self.run) or load_checkpoint(self.run)[1]["transitions"] < self.transitions:
+                return False
+            return not changes(load_config(self.run / "config.yaml"), load_config(self.config, self.settings()))
+        except (CheckpointError, ConfigError):  # the trainer will say what is wrong with it
             return False
+
+    def settings(self) -> list[str]:
+        """Return all that differs from the configuration."""
+        return [*self.overrides, f"seed={self.seed}", f"stop={self.transitions}"]
 
     def command(self, config: Path, run: Path) -> list[str]:
         """Return the trainer's command that begins or goes on with the run in the folder `run`."""
         resume = ["--resume"] if has_checkpoint(run) else []
-        overrides = [*self.overrides, f"seed={self.seed}", f"stop={self.transitions}"]
-        return [sys.executable, "-m", "trainer", "train", str(config), "--run", str(run), *overrides, *resume]
+        return [sys.executable, "-m", "trainer", "train", str(config), "--run", str(run), *self.settings(), *resume]
 
     def complaint(self) -> str:
         """Return the last line of its log, which says why it failed."""

@@ -2,11 +2,12 @@
 
 python tools/paper.py run                                    all experiments, seed 0, 3 M transitions each
 python tools/paper.py run --experiments shooting_birds/bucket-11 --seeds 0 1 2 --transitions 30000000
+python tools/paper.py run --jobs 2 --set groups=1            two at a time, with some key of all configurations
 python tools/paper.py run --backend ray                      on a Ray cluster; without --address a local one
 python tools/paper.py report                                 results/README.md and its figures, from what has finished
 
 Every run is a process of its own. Finished runs are not repeated and interrupted ones go on where they
-stopped, so the command may be interrupted and given again at any moment.
+stopped, so the command may be interrupted and given again, alike, at any moment.
 """
 
 import argparse
@@ -34,8 +35,9 @@ def main() -> int:
         "--jobs", type=int, help="runs at a time; one keeps two cores busy; default 1, on a cluster all it can"
     )
     run.add_argument(
-        "--set", nargs="+", default=[], metavar="KEY=VALUE",
-        help="of every configuration; where several runs share the cores, groups=1 spares a third of the work",
+        "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE",
+        help="of every configuration; where several runs share the cores, groups=1 spares a third of the work. What "
+        "changes the experiment needs --runs and --results of its own",
     )  # fmt: skip
     run.add_argument("--backend", choices=("local", "ray"), default="local", help="where to run; default %(default)s")
     run.add_argument("--address", help="of a running Ray cluster; without, a local one is started and ended")
@@ -48,6 +50,9 @@ def main() -> int:
     if options.command == "report":
         print(write_report(options.results))
         return 0
+    for key, option in {"seed": "--seeds", "stop": "--transitions"}.items():
+        if any(text.split("=")[0] == key for text in options.set):
+            parser.error(f"--set {key}=…: give {option} instead")
     jobs = [
         Job(experiment, seed, options.transitions, options.configs, options.runs, tuple(options.set))
         for seed in options.seeds

@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator (repeat it to spread the arenas over several); "
+        help="HOST:PORT or unix:PATH of a running simulator (repeated, training spreads its arenas over several); "
         "without, one is started and ended with this command",
     )
     shared.add_argument("--wait", type=float, default=60.0, help="seconds to wait for it; default %(default)g")
@@ -66,6 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(
             "--game is for a simulator that is started here; give it to the one that runs, without --simulator"
         )
+    if options.command != "train" and len(options.simulator) > 1:
+        parser.error(f"{options.command} plays at one simulator; {len(options.simulator)} are given")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # which shells switch off for what runs in the background
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     try:

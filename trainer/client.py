@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import grpc
 
@@ -17,12 +17,14 @@ from joybridge.spec import MAX_PICTURES, SpecError, check_spec, response_bytes
 from joybridge.tensors import Array, Format, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
-from trainer.loop import hold_interrupts, loop, run
+from trainer.loop import finish, run, the_loop
 
 CALL_SECONDS = 30.0  # deadline of the unary calls
 OPENINGS = 10  # attempts to begin a session
 _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
 _KEEPALIVE = [("grpc.keepalive_time_ms", 30_000), ("grpc.keepalive_timeout_ms", 20_000)]
+
+T = TypeVar("T")
 
 
 class SimulatorError(Exception):
@@ -88,7 +90,6 @@ class Session:
 
         Raises SimulatorError where the simulator refuses, SimulatorLost where it cannot be reached.
         """
-        hold_interrupts()
         self.address = address
         self.spec = describe(address, game, options or {})
         self.arenas = arenas
@@ -98,6 +99,7 @@ class Session:
         lengths = [("grpc.max_receive_message_length", limit), ("grpc.max_send_message_length", -1)]
         self._pending: asyncio.Task[pb.PlayResponse] | None = None  # the answer to what was sent
         self._failure: SimulatorError | None = None  # what ended the session
+        self._channel: Any = None
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
@@ -113,7 +115,8 @@ class Session:
 
     def send(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> None:
         """Send the actions of one decision without waiting for the step; `receive` returns it."""
-        run(self._send(_act(acts, draw)))
+        if self._failure is None:  # else receiving says why
+            self._run(self._send(_act(acts, draw)))
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
@@ -143,8 +146,9 @@ class Session:
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas."""
-        if not loop().is_closed():  # which it is when the interpreter ends
-            run(self._close())
+        self._failure = self._failure or SimulatorLost(f"the session at {self.address} is closed")
+        if self._channel is not None and not the_loop().is_closed():
+            finish(self._close())
 
     def __enter__(self) -> Self:
         return self
@@ -161,7 +165,7 @@ class Session:
         could be sent; so ask again.
         """
         for _ in range(OPENINGS):
-            run(self._open(options))
+            self._run(self._open(options))
             with suppress(_Unsent):
                 return self._exchange(start, "started")
             self.close()
@@ -215,7 +219,7 @@ class Session:
             coming.close()
             raise self._failure
         try:
-            response = run(coming)
+            response = self._run(coming)
             if response is grpc.aio.EOF:
                 raise SimulatorLost(f"the simulator at {self.address} ended the session")
         except grpc.RpcError as error:
@@ -224,13 +228,17 @@ class Session:
         except SimulatorLost as error:
             self._failure = error
             raise
-        except KeyboardInterrupt:
-            self._failure = SimulatorLost(f"the session at {self.address} was interrupted")
-            raise
         if response.WhichOneof("response") != wanted:
             came = response.WhichOneof("response")
             raise SimulatorError(f"the simulator at {self.address} answered with {came}, expected {wanted}")
         return response
+
+    def _run(self, work: Coroutine[Any, Any, T]) -> T:
+        try:
+            return run(work)
+        except KeyboardInterrupt:
+            self._failure = SimulatorLost(f"the session at {self.address} was interrupted")
+            raise
 
     def _take(self, step: pb.Step) -> list[StepArrays]:
         """Keep what followed a decision."""

@@ -106,6 +106,12 @@ def dump_config(config: Config) -> str:
     return yaml.safe_dump(config.model_dump(), sort_keys=False)
 
 
+def changes(before: Config, now: Config) -> dict[str, Any]:
+    """Return what was in keys that have changed and may not in the middle of a run."""
+    old, new = before.model_dump(), now.model_dump()
+    return {key: old[key] for key in new if old[key] != new[key] and key not in ("stop", "checkpoint", "summary")}
+
+
 def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     """Return `base` with `over` laid on top; mappings are merged, everything else is replaced."""
     merged = dict(base)

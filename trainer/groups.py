@@ -50,9 +50,11 @@ def group_count(config: Config) -> int:
     return min(config.groups, config.arenas)
 
 
-def share_out(addresses: Sequence[str], groups: int) -> list[list[str]]:
-    """Return the simulators of each group: no more messages than there must be."""
-    return [list(addresses[group::groups] or addresses[group % len(addresses) :][:1]) for group in range(groups)]
+def share_out(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
+    """Return the simulators of each group, given its arenas: no more messages than there must be."""
+    groups = len(arenas)
+    homes = [list(addresses[group::groups]) or [addresses[group % len(addresses)]] for group in range(groups)]
+    return [home[:most] for home, most in zip(homes, arenas, strict=True)]
 
 
 def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None) -> list[Group]:
@@ -60,13 +62,13 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
 
     Raises SimulatorError, and ConfigError for another number of snapshots.
     """
-    homes = share_out(addresses, group_count(config))
-    bounds = pairwise(split(config.arenas, len(homes)))
+    bounds = list(pairwise(split(config.arenas, group_count(config))))
+    homes = share_out(addresses, [end - first for first, end in bounds])
     sessions = sum(map(len, homes))
     if snapshots is not None and len(snapshots) != sessions:
         raise ConfigError(
             f"the checkpoint holds {len(snapshots)} sessions, {len(homes)} groups at {len(addresses)} simulators make "
-            f"{sessions}; resume with as many simulators as before"
+            f"{sessions}; resume at {len(snapshots)} simulators"
         )
     saved = iter(snapshots or ())
     groups: list[Group] = []

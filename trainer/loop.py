@@ -8,12 +8,12 @@ import atexit
 import signal
 import threading
 from collections.abc import Coroutine
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from types import FrameType
 from typing import Any, TypeVar
 
-_ONE_AT_A_TIME = threading.Lock()
+_ONE_AT_A_TIME = threading.RLock()  # which the garbage collector may want in the middle of `run`
 _OUTSIDE = ThreadPoolExecutor(1)
 
 T = TypeVar("T")
@@ -27,32 +27,26 @@ class _Interrupts:
 
     def __init__(self) -> None:
         self.held = self.came = False
-        self.task: asyncio.Task[Any] | None = None
+        self.task: asyncio.Task[Any] | None = None  # what runs
+        self.left: set[asyncio.Task[Any]] = set()  # what runs when the loop runs next
+
+    def interrupt(self) -> None:
+        self.came = True
+        if self.task is not None:
+            the_loop().call_soon_threadsafe(self.task.cancel)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
         if not self.held:
             signal.default_int_handler(number, frame)
-        self.came = True
-        if self.task is not None:
-            loop().call_soon_threadsafe(self.task.cancel)
+        self.interrupt()
 
 
-_interrupts = _Interrupts()
-
-
-def hold_interrupts() -> None:
-    """Never lose an interrupt from here on, unless somebody else handles them. Once, as setting handlers is slow."""
-    if _in_main_thread() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupts.handle)
-
-
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
+_state = _Interrupts()
 
 
 @cache
-def loop() -> asyncio.AbstractEventLoop:
-    """Return the loop."""
+def the_loop() -> asyncio.AbstractEventLoop:
+    """Return the loop, which is closed when the interpreter ends."""
     loop = asyncio.new_event_loop()
 
     async def drop_all() -> None:
@@ -71,26 +65,60 @@ def loop() -> asyncio.AbstractEventLoop:
 
 
 def run(work: Coroutine[Any, Any, T]) -> T:
-    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook."""
+    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook.
+
+    An interrupt cancels it and is raised. Python's handler of interrupts is replaced for that, for good; where the
+    program has one of its own, that is left alone.
+    """
     try:
         with _ONE_AT_A_TIME:
-            try:
-                asyncio.get_running_loop()
-            except RuntimeError:
-                return _run_here(work)
-            return _OUTSIDE.submit(_run_here, work).result()
+            return _run_outside(work) if _running() else _run_here(work)
     finally:
         work.close()  # of which nothing is left but where an interrupt came first
 
 
-def _run_here(work: Coroutine[Any, Any, T]) -> T:
-    _interrupts.held = _in_main_thread()
+def finish(work: Coroutine[Any, Any, None]) -> None:
+    """Run it, or leave it for later where the loop is running already: the garbage collector calls from anywhere."""
+    if _running() is not the_loop():
+        run(work)
+        return
+    task = the_loop().create_task(work)
+    _state.left.add(task)
+    task.add_done_callback(_state.left.discard)
+
+
+def _running() -> asyncio.AbstractEventLoop | None:
     try:
-        _interrupts.task = task = loop().create_task(work)
-        return loop().run_until_complete(task)
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
+def _run_outside(work: Coroutine[Any, Any, T]) -> T:
+    done = _OUTSIDE.submit(_run_here, work)
+    try:
+        return done.result()
+    except KeyboardInterrupt:
+        _state.interrupt()
+        wait([done])
+        _state.came = False
+        raise
+
+
+def _run_here(work: Coroutine[Any, Any, T]) -> T:
+    outer = _state.held, _state.task
+    main = threading.current_thread() is threading.main_thread()
+    if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _state.handle)  # not at each run: setting is slow
+    _state.held = main
+    try:
+        _state.task = task = the_loop().create_task(work)
+        if _state.came:
+            task.cancel()
+        return the_loop().run_until_complete(task)
     finally:
-        _interrupts.task = task = None  # type: ignore[assignment]  # it goes first: as it does, an interrupt would be lost, too
-        _interrupts.held = False
-        if _interrupts.came:
-            _interrupts.came = False
+        _state.task = task = None  # type: ignore[assignment]  # it goes first: as it does, an interrupt would be lost
+        _state.held, _state.task = outer
+        if _state.came and not _state.held:
+            _state.came = False
             raise KeyboardInterrupt

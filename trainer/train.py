@@ -19,7 +19,7 @@ from joybridge.tensors import Array
 from trainer.build import make_policies, rollout_cycle
 from trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from trainer.client import describe
-from trainer.config import Config, ConfigError, dump_config, load_config
+from trainer.config import Config, ConfigError, changes, dump_config, load_config
 from trainer.groups import Group, close_groups, group_count, open_groups
 from trainer.metrics import Journal, Row, Stopwatch
 from trainer.policy import Policy
@@ -140,12 +140,10 @@ def write_config(config: Config, run: Path, resume: bool) -> None:
     run.mkdir(parents=True, exist_ok=True)
     path = run / "config.yaml"
     if resume:
-        before, now = load_config(path).model_dump(), config.model_dump()
-        changed = [key for key in now if before[key] != now[key] and key not in ("stop", "checkpoint", "summary")]
-        if changed:
+        if changed := changes(load_config(path), config):
             raise ConfigError(
                 f"cannot resume {run}: {', '.join(changed)} changed "
-                f"(was {json.dumps({key: before[key] for key in changed})}); use another --run for a new configuration"
+                f"(was {json.dumps(changed)}); use another --run for a new configuration"
             )
     elif has_checkpoint(run):
         raise ConfigError(f"{run} holds a run already; go on with --resume, or name another folder with --run")

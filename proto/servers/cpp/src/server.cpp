@@ -237,7 +237,9 @@ void serve(const Games& games, const std::string& address, std::size_t most_sess
   int signal = 0;
   sigwait(&signals, &signal);
   server->GetHealthCheckService()->SetServingStatus(false);
-  std::cerr << "shutting down: " << service.stop() << " open sessions end with UNAVAILABLE" << std::endl;
+  if (const std::size_t open = service.stop()) {
+    std::cerr << "shutting down: " << open << " open sessions end with UNAVAILABLE" << std::endl;
+  }
   server->Shutdown(std::chrono::system_clock::now() + GRACE);
 }
 
