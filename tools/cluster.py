@@ -2,8 +2,7 @@
 
 No file system need be shared. A run's files travel: to the machine when the run begins, and back whenever there is
 a new row of metrics or a new checkpoint, so the grid's own folder of runs is all that a restart needs. TensorBoard's
-events stay where the run was. What Ray moves, and pickles, is a job and the
-bytes of files.
+events stay where the run was. What Ray moves, and pickles, is a job and the bytes of files.
 """
 
 import os
@@ -37,7 +36,7 @@ class Cluster:
         try:
             import ray
         except ImportError as error:
-            raise SystemExit(f'{error}; install it with: pip install "joybridge[cluster]"') from error
+            raise SystemExit(f'{error}; install it with: pip install --editable ".[cluster]"') from error
         self.ray = ray
         if address is None:
             ray.init("local", num_cpus=CORES * parallel, include_dashboard=False, log_to_driver=False)
