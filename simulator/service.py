@@ -107,7 +107,7 @@ async def serve(games: Catalogue, address: str, max_sessions: int, with_parent: 
     bound = address if address.startswith("unix:") else f"{address.rsplit(':', 1)[0]}:{port}"
     print(f"joybridge simulator listening on {bound}", flush=True)
     await stop.wait()
-    if service.sessions:
+    if service.sessions and not with_parent:  # whose own client knows
         log.info("shutting down: %d open sessions end with UNAVAILABLE", len(service.sessions))
     await healthy.enter_graceful_shutdown()
     service.end_sessions()
