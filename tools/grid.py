@@ -192,19 +192,23 @@ class Display:
         self.all = self.bars.add_task("all", total=None, text="")
         self.tasks = {job: self.bars.add_task(job.name, total=job.transitions, visible=False, text="") for job in jobs}
         self.begin, self.first = time.monotonic(), {job: job.done() for job in jobs}
+        self.done = dict(self.first)
 
     def update(self, running: Sequence[Job]) -> None:
         """Show how far the runs are."""
-        done = {job: job.done() for job in self.jobs}
         for job in running:
-            self.bars.update(self.tasks[job], completed=done[job], visible=True, text=f"{done[job] / 1e6:.1f} M")
+            self.done[job] = job.done()
+            text = f"{self.done[job] / 1e6:.1f} M"
+            self.bars.update(self.tasks[job], completed=self.done[job], visible=True, text=text)
         total = sum(job.transitions for job in self.jobs)
-        speed = sum(done[job] - self.first[job] for job in self.jobs) / (time.monotonic() - self.begin)
-        text = time_left(total - sum(done.values()), speed)
-        self.bars.update(self.all, completed=sum(done.values()), total=total, text=text)
+        done = sum(self.done[job] for job in self.jobs)
+        before = sum(self.first[job] for job in self.jobs)
+        text = time_left(total - done, (done - before) / (time.monotonic() - self.begin))
+        self.bars.update(self.all, completed=done, total=total, text=text)
 
     def end(self, job: Job, complaint: str | None) -> None:
         """Show that a run has ended, and why if it failed; what failed no longer counts for the time left."""
+        self.done[job] = job.done()
         self.bars.update(self.tasks[job], visible=False)
         if complaint is None:
             self.console.print(f"{job.name}: done")
