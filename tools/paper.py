@@ -36,8 +36,8 @@ def main() -> int:
     )
     run.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE",
-        help="of every configuration; where several runs share the cores, groups=1 spares a third of the work. What "
-        "changes the experiment needs --runs and --results of its own",
+        help="of every configuration; where several runs share the cores, groups=1 spares about a third of the work. "
+        "What changes the experiment needs --runs and --results of its own",
     )  # fmt: skip
     run.add_argument("--backend", choices=("local", "ray"), default="local", help="where to run; default %(default)s")
     run.add_argument("--address", help="of a running Ray cluster; without, a local one is started and ended")

@@ -28,7 +28,6 @@ class _Interrupts:
     def __init__(self) -> None:
         self.held = self.came = False
         self.task: asyncio.Task[Any] | None = None  # what runs
-        self.left: set[asyncio.Task[Any]] = set()  # what runs when the loop runs next
 
     def interrupt(self) -> None:
         self.came = True
@@ -41,7 +40,8 @@ class _Interrupts:
         self.interrupt()
 
 
-_state = _Interrupts()
+_interrupts = _Interrupts()
+_left: set[asyncio.Task[Any]] = set()  # what runs when the loop runs next
 
 
 @cache
@@ -83,8 +83,8 @@ def finish(work: Coroutine[Any, Any, None]) -> None:
         run(work)
         return
     task = the_loop().create_task(work)
-    _state.left.add(task)
-    task.add_done_callback(_state.left.discard)
+    _left.add(task)
+    task.add_done_callback(_left.discard)
 
 
 def _running() -> asyncio.AbstractEventLoop | None:
@@ -99,26 +99,26 @@ def _run_outside(work: Coroutine[Any, Any, T]) -> T:
     try:
         return done.result()
     except KeyboardInterrupt:
-        _state.interrupt()
+        _interrupts.interrupt()
         wait([done])
-        _state.came = False
+        _interrupts.came = False
         raise
 
 
 def _run_here(work: Coroutine[Any, Any, T]) -> T:
-    outer = _state.held, _state.task
+    outer = _interrupts.held, _interrupts.task
     main = threading.current_thread() is threading.main_thread()
     if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _state.handle)  # not at each run: setting is slow
-    _state.held = main
+        signal.signal(signal.SIGINT, _interrupts.handle)  # not at each run: setting is slow
+    _interrupts.held = main
     try:
-        _state.task = task = the_loop().create_task(work)
-        if _state.came:
+        _interrupts.task = task = the_loop().create_task(work)
+        if _interrupts.came:
             task.cancel()
         return the_loop().run_until_complete(task)
     finally:
-        _state.task = task = None  # type: ignore[assignment]  # it goes first: as it does, an interrupt would be lost
-        _state.held, _state.task = outer
-        if _state.came and not _state.held:
-            _state.came = False
+        _interrupts.task = task = None  # type: ignore[assignment]  # it goes first: as it does, an interrupt would be lost
+        _interrupts.held, _interrupts.task = outer
+        if _interrupts.came and not _interrupts.held:
+            _interrupts.came = False
             raise KeyboardInterrupt
