@@ -36,7 +36,7 @@ def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPL
         key = (game, layout, "buttons" if layout == "multiagent" else "")
         figures = {"click_accuracy": 0.9, "transitions_per_second": 30_000.0} | more
         runs = [Run(seed, {mark: {"reward": value, **figures}}) for seed, value in enumerate(values)]
-        results[key] = Experiment(*key, tuple(runs))
+        results[key] = Experiment(*key, tuple(runs), tuple(runs))
     return results
 
 
@@ -69,7 +69,16 @@ def test_the_two_agents_are_told_apart_and_rounded_transitions_find_their_mark(t
     assert axes.at(99 * MARK) == [99.0]
     assert last_ten(axes.runs[0]) == 95.5
     assert axes.runs[0].hours == pytest.approx(COMPLETE / 30_000 / 3600)
-    assert axes.speed == pytest.approx(30_000)
+
+
+def test_runs_alone_count_for_speed_and_for_nothing_else(tmp_path):
+    write_run(tmp_path, "3M", "beastly_rivals/multiagent-s0-axes", [1.0] * 10)
+    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/multiagent-s0-axes", [2.0] * 2, transitions_per_second=40_000)
+    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/hybrid-s0", [2.0] * 2)
+    ((key, axes),) = read_results(tmp_path).items()
+    assert key == ("beastly_rivals", "multiagent", "axes")
+    assert [run.end for run in axes.runs] == [10 * MARK]
+    assert [run.complete_hours for run in axes.alone] == [pytest.approx(COMPLETE / 40_000 / 3600)]
 
 
 def test_files_that_have_only_begun_and_folders_that_are_no_results_are_passed_over(tmp_path):
@@ -222,12 +231,17 @@ def test_values_per_axis_click_alike_or_not(other, word):
     assert claim("With 3 and 41 values clicks", "shooting_birds").judge(results, {}).word == word
 
 
-@pytest.mark.parametrize(("speed", "word", "extra"), [(15_000.0, HOLDS, "+100 %"), (30_000.0, FAILS, "+0 %")])
-def test_training_time_follows_from_speed(speed, word, extra):
-    results = made_up("shooting_birds", {"bucket-11": [1.0]}, EARLY)
+@pytest.mark.parametrize(
+    ("speed", "word", "extra"),
+    [(15_000.0, HOLDS, "+100 %"), (30_000.0, UNDECIDED, "+0 %"), (60_000.0, FAILS, "-50 %")],
+)
+def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
+    results = made_up("shooting_birds", {"bucket-11": [1.0, 1.0]}, EARLY)
     slow = claim("The two agents cost extra", "shooting_birds")
     assert slow.judge(results, {}).word == UNTESTED
-    results |= made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, transitions_per_second=speed)
+    once = made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, transitions_per_second=speed)
+    assert "of multiagent" in slow.judge(results | once, {}).evidence
+    results |= made_up("shooting_birds", {"multiagent": [1.0, 1.0]}, EARLY, transitions_per_second=speed)
     verdict = slow.judge(results, {})
     assert verdict.word == word
     assert extra in verdict.evidence
@@ -288,6 +302,7 @@ def results(tmp_path_factory) -> Path:
     write_run(folder, "30M", "beastly_rivals/threshold-0.0-s2", [150.0] * 100)
     write_run(folder, "3M", "beastly_rivals/multiagent-s0-axes", [40.0] * 10, transitions_per_second=10_000.0)
     write_run(folder, "3M", "beastly_rivals/multiagent-s0-buttons", [41.0] * 10, transitions_per_second=10_000.0)
+    write_run(folder / "alone", "0.6M", "shooting_birds/bucket-11-s0", rising[:2], transitions_per_second=40_000.0)
     shooter = {"abs_vx": 12.5, "hits_per_level": [150.0, 151.0, 120.4], "transitions": COMPLETE}
     known = {"beastly_rivals/threshold-0.0-s2": policy(), "shooting_birds/bucket-11-s0": shooter}
     (folder / "behaviour.json").write_text(json.dumps(known))
@@ -335,10 +350,8 @@ def test_every_claim_is_stated_with_a_verdict(page):
 
 def test_every_experiment_has_a_line_per_length_and_one_seed_is_called_one(page):
     assert "| Shooting Birds bucket-11 | 3 M | 2 | 13.6 [13.6, 13.6] | 13.6 |" in page
-    assert "| Shooting Birds bucket-11 | 30 M | 1 | 136.0 | one seed | 90.0 % | 0.28 | 30000 | 137.6 ± 2.8 [" in page
-    assert (
-        "| Beastly Rivals multiagent, buttons | 3 M | 1 | 41.0 | one seed | 1000 | 0.08 | 10000 | 81.7 ± 8.9 |" in page
-    )
+    assert "| Shooting Birds bucket-11 | 30 M | 1 | 136.0 | one seed | 90.0 % | 0.28 | 40000 | 137.6 ± 2.8 [" in page
+    assert "| Beastly Rivals multiagent, buttons | 3 M | 1 | 41.0 | one seed | 1000 | 0.08 |  | 81.7 ± 8.9 |" in page
 
 
 def test_marks_that_lie_outside_are_bold(page):

@@ -21,13 +21,11 @@ from tools.verdicts import (
     Verdict,
     alike,
     beats,
-    exceeds,
     steadier,
     trails,
 )
 
 POINTS = 0.01  # of click accuracy that make a difference
-EXTRA = 0.05  # share of training time that makes a difference
 SMALLER = 0.9  # laps are smaller when the last third of the time is below this share of the first
 RARE = 10.0  # blinks in 10 000 decisions
 DECISION_SECONDS = 0.12
@@ -115,7 +113,7 @@ def _judge_rewards(results: Results, game: str, layouts: Sequence[str], rule: Ru
     if not common:
         return Verdict(UNTESTED, "needs runs that are long enough to compare")
     values, logs = [each.at(common[-1]) for each in present], _log_samples(game, layouts, common[-1])
-    ours = [Sample(mean(v), stdev(v) if len(v) > 1 else 0.0, len(v)) for v in values]
+    ours = [_sample(each) for each in values]
     where = f"at {common[-1] / 1e6:g} M"
     figures = f"{where} {_list(layouts, ours)}; the original there {_list(layouts, logs)}"
     if common[-1] < COMPLETE and rule(logs) != HOLDS:
@@ -135,6 +133,10 @@ def _log_samples(game: str, layouts: Sequence[str], mark: int) -> list[Sample]:
     """Return the original's samples at a mark; none unless it has figures there for all the layouts."""
     points = [original_point(game, layout, main_policy(layout), mark) for layout in layouts]
     return [Sample(p.reward, p.reward_std, 10) for p in points if p] if all(points) else []
+
+
+def _sample(values: Sequence[float]) -> Sample:
+    return Sample(mean(values), stdev(values) if len(values) > 1 else 0.0, len(values))
 
 
 def _list(layouts: Sequence[str], samples: Sequence[Sample]) -> str:
@@ -172,32 +174,29 @@ def as_accurate(values: Sequence[float]) -> str:
 
 def less_accurate(values: Sequence[float]) -> str:
     """Decide whether the first is more than a point below each of the others."""
-    return exceeds(min(values[1:]), values[0], POINTS)
+    return HOLDS if min(values[1:]) - values[0] > POINTS else FAILS
 
 
 def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
-    """Return the claim that one layout takes longer to train than another."""
+    """Return the claim that one layout takes longer to train than another, beyond the noise."""
+    layouts = (slow, fast)
 
     def judge(results: Results, _: Behaviour) -> Verdict:
-        both = [results.get((game, layout, main_policy(layout))) for layout in (slow, fast)]
-        speeds = [each.quick_speed for each in both if each]
-        if len(speeds) < 2:
-            return Verdict(UNTESTED, f"needs runs of {slow} and {fast}")
-        extra = speeds[1] / speeds[0] - 1
-        figures = (
-            f"{slow} {speeds[0] / 1e3:.1f} k, {fast} {speeds[1] / 1e3:.1f} k transitions/s: {100 * extra:+.0f} % time"
-        )
-        return Verdict(exceeds(extra, 0.0, EXTRA), figures)
+        experiments = [results.get((game, layout, main_policy(layout))) for layout in layouts]
+        times = [[run.complete_hours for run in each.alone] if each else [] for each in experiments]
+        lacking = [layout for layout, hours in zip(layouts, times, strict=True) if len(hours) < 2]
+        if lacking:
+            return Verdict(UNTESTED, f"needs at least 2 runs alone, for their speed, of {', '.join(lacking)}")
+        return Verdict(beats([_sample(hours) for hours in times]), compared(*(mean(hours) for hours in times)))
 
-    ends = [original_ends(game, layout, main_policy(layout)) for layout in (slow, fast)]
-    hours = [mean(each.hours) for each in ends if each]
-    printed = [paper_figures(game, layout)["hours"] for layout in (slow, fast)]
-    texts = [
-        f"{slow} {long:.1f} h, {fast} {short:.1f} h: {100 * (long / short - 1):+.0f} %"
-        for long, short in (hours, printed)
-    ]
-    logs = Verdict(exceeds(hours[0] / hours[1] - 1, 0.0, EXTRA), f"{texts[0]}; in the paper's chart {texts[1]}")
-    return Claim(text, game, judge, logs)
+    def compared(long: float, short: float) -> str:
+        return f"{slow} {long:.3g} h, {fast} {short:.3g} h: {100 * (long / short - 1):+.0f} %"
+
+    ends = [original_ends(game, layout, main_policy(layout)) for layout in layouts]
+    hours = [each.hours for each in ends if each]
+    printed = compared(*(paper_figures(game, layout)["hours"] for layout in layouts))
+    logs = f"{compared(*(mean(each) for each in hours))}; in the paper's chart {printed}"
+    return Claim(text, game, judge, Verdict(beats([_sample(each) for each in hours]), logs))
 
 
 Shown = list[tuple[str, bool, bool]]  # of each policy: its figure, whether it shows what is claimed, whether complete

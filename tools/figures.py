@@ -152,29 +152,29 @@ def _draw_hours(results: Results, path: Path) -> Path:
     circle: dict[str, Any] = {"marker": "o", "ls": "", "ms": 8}
     figure.legend(
         handles=[
-            Line2D([], [], color="#333333", label="ours, complete runs", **circle),
-            Line2D([], [], color="#333333", mfc="white", mew=2, label="ours, at the speed of shorter runs", **circle),
+            Line2D([], [], color="#333333", label="ours, at the speed of short runs alone", **circle),
             Line2D([], [], color="#A0A0A0", label="the original's logs, mean of ten runs", **circle),
         ],
-        loc="outside lower center", ncols=3, fontsize=9,
+        loc="outside lower center", ncols=2, fontsize=9,
     )  # fmt: skip
     return save_figure(figure, path)
 
 
 def _add_hours(axes: Axes, results: Results, game: str, layout: str, height: int) -> None:
     """Draw one experiment: ours on the left, the original's on the right, a line between them."""
-    ours, ends = results.get((game, layout, main_policy(layout))), original_ends(game, layout, main_policy(layout))
+    key = game, layout, main_policy(layout)
+    alone, ends = results[key].alone if key in results else (), original_ends(*key)
+    ours = float(np.mean([run.complete_hours for run in alone])) if alone else None
     theirs = float(np.mean(ends.hours)) if ends else None
     text: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 9}
     if ours and theirs:
-        axes.plot([ours.complete_hours, theirs], [height, height], color="#D8D8D8", lw=2, zorder=1)
+        axes.plot([ours, theirs], [height, height], color="#D8D8D8", lw=2, zorder=1)
     if theirs:
         axes.plot(theirs, height, "o", color="#A0A0A0", ms=8)
         axes.annotate(_duration(theirs), (theirs, height), (8, 0), **text)
     if ours:
-        face = COLOURS[layout] if ours.complete else "white"
-        axes.plot(ours.complete_hours, height, "o", color=COLOURS[layout], mfc=face, ms=8, mew=2)
-        axes.annotate(_duration(ours.complete_hours), (ours.complete_hours, height), (-8, 0), ha="right", **text)
+        axes.plot(ours, height, "o", color=COLOURS[layout], ms=8)
+        axes.annotate(_duration(ours), (ours, height), (-8, 0), ha="right", **text)
 
 
 def _duration(hours: float) -> str:

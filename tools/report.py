@@ -40,16 +40,18 @@ the 300 000 transitions (20 000 steps of the original) before each mark, as in i
 is that of the one that clicks, as in the paper."""
 COMPLETE_RUNS = """\
 Each run of 30 M transitions, and the original's mean ± two standard deviations of its ten runs at the same number of
-transitions. Hours are wall-clock."""
+transitions. Hours are wall-clock, on a machine that did other work as well."""
 FIGURES = """\
-Where seeds are of different lengths, the mean is over those that got there. Time is on logarithmic scales."""
+Where seeds are of different lengths, the mean is over those that got there. Time is on logarithmic scales. Our times in
+figure 14 are what 30 M transitions take at the speed of short runs that had the machine to themselves, one at a time
+and in turns (those in `alone/`)."""
 RULES = """\
 A score counts as higher if it is so by two standard errors of the difference, and as alike if it is not, provided that
 two standard errors are at most 10 points. A single run is taken to scatter as much as our seeds do, or as the
 original's ten runs where those scatter more. Stability is an F test of pooled variances at the 5 % level. Scores are
 compared at the longest length that all the runs a claim needs have reached; before the complete length only if the
-original's curves show the claim there. Training times are those of a machine that did other work as well, so that small
-differences say little."""
+original's curves show the claim there. A training time counts as longer if it is so by two standard errors; ours are
+those of figure 14."""
 CONTRADICTIONS = """\
 Where the original's own logs do not bear its paper out, by the same rules:"""
 DETAILS = """\
@@ -154,7 +156,8 @@ def behaviours(behaviour: Behaviour, results: Path) -> list[str]:
 def every_experiment(results: Results) -> str:
     """Return a table of every experiment at the ends of its runs."""
     heads = (
-        "experiment", "transitions", "seeds", "reward", "IQM", "accuracy or length", "hours per run", "transitions/s",
+        "experiment", "transitions", "seeds", "reward", "IQM", "accuracy or length", "hours per run",
+        "transitions/s alone",
         "logs: reward", "logs: IQM", "logs: length", "paper: reward", "paper: accuracy or length", "paper: hours",
     )  # fmt: skip
     return _table(
@@ -172,6 +175,7 @@ def _experiment_row(experiment: Experiment, mark: int) -> Sequence[str]:
     birds = game == "shooting_birds"
     rewards, second = experiment.at(mark), mean(experiment.at(mark, "click_accuracy" if birds else "length"))
     hours = mean(run.hours for run in experiment.runs if run.end == mark)
+    speeds = [COMPLETE / run.complete_hours / 3600 for run in experiment.alone]
     point, ends = original_point(*key, mark), original_ends(*key) if mark == COMPLETE else None
     theirs = f"{point.reward:.1f} ± {point.reward_std:.1f}" if point else ""
     printed = paper_figures(game, layout) if policy in ("", main_policy(layout)) else {}
@@ -180,7 +184,8 @@ def _experiment_row(experiment: Experiment, mark: int) -> Sequence[str]:
         f"{TITLES[game]} {experiment.name}", f"{mark / 1e6:g} M", f"{len(rewards)}",
         f"{mean(rewards):.1f}{_interval(rewards)}",
         f"{interquartile_mean(rewards):.1f}" if len(rewards) > 1 else "one seed",
-        _percent(second) if birds else f"{second:.0f}", f"{hours:.2f}", f"{experiment.speed:.0f}",
+        _percent(second) if birds else f"{second:.0f}", f"{hours:.2f}",
+        f"{mean(speeds):.0f}" if speeds else "",
         theirs + (_interval(ends.reward) if ends else ""), f"{interquartile_mean(ends.reward):.1f}" if ends else "",
         f"{point.length:.0f} ± {point.length_std:.0f}" if point and not birds else "",
         _figure(printed.get("reward")),

@@ -36,6 +36,11 @@ class Run:
         """Return the wall-clock time of its rows."""
         return sum(MARK / row["transitions_per_second"] for row in self.rows.values()) / 3600
 
+    @property
+    def complete_hours(self) -> float:
+        """Return the time that a complete run takes at its speed."""
+        return self.hours * COMPLETE / (MARK * len(self.rows))
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -45,6 +50,7 @@ class Experiment:
     layout: str
     policy: str  # "axes" or "buttons" of multiagent, else ""
     runs: tuple[Run, ...]
+    alone: tuple[Run, ...] = ()  # short ones that had the machine to themselves, for their speed
 
     @property
     def name(self) -> str:
@@ -65,29 +71,23 @@ class Experiment:
         """Return the complete runs."""
         return tuple(run for run in self.runs if run.end >= COMPLETE)
 
-    @property
-    def speed(self) -> float:
-        """Return transitions per second over all its runs."""
-        return sum(MARK * len(run.rows) for run in self.runs) / (3600 * sum(run.hours for run in self.runs))
 
-    @property
-    def complete_hours(self) -> float:
-        """Return the mean hours of its complete runs, or where there are none of a complete run at its speed."""
-        return float(np.mean([run.hours for run in self.complete] or COMPLETE / self.speed / 3600))
-
-    @property
-    def quick_speed(self) -> float:
-        """Return the upper quartile of its rows' transitions per second: whatever else ran slowed those less."""
-        rows = (row for run in self.runs for row in run.rows.values())
-        return float(np.quantile([row["transitions_per_second"] for row in rows], 0.75))
-
-
-Results = dict[tuple[str, str, str], Experiment]  # by game, layout and policy
+Key = tuple[str, str, str]  # game, layout and policy
+Results = dict[Key, Experiment]
 
 
 def read_results(folder: Path) -> Results:
-    """Return the runs of the paper's games under `folder`; of several lengths of one run, the longest."""
-    longest: dict[tuple[str, str, str], dict[int, Run]] = {}
+    """Return the runs of the paper's games under `folder`; of several lengths of one run, the longest.
+
+    Those in the folder `alone` count for speed only.
+    """
+    alone = _read_runs(folder / "alone")
+    return {key: Experiment(*key, runs, alone.get(key, ())) for key, runs in _read_runs(folder).items()}
+
+
+def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
+    """Return the longest run of each seed, by experiment in their order."""
+    longest: dict[Key, dict[int, Run]] = {}
     for path in (path for game in GAMES for path in sorted(folder.glob(f"*M/{game}/*.csv"))):
         stem, _, policy = path.stem.rpartition("-")
         if policy not in POLICIES:
@@ -98,7 +98,7 @@ def read_results(folder: Path) -> Results:
         if rows and (int(seed) not in runs or max(rows) > runs[int(seed)].end):
             runs[int(seed)] = Run(int(seed), rows)
     return {
-        key: Experiment(*key, tuple(runs[seed] for seed in sorted(runs)))
+        key: tuple(runs[seed] for seed in sorted(runs))
         for key, runs in sorted(longest.items(), key=lambda item: _place(*item[0]))
         if runs
     }

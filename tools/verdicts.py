@@ -64,11 +64,6 @@ def steadier(first: Sequence[Sample], second: Sequence[Sample]) -> str:
     return HOLDS if chance < SIGNIFICANCE else UNDECIDED
 
 
-def exceeds(value: float, other: float, margin: float) -> str:
-    """Decide whether a value is larger than another by more than a margin, where no spread is known."""
-    return HOLDS if value - other > margin else FAILS
-
-
 def _noise(a: Sample, b: Sample) -> float:
     """Return the standard error of the difference of two means."""
     return math.sqrt(a.spread**2 / a.runs + b.spread**2 / b.runs)
