@@ -240,7 +240,7 @@ def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
     slow = claim("The two agents cost extra", "shooting_birds")
     assert slow.judge(results, {}).word == UNTESTED
     once = made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, transitions_per_second=speed)
-    assert "of multiagent" in slow.judge(results | once, {}).evidence
+    assert slow.judge(results | once, {}).word == UNTESTED
     results |= made_up("shooting_birds", {"multiagent": [1.0, 1.0]}, EARLY, transitions_per_second=speed)
     verdict = slow.judge(results, {})
     assert verdict.word == word

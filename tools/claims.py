@@ -178,16 +178,22 @@ def less_accurate(values: Sequence[float]) -> str:
 
 
 def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
-    """Return the claim that one layout takes longer to train than another, beyond the noise."""
+    """Return the claim that one layout takes longer to train than another, beyond the noise.
+
+    Our runs alone are compared seed by seed, as those of one seed were made soon after one another: a machine may be
+    faster at one time than at another.
+    """
     layouts = (slow, fast)
 
     def judge(results: Results, _: Behaviour) -> Verdict:
         experiments = [results.get((game, layout, main_policy(layout))) for layout in layouts]
-        times = [[run.complete_hours for run in each.alone] if each else [] for each in experiments]
-        lacking = [layout for layout, hours in zip(layouts, times, strict=True) if len(hours) < 2]
-        if lacking:
-            return Verdict(UNTESTED, f"needs at least 2 runs alone, for their speed, of {', '.join(lacking)}")
-        return Verdict(beats([_sample(hours) for hours in times]), compared(*(mean(hours) for hours in times)))
+        times = [{run.seed: run.complete_hours for run in each.alone} if each else {} for each in experiments]
+        pairs = [(times[0][seed], times[1][seed]) for seed in times[0] if seed in times[1]]
+        if len(pairs) < 2:
+            return Verdict(UNTESTED, f"needs runs alone, for their speed, of {slow} and {fast}, at least 2 seeds")
+        ratio = _sample([long / short for long, short in pairs])
+        hours = compared(*(mean(each) for each in zip(*pairs, strict=True)))
+        return Verdict(beats([ratio, Sample(1.0, 0.0, len(pairs))]), f"{hours} ({len(pairs)})")
 
     def compared(long: float, short: float) -> str:
         return f"{slow} {long:.3g} h, {fast} {short:.3g} h: {100 * (long / short - 1):+.0f} %"

@@ -51,7 +51,7 @@ two standard errors are at most 10 points. A single run is taken to scatter as m
 original's ten runs where those scatter more. Stability is an F test of pooled variances at the 5 % level. Scores are
 compared at the longest length that all the runs a claim needs have reached; before the complete length only if the
 original's curves show the claim there. A training time counts as longer if it is so by two standard errors; ours are
-those of figure 14."""
+those of figure 14, compared seed by seed, as a machine may be faster at one time than at another."""
 CONTRADICTIONS = """\
 Where the original's own logs do not bear its paper out, by the same rules:"""
 DETAILS = """\
