@@ -99,6 +99,33 @@ def test_one_failing_run_is_reported_with_its_reason_and_does_not_stop_the_other
     assert list(figures(whole.results)) == ["survive-s0.csv", "survive-s1.csv"]
 
 
+def test_trainers_whose_grid_is_killed_save_and_end_and_the_grid_goes_on(whole, configs, tmp_path):
+    process = subprocess.Popen(
+        command(configs, tmp_path, "--experiments", "survive", "--seeds", "0"), stdout=subprocess.DEVNULL
+    )
+    only = job(configs, tmp_path)
+    while not has_checkpoint(only.run):
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.kill()  # it alone, not its trainers
+    process.wait()
+    assert run_grid([only], 1, tmp_path / "results") == {}
+    assert "interrupted" in (only.run / "log.txt").read_text()
+    name = "survive-s0.csv"
+    assert figures(tmp_path / "results") == {name: figures(whole.results)[name]}
+
+
+def test_a_run_that_is_killed_is_said_to_be(configs, tmp_path):
+    victim = job(configs, tmp_path)
+
+    def begin(chosen: Job) -> grid.Process:
+        process = grid.start(chosen)
+        os.kill(process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
+        return process
+
+    assert run_grid([victim], 1, tmp_path / "results", begin) == {victim: "killed by SIGKILL"}
+
+
 def test_every_finished_run_leaves_its_rows_and_different_seeds_different_ones(whole):
     tables = figures(whole.results)
     rows = tables["survive-s0.csv"]
@@ -135,7 +162,8 @@ def test_a_ray_cluster_goes_on_with_killed_runs_to_the_same_figures_and_reports_
     assert figures(runs / "results") == {name: figures(whole.results)[name]}
 
 
-def test_a_run_that_another_process_trains_is_left_alone(configs, tmp_path):
+def test_a_run_that_another_process_trains_is_left_alone(configs, tmp_path, monkeypatch):
+    monkeypatch.setattr(grid, "GRACE_SECONDS", 0.0)
     taken = job(configs, tmp_path)
     taken.run.mkdir()
     with (taken.run / "lock").open("w") as lock:
@@ -197,6 +225,21 @@ def test_results_are_named_by_length_experiment_seed_and_policy(configs, tmp_pat
     (birds.run / "metrics-hunter.csv").write_text("transitions\n300000\n")
     keep_results(birds, tmp_path / "results")
     assert (tmp_path / "results/3M/shooting_birds/bucket-11-s3.csv").read_text() == "transitions\n300000\n"
+
+
+def test_of_a_longer_run_only_what_was_asked_for_is_kept_and_another_run_is_never_replaced(configs, tmp_path):
+    birds = Job("shooting_birds/bucket-11", 0, 600_000, configs, tmp_path / "runs")
+    birds.run.mkdir(parents=True)
+    metrics, kept = birds.run / "metrics-hunter.csv", tmp_path / "results/0.6M/shooting_birds/bucket-11-s0.csv"
+    metrics.write_text("transitions,reward\n300024,1.5\n600021,2.5\n900018,3.5\n")
+    for _ in range(2):
+        keep_results(birds, tmp_path / "results")
+        assert kept.read_text() == "transitions,reward\n300024,1.5\n600021,2.5\n"
+    metrics.write_text("transitions,reward\n300024,1.5\n600021,9.5\n")
+    with pytest.raises(FileExistsError, match="holds another run; move it away"):
+        keep_results(birds, tmp_path / "results")
+    assert [path.name for path in kept.parent.iterdir()] == [kept.name]
+    assert kept.read_text().endswith("600021,2.5\n")
 
 
 def test_an_unknown_experiment_is_refused_by_name(configs, tmp_path, monkeypatch, capsys):

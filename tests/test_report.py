@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,8 +12,32 @@ from PIL import Image
 from tools.claims import Claim, make_claims
 from tools.original import original_curve, original_ends, original_point, paper_figures
 from tools.report import last_ten, place, write_report
-from tools.results import COMPLETE, MARK, Experiment, Results, Run, interquartile_mean, interval, read_results
-from tools.verdicts import FAILS, HOLDS, UNDECIDED, UNTESTED, Sample, alike, beats, steadier, trails
+from tools.results import (
+    COMPLETE,
+    MARK,
+    Experiment,
+    Results,
+    Run,
+    interquartile_mean,
+    interval,
+    main_policy,
+    read_results,
+)
+from tools.verdicts import (
+    FAILS,
+    HOLDS,
+    UNDECIDED,
+    UNTESTED,
+    Sample,
+    alike,
+    beats,
+    differ,
+    margin,
+    pooled,
+    sample,
+    steadier,
+    trails,
+)
 
 EARLY = 10 * MARK  # 3 M
 
@@ -49,7 +74,7 @@ def claim(text: str, game: str) -> Claim:
 
 
 def test_of_several_lengths_of_one_run_the_longest_counts(tmp_path):
-    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s0", [1.0] * 5)
+    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s0", [2.0] * 5)
     write_run(tmp_path, "3M", "shooting_birds/bucket-11-s0", [2.0] * 10)
     write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s1", [4.0] * 5)
     experiment = read_results(tmp_path)["shooting_birds", "bucket-11", ""]
@@ -57,6 +82,14 @@ def test_of_several_lengths_of_one_run_the_longest_counts(tmp_path):
     assert experiment.at(5 * MARK) == [2.0, 4.0]
     assert experiment.at(6 * MARK) == [2.0]
     assert experiment.at(11 * MARK) == []
+
+
+def test_runs_of_one_seed_that_begin_differently_are_different_runs(tmp_path):
+    write_run(tmp_path, "30M", "beastly_rivals/hybrid-s0", [1.0] * 100)
+    write_run(tmp_path, "3M", "beastly_rivals/hybrid-s0", [3.0] * 10)
+    experiment = read_results(tmp_path)["beastly_rivals", "hybrid", ""]
+    assert experiment.at(10 * MARK) == [1.0, 3.0]
+    assert [run.end for run in experiment.complete] == [COMPLETE]
 
 
 def test_the_two_agents_are_told_apart_and_rounded_transitions_find_their_mark(tmp_path):
@@ -120,7 +153,7 @@ def test_the_originals_figures_are_there_for_every_experiment_of_the_paper():
 
 
 def samples(*means: float, spread: float = 3.0, runs: int = 3) -> list[Sample]:
-    return [Sample(mean, spread, runs) for mean in means]
+    return [Sample(mean, spread, runs, runs - 1) for mean in means]
 
 
 @pytest.mark.parametrize(
@@ -142,6 +175,22 @@ def test_means_are_compared_beyond_their_noise(rule, means, word):
 
 def test_what_is_noisy_cannot_be_called_alike():
     assert alike(samples(10, 11, spread=20)) == UNDECIDED
+    assert alike(samples(10, 19, spread=4)) == UNDECIDED  # they may well differ by more than ten points
+
+
+def test_the_fewer_runs_the_further_apart_their_means_must_be():
+    one, other = samples(10, 20, spread=4)
+    assert margin(one, other) == pytest.approx(9.067, abs=1e-3)  # t of 4 degrees of freedom at 97.5 %: 2.776
+    assert margin(*samples(10, 20, spread=4, runs=10)) == pytest.approx(3.758, abs=1e-3)  # 18: 2.101
+    assert margin(one, Sample(1.0, 0.0, 3, 0)) == pytest.approx(9.937, abs=1e-3)  # 2: 4.303; the other is exact
+    assert margin(*samples(1, 2, spread=0)) == 0.0
+
+
+def test_the_scatter_of_a_few_runs_is_pooled_with_that_of_many():
+    both = pooled(sample([10.0, 14.0]), Sample(50.0, 4.0, 10, 9))
+    assert (both.mean, both.runs, both.freedom) == (12.0, 2, 10)
+    assert both.spread == pytest.approx(math.sqrt((8.0 + 9 * 16.0) / 10))
+    assert pooled(sample([10.0]), Sample(50.0, 4.0, 10, 9)) == Sample(10.0, 4.0, 1, 9)
 
 
 @pytest.mark.parametrize(("calm", "wild", "word"), [(1, 10, HOLDS), (3, 3, UNDECIDED), (10, 1, FAILS)])
@@ -212,7 +261,7 @@ def test_stability_needs_several_seeds_and_compares_their_scatter(bucket, thresh
     single = {layout: values[:1] for layout, values in several.items()}
     verdict = stable.judge(made_up("shooting_birds", single), {})
     assert verdict.word == UNTESTED
-    assert "at least 2 seeds of bucket-11, bucket-3" in verdict.evidence
+    assert "at least 2 runs of bucket-11, bucket-3" in verdict.evidence
 
 
 @pytest.mark.parametrize(("threshold", "word"), [(0.95, HOLDS), (0.985, FAILS)])
@@ -245,6 +294,22 @@ def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
     verdict = slow.judge(results, {})
     assert verdict.word == word
     assert extra in verdict.evidence
+
+
+def made_alone(layout: str, speeds: Sequence[float]) -> Results:
+    """Return results with a run alone per turn."""
+    runs = [Run(turn, {MARK: {"reward": 1.0, "transitions_per_second": speed}}) for turn, speed in enumerate(speeds)]
+    key = ("shooting_birds", layout, main_policy(layout))
+    return {key: Experiment(*key, (), tuple(runs))}
+
+
+@pytest.mark.parametrize(
+    ("slow", "word"),
+    [((9_000.0, 18_000.0, 4_500.0), HOLDS), ((18_000.0, 9_000.0, 9_000.0), UNDECIDED)],
+)
+def test_training_times_are_compared_turn_by_turn(slow, word):
+    results = made_alone("bucket-3", (10_000.0, 20_000.0, 5_000.0)) | made_alone("bucket-41", slow)
+    assert claim("The largest bucket is slower", "shooting_birds").judge(results, {}).word == word
 
 
 def policy(**more: object) -> dict[str, object]:
@@ -348,15 +413,21 @@ def test_every_claim_is_stated_with_a_verdict(page):
     assert "They contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)" in page
 
 
-def test_every_experiment_has_a_line_per_length_and_one_seed_is_called_one(page):
+def test_every_experiment_has_a_line_per_length_and_one_run_is_called_one(page):
     assert "| Shooting Birds bucket-11 | 3 M | 2 | 13.6 [13.6, 13.6] | 13.6 |" in page
-    assert "| Shooting Birds bucket-11 | 30 M | 1 | 136.0 | one seed | 90.0 % | 0.28 | 40000 | 137.6 ± 2.8 [" in page
-    assert "| Beastly Rivals multiagent, buttons | 3 M | 1 | 41.0 | one seed | 1000 | 0.08 |  | 81.7 ± 8.9 |" in page
+    assert "| Shooting Birds bucket-11 | 30 M | 1 | 136.0 | one run | 90.0 % | 0.28 | 40000 | 137.6 ± 2.8 [" in page
+    assert "| Beastly Rivals multiagent, buttons | 3 M | 1 | 41.0 | one run | 1000 | 0.08 |  | 81.7 ± 8.9 |" in page
 
 
-def test_marks_that_lie_outside_are_bold(page):
-    assert "| bucket-11 | **1.4** (-47.7 ± 5.2) |" in page
-    assert "| 136.0 (137.6 ± 5.6) |" in page
+def test_marks_where_means_differ_are_bold(page):
+    assert "| bucket-11 | **1.4 (2)**; -47.7 ± 5.2 |" in page
+    assert "| 136.0 (1); 137.6 ± 5.6 |" in page
+
+
+def test_the_mean_of_several_runs_must_be_nearer_than_that_of_one():
+    theirs = Sample(100.0, 5.0, 10, 9)
+    assert not differ(sample([106.0]), theirs)
+    assert differ(sample([106.0, 105.0, 106.0, 107.0]), theirs)
 
 
 def test_behaviour_is_tabulated(page):

@@ -10,6 +10,7 @@ same figures.
 import argparse
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -149,7 +150,7 @@ ABSCISSAE = {"lap_radius": "episode time, s", "hits_per_level": "level"}
 
 
 def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, Measures]:
-    """Play at least `episodes` episodes of a run; return "game/layout-sSEED" and what was measured.
+    """Play at least `episodes` episodes of a run; return "GAME/FOLDER" and what was measured.
 
     Raises SimulatorError, CheckpointError or ConfigError.
     """
@@ -158,7 +159,7 @@ def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, 
         raise ConfigError(f"{run} plays {config.game}; behaviour is measured in {' and '.join(GAMES)}")
     trace, transitions = play(run, address, episodes=episodes, seed=seed)
     measures = GAMES[config.game](trace) | {"transitions": transitions, "episodes": int(trace.ended.sum())}
-    return f"{config.game}/{config.layout}-s{config.seed}", measures
+    return f"{config.game}/{run.resolve().name}", measures
 
 
 def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, int]:
@@ -243,7 +244,7 @@ def _cell(value: Any) -> str:
 
 
 def draw(known: dict[str, Measures], output: Path) -> None:
-    """Draw the measures of each game, a colour per layout: the mean of its longest runs."""
+    """Draw the measures of each game, a colour per experiment: the mean of its longest runs."""
     games = [game for game in GAMES if any(name.startswith(f"{game}/") for name in known)]
     layouts = {game: _longest(known, game) for game in games}
     names = sorted({name for of in layouts.values() for name in of}, key=_by_size)
@@ -261,14 +262,14 @@ def draw(known: dict[str, Measures], output: Path) -> None:
 
 
 def _longest(known: dict[str, Measures], game: str) -> dict[str, list[Measures]]:
-    """Return by layout those runs of a game that have trained longest."""
+    """Return the runs of a game that have trained longest, by experiment and length: folders are EXPERIMENT-sSEED."""
     layouts: dict[str, list[Measures]] = {}
     for name, entry in known.items():
         if name.startswith(f"{game}/"):
-            layouts.setdefault(name.removeprefix(f"{game}/").rpartition("-s")[0], []).append(entry)
+            layouts.setdefault(re.sub(r"-s\d+$", "", name.removeprefix(f"{game}/")), []).append(entry)
     ends = {layout: max(entry["transitions"] for entry in entries) for layout, entries in layouts.items()}
     return {
-        name: [entry for entry in layouts[name] if entry["transitions"] == ends[name]]
+        f"{name}, {ends[name] / 1e6:.2g} M": [entry for entry in layouts[name] if entry["transitions"] == ends[name]]
         for name in sorted(layouts, key=_by_size)
     }
 
@@ -284,8 +285,7 @@ def _lines(axes: Axes, layouts: dict[str, list[Measures]], colours: dict[str, st
         lists = [[p if isinstance(p, list) else [i, p] for i, p in enumerate(entry[key])] for entry in entries]
         means = np.array([np.mean(points, axis=0) for points in zip(*lists, strict=False)])
         if len(means):
-            label = f"{layout}, {entries[0]['transitions'] / 1e6:.2g} M"
-            axes.plot(*means.T, color=colours[layout], marker=".", label=label)
+            axes.plot(*means.T, color=colours[layout], marker=".", label=layout)
     axes.set(xlabel=ABSCISSAE[key], ylim=(0, None))
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))

@@ -6,11 +6,11 @@ complete length only if the original's curves show it there already; else it has
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import mean, stdev
+from statistics import mean
 from typing import Any
 
 from tools.original import original_ends, original_point, paper_figures
-from tools.results import COMPLETE, Results, main_policy
+from tools.results import COMPLETE, LAYOUTS, Results, main_policy
 from tools.verdicts import (
     FAILS,
     HOLDS,
@@ -21,6 +21,8 @@ from tools.verdicts import (
     Verdict,
     alike,
     beats,
+    pooled,
+    sample,
     steadier,
     trails,
 )
@@ -31,6 +33,7 @@ RARE = 10.0  # blinks in 10 000 decisions
 DECISION_SECONDS = 0.12
 SOUGHT = 1.5  # times the share of time in the slow sphere that chance gives; the inverse is shunned
 
+PAPER = [layout for layout in LAYOUTS if layout != "hybrid"]  # that the paper compares
 Behaviour = Mapping[str, Mapping[str, Any]]  # results/behaviour.json: "GAME/LAYOUT-sSEED" -> figures
 
 
@@ -65,15 +68,15 @@ def make_claims() -> list[Claim]:
                  zero, "bucket-11", "multiagent"),
         score("Threshold 0.0 is the best threshold", birds, beats, *thresholds),
         score("Threshold 0.0 is the best threshold", rivals, beats, *thresholds),
-        score("Threshold 0.5 behaves like 0.0, but worse", birds, beats, zero, half),
+        score("Threshold 0.5 scores lower than 0.0 (the paper: behaves like it, but worse)", birds, beats, zero, half),
         score("Threshold 0.1 is much weaker than the other two", birds, trails, tenth, zero, half),
         stability("Threshold 0.1 is very unstable", birds, (zero, half), (tenth,)),
         score("The thresholds score alike", rivals, alike, *thresholds),
         training_time("The two agents cost extra training time (the paper: more than 30 %)", birds,
                       "multiagent", "bucket-11"),
         training_time("The two agents cost extra training time (the paper: 20 %)", rivals, "multiagent", "bucket-3"),
-        training_time("The largest bucket is slightly slower", birds, "bucket-41", "bucket-3"),
-        training_time("The largest bucket is slightly slower", rivals, "bucket-41", "bucket-3"),
+        training_time("The largest bucket is slower (the paper: slightly)", birds, "bucket-41", "bucket-3"),
+        training_time("The largest bucket is slower (the paper: slightly)", rivals, "bucket-41", "bucket-3"),
         Claim("Laps around the pitch are bigger early on and smaller later", rivals, judge_laps, None),
         Claim("Blinking hardly matters: it is almost never done", rivals, judge_blinks, None),
         Claim("The slow sphere hardly matters: it is neither sought nor shunned", rivals, judge_sphere, None),
@@ -99,27 +102,27 @@ def stability(text: str, game: str, first: Sequence[str], second: Sequence[str])
     )
 
 
-def _judge_rewards(results: Results, game: str, layouts: Sequence[str], rule: Rule, seeds: int) -> Verdict:
-    """Judge our runs at the longest length at which every layout has at least so many seeds."""
+def _judge_rewards(results: Results, game: str, layouts: Sequence[str], rule: Rule, least: int) -> Verdict:
+    """Judge our runs at the longest length at which every layout has at least so many of them."""
     runs = {layout: results.get((game, layout, main_policy(layout))) for layout in layouts}
-    lacking = [layout for layout, each in runs.items() if each is None or len(each.runs) < seeds]
+    lacking = [layout for layout, each in runs.items() if each is None or len(each.runs) < least]
     present = [each for each in runs.values() if each]
     if lacking:
-        return Verdict(UNTESTED, f"needs {'runs' if seeds == 1 else f'at least {seeds} seeds'} of {', '.join(lacking)}")
+        return Verdict(UNTESTED, f"needs {'runs' if least == 1 else f'at least {least} runs'} of {', '.join(lacking)}")
     common = [
         mark for mark in present[0].marks
-        if all(len(each.at(mark)) >= seeds for each in present) and _log_samples(game, layouts, mark)
+        if all(len(each.at(mark)) >= least for each in present) and _log_samples(game, layouts, mark)
     ]  # fmt: skip
     if not common:
         return Verdict(UNTESTED, "needs runs that are long enough to compare")
     values, logs = [each.at(common[-1]) for each in present], _log_samples(game, layouts, common[-1])
-    ours = [_sample(each) for each in values]
+    ours = [sample(each) for each in values]
     where = f"at {common[-1] / 1e6:g} M"
     figures = f"{where} {_list(layouts, ours)}; the original there {_list(layouts, logs)}"
     if common[-1] < COMPLETE and rule(logs) != HOLDS:
         return Verdict(UNTESTED, f"needs longer runs, as the original does not show it so early: {figures}")
-    if seeds == 1:  # a few seeds hide how much runs scatter; for means the original's spread counts where it is larger
-        ours = [Sample(s.mean, max(s.spread, log.spread), s.runs) for s, log in zip(ours, logs, strict=True)]
+    if least == 1:
+        ours = [pooled(each, theirs) for each, theirs in zip(ours, logs, strict=True)]
     return Verdict(rule(ours), figures, where)
 
 
@@ -132,17 +135,13 @@ def _judge_logs(game: str, layouts: Sequence[str], rule: Rule) -> Verdict:
 def _log_samples(game: str, layouts: Sequence[str], mark: int) -> list[Sample]:
     """Return the original's samples at a mark; none unless it has figures there for all the layouts."""
     points = [original_point(game, layout, main_policy(layout), mark) for layout in layouts]
-    return [Sample(p.reward, p.reward_std, 10) for p in points if p] if all(points) else []
-
-
-def _sample(values: Sequence[float]) -> Sample:
-    return Sample(mean(values), stdev(values) if len(values) > 1 else 0.0, len(values))
+    return [p.sample for p in points if p] if all(points) else []
 
 
 def _list(layouts: Sequence[str], samples: Sequence[Sample]) -> str:
     return ", ".join(
-        f"{layout} {sample.mean:.1f}" + (f" ± {sample.spread:.1f}" if sample.runs > 1 else "") + f" ({sample.runs})"
-        for layout, sample in zip(layouts, samples, strict=True)
+        f"{layout} {each.mean:.1f}" + (f" ± {each.spread:.1f}" if each.runs > 1 else "") + f" ({each.runs})"
+        for layout, each in zip(layouts, samples, strict=True)
     )
 
 
@@ -191,9 +190,9 @@ def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
         pairs = [(times[0][seed], times[1][seed]) for seed in times[0] if seed in times[1]]
         if len(pairs) < 2:
             return Verdict(UNTESTED, f"needs runs alone, for their speed, of {slow} and {fast}, at least 2 seeds")
-        ratio = _sample([long / short for long, short in pairs])
+        ratio = sample([long / short for long, short in pairs])
         hours = compared(*(mean(each) for each in zip(*pairs, strict=True)))
-        return Verdict(beats([ratio, Sample(1.0, 0.0, len(pairs))]), f"{hours} ({len(pairs)})")
+        return Verdict(beats([ratio, Sample(1.0, 0.0, len(pairs), 0)]), f"{hours} ({len(pairs)})")
 
     def compared(long: float, short: float) -> str:
         return f"{slow} {long:.3g} h, {fast} {short:.3g} h: {100 * (long / short - 1):+.0f} %"
@@ -202,7 +201,7 @@ def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
     hours = [each.hours for each in ends if each]
     printed = compared(*(paper_figures(game, layout)["hours"] for layout in layouts))
     logs = f"{compared(*(mean(each) for each in hours))}; in the paper's chart {printed}"
-    return Claim(text, game, judge, Verdict(beats([_sample(each) for each in hours]), logs))
+    return Claim(text, game, judge, Verdict(beats([sample(each) for each in hours]), logs))
 
 
 Shown = list[tuple[str, bool, bool]]  # of each policy: its figure, whether it shows what is claimed, whether complete
@@ -244,8 +243,8 @@ def judge_sphere(_: Results, behaviour: Behaviour) -> Verdict:
 
 def _trained(behaviour: Behaviour) -> dict[str, Mapping[str, Any]]:
     """Return the figures of the paper's approaches on Beastly Rivals, by layout and seed."""
-    names = [name for name in sorted(behaviour) if name.startswith("beastly_rivals/") and "/hybrid" not in name]
-    return {name.removeprefix("beastly_rivals/"): behaviour[name] for name in names}
+    names = {name: name.removeprefix("beastly_rivals/") for name in sorted(behaviour)}
+    return {short: behaviour[name] for name, short in names.items() if short.rpartition("-s")[0] in PAPER}
 
 
 def _complete(policy: Mapping[str, Any]) -> bool:

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tools.grid import Job, take
+from tools.grid import Job, lifeline, take
 from trainer.config import dump_config, load_config
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -110,7 +110,9 @@ class Worker:
         write_files(self.run, files)
         self.sent = _stamp(self.run)
         with (self.run / "log.txt").open("ab") as log:
-            self.process = subprocess.Popen(job.command(path, self.run), stdout=log, stderr=subprocess.STDOUT)
+            self.process = subprocess.Popen(
+                job.command(path, self.run), stdin=lifeline(), stdout=log, stderr=subprocess.STDOUT
+            )
 
     def poll(self) -> tuple[int | None, Files]:
         """Return the exit status, None while the trainer runs, and the run's files where they have changed."""

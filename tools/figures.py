@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Mapping
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -74,8 +75,8 @@ def _draw_curves(results: Results, layouts: Mapping[str, tuple[str, ...]], path:
     grey = "#555555"
     figure.legend(
         handles=[
-            Line2D([], [], color=grey, lw=2, label="ours, mean over seeds"),
-            Patch(color=grey, alpha=0.35, label="ours, lowest to highest seed"),
+            Line2D([], [], color=grey, lw=2, label="ours, mean over runs"),
+            Patch(color=grey, alpha=0.35, label="ours, lowest to highest run"),
             Line2D([], [], color=grey, lw=1.1, ls="--", label="the original, mean of ten runs"),
             Patch(color=grey, alpha=0.13, label="the original, ± 2 sd"),
             Line2D([], [], color=grey, marker="D", mfc="white", ls="", label="printed in the paper"),
@@ -100,12 +101,13 @@ def _add_original(axes: Axes, game: str, layout: str, key: str) -> None:
 
 
 def _add_ours(axes: Axes, experiment: Experiment, key: str) -> None:
-    """Draw the mean over the seeds that reached each mark, and their range where there are several."""
+    """Draw the mean over the runs that reached each mark, broken where those are fewer, and their range."""
+    colour = COLOURS[experiment.layout]
     marks = [mark for mark in experiment.marks if experiment.at(mark, key)]
-    values = [experiment.at(mark, key) for mark in marks]
-    millions, colour = [mark / 1e6 for mark in marks], COLOURS[experiment.layout]
-    axes.plot(millions, [np.mean(each) for each in values], color=colour, lw=2)
-    axes.fill_between(millions, [min(v) for v in values], [max(v) for v in values], color=colour, alpha=0.35, lw=0)
+    for _, part in groupby(marks, lambda mark: len(experiment.at(mark, key))):
+        millions, values = zip(*((mark / 1e6, experiment.at(mark, key)) for mark in part), strict=True)
+        axes.plot(millions, [np.mean(each) for each in values], color=colour, lw=2)
+        axes.fill_between(millions, [min(v) for v in values], [max(v) for v in values], color=colour, alpha=0.35, lw=0)
 
 
 def _set_axes(axes: Axes, game: str, key: str) -> None:

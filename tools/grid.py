@@ -1,11 +1,14 @@
 """A grid of training runs: each a process, started, watched, and gone on with where it stopped."""
 
 import fcntl
+import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -65,12 +68,18 @@ class Job:
         return [*self.overrides, f"seed={self.seed}", f"stop={self.transitions}"]
 
     def command(self, config: Path, run: Path) -> list[str]:
-        """Return the trainer's command that begins or goes on with the run in the folder `run`."""
-        resume = ["--resume"] if has_checkpoint(run) else []
-        return [sys.executable, "-m", "trainer", "train", str(config), "--run", str(run), *self.settings(), *resume]
+        """Return the trainer's command that begins or goes on with the run in the folder `run`.
 
-    def complaint(self) -> str:
-        """Return the last line of its log, which says why it failed."""
+        Its standard input must be `lifeline()`.
+        """
+        resume = ["--resume"] if has_checkpoint(run) else []
+        trainer = [sys.executable, "-m", "trainer", "train", "--with-parent"]
+        return [*trainer, str(config), "--run", str(run), *self.settings(), *resume]
+
+    def complaint(self, status: int) -> str:
+        """Return why it failed: the signal that killed it, or the last line of its log."""
+        if status < 0:
+            return f"killed by {signal.Signals(-status).name}"
         log = self.run / "log.txt"
         lines = log.read_text(errors="replace").split("\n") if log.exists() else []
         return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
@@ -98,15 +107,30 @@ def start(job: Job) -> Process:
     with (job.run / "log.txt").open("ab") as log, (job.run / "lock").open("w") as lock:
         take(lock.fileno(), job)
         command = job.command(job.config, job.run)
-        return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, pass_fds=[lock.fileno()])
+        return subprocess.Popen(
+            command, stdin=lifeline(), stdout=log, stderr=subprocess.STDOUT, pass_fds=[lock.fileno()]
+        )
+
+
+@cache
+def lifeline() -> int:
+    """Return the end of a pipe that closes once this process is gone, even killed: a trainer saves and ends then."""
+    return os.pipe()[0]
 
 
 def take(lock: int, job: Job) -> None:
-    """Lock a run's folder through an open file, which whoever trains it keeps open. Raises BlockingIOError."""
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise BlockingIOError(f"another process is training {job.run}; end that one first") from None
+    """Lock a run's folder through an open file, which whoever trains it keeps open.
+
+    Waits a while, as the trainers of a grid that was killed still save. Raises BlockingIOError.
+    """
+    deadline = time.monotonic() + GRACE_SECONDS
+    while True:
+        try:
+            return fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > deadline:
+                raise BlockingIOError(f"another process is training {job.run}; end that one first") from None
+        time.sleep(POLL_SECONDS)
 
 
 def run_grid(
@@ -117,12 +141,20 @@ def run_grid(
     begin: how to start a run. The metrics of each are kept in `results` as soon as it is finished. An
     interruption is passed on to the running jobs, which save.
     """
-    waiting = [job for job in jobs if not job.finished()]
-    for job in set(jobs) - set(waiting):
-        keep_results(job, results)
-    display = Display(waiting, finished=len(jobs) - len(waiting))
+    finished = [job for job in jobs if job.finished()]
+    waiting = [job for job in jobs if job not in finished]
+    display = Display(waiting, len(finished))
     running: dict[Job, Process] = {}
     failed: dict[Job, str] = {}
+
+    def keep(job: Job) -> None:
+        try:
+            keep_results(job, results)
+        except FileExistsError as error:
+            failed[job] = str(error)
+
+    for job in finished:
+        keep(job)
     try:
         with display.bars:
             while waiting or running:
@@ -138,9 +170,9 @@ def run_grid(
                     if status is not None:
                         del running[job]
                         if status:
-                            failed[job] = job.complaint()
+                            failed[job] = job.complaint(status)
                         else:
-                            keep_results(job, results)
+                            keep(job)
                         display.end(job, failed.get(job))
                 display.update(list(running))
                 time.sleep(POLL_SECONDS)
@@ -166,15 +198,27 @@ def end(processes: Sequence[Process]) -> None:
 
 
 def keep_results(job: Job, folder: Path) -> None:
-    """Copy the metrics of a finished run to `folder`, one CSV per policy."""
+    """Copy the metrics of a finished run to `folder`, one CSV per policy, as far as the job goes.
+
+    Raises FileExistsError rather than replace another run, one of other rewards.
+    """
     paths = sorted(job.run.glob("metrics-*.csv"))
     for path in paths:
         policy = "" if len(paths) == 1 else path.stem.removeprefix("metrics")
         target = folder / f"{job.transitions / 1e6:g}M" / f"{job.experiment}-s{job.seed}{policy}.csv"
         target.parent.mkdir(parents=True, exist_ok=True)
+        rows = read_rows(path)
+        behind = sum(row["transitions"] < job.transitions for row in rows)
         fresh = target.with_suffix(".new")
-        fresh.write_bytes(path.read_bytes())
+        fresh.write_text("".join(path.read_text().splitlines(keepends=True)[: behind + 2]))  # the head, and the end
+        if target.exists() and _rewards(target) != _rewards(fresh):
+            fresh.unlink()
+            raise FileExistsError(f"{target} holds another run; move it away, or give other --results than {folder}")
         fresh.replace(target)
+
+
+def _rewards(path: Path) -> list[float | None]:
+    return [row.get("reward") for row in read_rows(path)]
 
 
 class Display:

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from tools.verdicts import Sample
+
 TRANSITIONS_PER_STEP = 15
+RUNS = 10  # of each experiment
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,11 @@ class Point:
     reward_std: float
     length: float
     length_std: float
+
+    @property
+    def sample(self) -> Sample:
+        """Return the rewards of the ten runs."""
+        return Sample(self.reward, self.reward_std, RUNS, RUNS - 1)
 
 
 @dataclass(frozen=True)

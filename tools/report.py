@@ -19,7 +19,7 @@ from tools.results import (
     main_policy,
     read_results,
 )
-from tools.verdicts import FAILS, HOLDS
+from tools.verdicts import FAILS, HOLDS, differ, sample
 
 MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # transitions that the last table compares at
 LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
@@ -34,24 +34,27 @@ INTRODUCTION = """\
 # The paper's experiments: our runs beside the original's
 
 Written by `python tools/paper.py report` from the metrics in the folders beside this page, which are named by the
-length of their runs; of several lengths of one run the longest counts. The original's figures are from its logs of
-ten runs per experiment; its click accuracies were only printed in the paper. Reward is the mean over the episodes of
-the 300 000 transitions (20 000 steps of the original) before each mark, as in its logs. The reward of the two agents
-is that of the one that clicks, as in the paper."""
+length of their runs; of several lengths of one run the longest counts. Runs of one seed that differ from the first row
+on are different runs: later versions and other `groups` round differently, which leads them apart. The original's
+figures are from its logs of ten runs per experiment; its click accuracies were only printed in the paper. Reward is the
+mean over the episodes of the 300 000 transitions (20 000 steps of the original) before each mark, as in its logs. The
+reward of the two agents is that of the one that clicks, as in the paper."""
 COMPLETE_RUNS = """\
 Each run of 30 M transitions, and the original's mean ± two standard deviations of its ten runs at the same number of
 transitions. Hours are wall-clock, on a machine that did other work as well."""
 FIGURES = """\
-Where seeds are of different lengths, the mean is over those that got there. Time is on logarithmic scales. Our times in
-figure 14 are what 30 M transitions take at the speed of short runs that had the machine to themselves, one at a time
-and in turns (those in `alone/`)."""
+Where runs are of different lengths, the mean is over those that got there, and the line breaks where they get fewer.
+Time is on logarithmic scales. Our times in figure 14 are what 30 M transitions take at the speed of short runs that had
+the machine to themselves, one at a time and in turns (those in `alone/`)."""
 RULES = """\
-A score counts as higher if it is so by two standard errors of the difference, and as alike if it is not, provided that
-two standard errors are at most 10 points. A single run is taken to scatter as much as our seeds do, or as the
-original's ten runs where those scatter more. Stability is an F test of pooled variances at the 5 % level. Scores are
-compared at the longest length that all the runs a claim needs have reached; before the complete length only if the
-original's curves show the claim there. A training time counts as longer if it is so by two standard errors; ours are
-those of figure 14, compared seed by seed, as a machine may be faster at one time than at another."""
+Every test is at the 5 % level. Scores are compared by Welch's t test, the scatter of our runs pooled with that of the
+original's ten, as a few runs do not tell it; they are alike if they do not differ and the confidence interval of the
+difference is within 10 points. Stability is an F test of variances. Both are judged at the longest length that
+all the runs a claim needs have reached; before the complete length only if the original's curves show the claim there.
+Training times are those of figure 14, compared turn by turn, by a t test of the ratios. Click accuracies of
+complete runs differ from one point on. Of behaviour, all complete runs must show it: laps in the last third of the
+time below 0.9 of those in the first, at most 10 blinks in 10 000 decisions, time in the slow sphere between 1/1.5 and
+1.5 of what chance gives."""
 CONTRADICTIONS = """\
 Where the original's own logs do not bear its paper out, by the same rules:"""
 DETAILS = """\
@@ -60,12 +63,13 @@ BEHAVIOUR = """\
 Measured by `tools/behaviour.py` on trained policies. Speeds are in units/s, `slow share` is of the time. The original's
 published bucket-11 network, replayed, hits 157 157 127 173 131 168 78 birds in levels 0 to 6."""
 EXPERIMENTS = """\
-At the end of the runs; where seeds differ in length there is a line per length, over the seeds that got there. In
-square brackets the 95 % bootstrap confidence interval of the mean, which is rough for few seeds; the interquartile
-mean (IQM) leaves out the lowest and the highest quarter of the runs, none of up to three. Logs ± one standard
-deviation."""
+At the end of the runs; where they differ in length there is a line per length, over all that got there. In square
+brackets the 95 % bootstrap confidence interval of the mean, which of two or three runs is no more than the lowest and
+the highest; the interquartile mean (IQM) leaves out the lowest and the highest quarter of the runs, none of up to
+three. Hours are of runs that shared the machine with others. Logs ± one standard deviation."""
 BY_MARKS = """\
-Mean of our seeds, in brackets the original's mean ± two standard deviations. **Bold** lies outside."""
+Mean of our runs, in brackets their number; then the original's mean ± two standard deviations of a run. **Bold**:
+the means differ at the 5 % level by the test of the scores above, which one in twenty cells does by chance."""
 
 
 def write_report(results: Path) -> Path:
@@ -156,7 +160,7 @@ def behaviours(behaviour: Behaviour, results: Path) -> list[str]:
 def every_experiment(results: Results) -> str:
     """Return a table of every experiment at the ends of its runs."""
     heads = (
-        "experiment", "transitions", "seeds", "reward", "IQM", "accuracy or length", "hours per run",
+        "experiment", "transitions", "runs", "reward", "IQM", "accuracy or length", "hours per run",
         "transitions/s alone",
         "logs: reward", "logs: IQM", "logs: length", "paper: reward", "paper: accuracy or length", "paper: hours",
     )  # fmt: skip
@@ -183,7 +187,7 @@ def _experiment_row(experiment: Experiment, mark: int) -> Sequence[str]:
     return (
         f"{TITLES[game]} {experiment.name}", f"{mark / 1e6:g} M", f"{len(rewards)}",
         f"{mean(rewards):.1f}{_interval(rewards)}",
-        f"{interquartile_mean(rewards):.1f}" if len(rewards) > 1 else "one seed",
+        f"{interquartile_mean(rewards):.1f}" if len(rewards) > 1 else "one run",
         _percent(second) if birds else f"{second:.0f}", f"{hours:.2f}",
         f"{mean(speeds):.0f}" if speeds else "",
         theirs + (_interval(ends.reward) if ends else ""), f"{interquartile_mean(ends.reward):.1f}" if ends else "",
@@ -209,12 +213,14 @@ def by_marks(results: Results) -> list[str]:
 def _mark_cell(experiment: Experiment, mark: int) -> str:
     rewards = experiment.at(mark)
     point = original_point(experiment.game, experiment.layout, experiment.policy, mark)
-    if not rewards or point is None:
-        return f"{mean(rewards):.1f}" if rewards else ""
-    ours = f"{mean(rewards):.1f}"
-    if abs(mean(rewards) - point.reward) > 2 * point.reward_std:
-        ours = f"**{ours}**"
-    return f"{ours} ({point.reward:.1f} ± {2 * point.reward_std:.1f})"
+    if not rewards:
+        return ""
+    text = f"{mean(rewards):.1f} ({len(rewards)})"
+    if point is None:
+        return text
+    if differ(sample(rewards), point.sample):
+        text = f"**{text}**"
+    return f"{text}; {point.reward:.1f} ± {2 * point.reward_std:.1f}"
 
 
 def _interval(values: Sequence[float]) -> str:

@@ -44,7 +44,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The runs of one policy of one experiment, one per seed."""
+    """The runs of one policy of one experiment."""
 
     game: str
     layout: str
@@ -79,15 +79,16 @@ Results = dict[Key, Experiment]
 def read_results(folder: Path) -> Results:
     """Return the runs of the paper's games under `folder`; of several lengths of one run, the longest.
 
-    Those in the folder `alone` count for speed only.
+    Runs of a seed that begin alike are one run; others differ in a detail that changes its bits, like `groups`. Those
+    in the folder `alone` count for speed only.
     """
     alone = _read_runs(folder / "alone")
     return {key: Experiment(*key, runs, alone.get(key, ())) for key, runs in _read_runs(folder).items()}
 
 
 def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
-    """Return the longest run of each seed, by experiment in their order."""
-    longest: dict[Key, dict[int, Run]] = {}
+    """Return the longest of the runs that begin alike, by experiment in their order."""
+    longest: dict[Key, dict[tuple[int, float], Run]] = {}  # within an experiment, by seed and first reward
     for path in (path for game in GAMES for path in sorted(folder.glob(f"*M/{game}/*.csv"))):
         stem, _, policy = path.stem.rpartition("-")
         if policy not in POLICIES:
@@ -95,10 +96,11 @@ def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
         layout, _, seed = stem.rpartition("-s")
         rows = {round(row["transitions"] / MARK) * MARK: row for row in read_rows(path) if "reward" in row}
         runs = longest.setdefault((path.parent.name, layout, policy), {})
-        if rows and (int(seed) not in runs or max(rows) > runs[int(seed)].end):
-            runs[int(seed)] = Run(int(seed), rows)
+        if rows:
+            run, beginning = Run(int(seed), rows), (int(seed), rows[min(rows)]["reward"])
+            runs[beginning] = max(run, runs.get(beginning, run), key=lambda each: each.end)
     return {
-        key: tuple(runs[seed] for seed in sorted(runs))
+        key: tuple(runs[beginning] for beginning in sorted(runs))
         for key, runs in sorted(longest.items(), key=lambda item: _place(*item[0]))
         if runs
     }

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from statistics import mean, stdev
 
 from scipy.stats import f as f_distribution
+from scipy.stats import t as t_distribution
 
 HOLDS, FAILS, UNDECIDED, UNTESTED = "holds", "does not hold", "undecided", "not tested"
-NOISES = 2.0  # a difference counts from so many of its standard errors on
-EVEN = 10.0  # points of reward; "no difference" can be said only where the noise is smaller
-SIGNIFICANCE = 0.05  # of the F test
+SIGNIFICANCE = 0.05  # of every test
+EVEN = 10.0  # points of reward: scores are alike if they surely differ by no more
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,19 @@ class Sample:
     mean: float
     spread: float  # standard deviation of one run
     runs: int
+    freedom: int  # degrees of freedom of the spread
+
+
+def sample(values: Sequence[float]) -> Sample:
+    """Return what runs say by themselves; a single one says nothing of its spread."""
+    return Sample(mean(values), stdev(values) if len(values) > 1 else 0.0, len(values), len(values) - 1)
+
+
+def pooled(ours: Sample, theirs: Sample) -> Sample:
+    """Return our sample with the spread of both together: a few runs do not tell how much they scatter."""
+    freedom = ours.freedom + theirs.freedom
+    variance = (ours.freedom * ours.spread**2 + theirs.freedom * theirs.spread**2) / freedom
+    return Sample(ours.mean, math.sqrt(variance), ours.runs, freedom)
 
 
 @dataclass(frozen=True)
@@ -33,26 +47,32 @@ class Verdict:
 Rule = Callable[[Sequence[Sample]], str]
 
 
+def differ(ours: Sample, theirs: Sample) -> bool:
+    """Return whether our mean differs from theirs beyond the noise."""
+    ours = pooled(ours, theirs)
+    return abs(ours.mean - theirs.mean) > margin(ours, theirs)
+
+
 def beats(samples: Sequence[Sample]) -> str:
     """Decide whether the first is higher than each of the others, beyond the noise."""
     first, *others = samples
-    gains = [(first.mean - other.mean) / max(_noise(first, other), 1e-9) for other in others]
-    if min(gains) < -NOISES:
+    gains = [(first.mean - other.mean, margin(first, other)) for other in others]
+    if any(gain < -least for gain, least in gains):
         return FAILS
-    return HOLDS if min(gains) > NOISES else UNDECIDED
+    return HOLDS if all(gain > least for gain, least in gains) else UNDECIDED
 
 
 def trails(samples: Sequence[Sample]) -> str:
     """Decide whether the first is lower than each of the others, beyond the noise."""
-    return beats([Sample(-sample.mean, sample.spread, sample.runs) for sample in samples])
+    return beats([replace(each, mean=-each.mean) for each in samples])
 
 
 def alike(samples: Sequence[Sample]) -> str:
-    """Decide whether no two differ beyond the noise, which must be small enough to tell."""
-    pairs = [(abs(a.mean - b.mean), NOISES * _noise(a, b)) for i, a in enumerate(samples) for b in samples[:i]]
-    if any(difference > noise for difference, noise in pairs):
+    """Decide whether no two differ beyond the noise, and whether none can differ by more than EVEN."""
+    pairs = [(abs(a.mean - b.mean), margin(a, b)) for i, a in enumerate(samples) for b in samples[:i]]
+    if any(difference > least for difference, least in pairs):
         return FAILS
-    return HOLDS if max(noise for _, noise in pairs) <= EVEN else UNDECIDED
+    return HOLDS if max(difference + least for difference, least in pairs) <= EVEN else UNDECIDED
 
 
 def steadier(first: Sequence[Sample], second: Sequence[Sample]) -> str:
@@ -64,12 +84,18 @@ def steadier(first: Sequence[Sample], second: Sequence[Sample]) -> str:
     return HOLDS if chance < SIGNIFICANCE else UNDECIDED
 
 
-def _noise(a: Sample, b: Sample) -> float:
-    """Return the standard error of the difference of two means."""
-    return math.sqrt(a.spread**2 / a.runs + b.spread**2 / b.runs)
+def margin(a: Sample, b: Sample) -> float:
+    """Return the difference of two means from which on it is significant, by Welch's t test."""
+    errors = [each.spread**2 / each.runs for each in (a, b)]
+    if not sum(errors):
+        return 0.0
+    freedom = sum(errors) ** 2 / sum(
+        error**2 / each.freedom for error, each in zip(errors, (a, b), strict=True) if error
+    )
+    return math.sqrt(sum(errors)) * float(t_distribution.ppf(1 - SIGNIFICANCE / 2, freedom))
 
 
 def _pooled_variance(samples: Sequence[Sample]) -> tuple[float, int]:
     """Return the variance over runs, pooled over experiments, and its degrees of freedom."""
-    freedom = sum(sample.runs - 1 for sample in samples)
-    return sum(sample.spread**2 * (sample.runs - 1) for sample in samples) / freedom, freedom
+    freedom = sum(each.freedom for each in samples)
+    return sum(each.spread**2 * each.freedom for each in samples) / freedom, freedom

@@ -2,11 +2,13 @@
 
 import argparse
 import json
+import os
 import signal
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
+from threading import Thread
 
 from trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint
 from trainer.client import SimulatorError, wait_for
@@ -46,6 +48,9 @@ def main(arguments: list[str] | None = None) -> int:
     trains.add_argument("overrides", nargs="*", metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4")
     trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME-sSEED")
     trains.add_argument("--resume", action="store_true", help="go on from the run's last checkpoint")
+    trains.add_argument(
+        "--with-parent", action="store_true", help="save and end when standard input closes: for programs that start it"
+    )
     plays = argparse.ArgumentParser(add_help=False)
     plays.add_argument("run", type=Path, help="folder of a run")
     plays.add_argument("--seed", type=int, default=1, help="of games and samples; default %(default)s")
@@ -85,7 +90,21 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+def _end_with_parent() -> None:
+    """Interrupt this process once standard input, on which nothing is ever written, closes."""
+
+    def watch() -> None:
+        with suppress(OSError):  # closed from the beginning
+            while os.read(0, 1024):
+                pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    Thread(target=watch, daemon=True).start()
+
+
 def _train(options: argparse.Namespace, addresses: list[str]) -> None:
+    if options.with_parent:
+        _end_with_parent()
     config = load_config(options.config, options.overrides)
     run = options.run or Path("runs") / f"{config.game}-{options.config.stem}-s{config.seed}"
     begin = load_checkpoint(run)[1]["transitions"] if options.resume else 0
