@@ -219,18 +219,18 @@ def test_what_failed_no_longer_counts_for_the_time_left(configs, tmp_path):
     assert display.bars.tasks[display.all].total == TRANSITIONS
 
 
-def test_results_are_named_by_length_experiment_seed_and_policy(configs, tmp_path):
-    birds = Job("shooting_birds/bucket-11", 3, 3_000_000, configs, tmp_path / "runs")
+def test_results_are_named_by_length_experiment_seed_and_policy(tmp_path):
+    birds = Job("shooting_birds/bucket-11", 3, 3_000_000, ROOT / "configs", tmp_path / "runs")
     birds.run.mkdir(parents=True)
     (birds.run / "metrics-hunter.csv").write_text("transitions\n300000\n")
     keep_results(birds, tmp_path / "results")
     assert (tmp_path / "results/3M/shooting_birds/bucket-11-s3.csv").read_text() == "transitions\n300000\n"
 
 
-def test_of_a_longer_run_only_what_was_asked_for_is_kept_and_another_run_is_never_replaced(configs, tmp_path):
-    birds = Job("shooting_birds/bucket-11", 0, 600_000, configs, tmp_path / "runs")
+def test_of_a_longer_run_only_what_was_asked_for_is_kept_and_another_run_is_never_replaced(tmp_path):
+    birds = Job("shooting_birds/bucket-11", 0, 700_000, ROOT / "configs", tmp_path / "runs")
     birds.run.mkdir(parents=True)
-    metrics, kept = birds.run / "metrics-hunter.csv", tmp_path / "results/0.6M/shooting_birds/bucket-11-s0.csv"
+    metrics, kept = birds.run / "metrics-hunter.csv", tmp_path / "results/0.7M/shooting_birds/bucket-11-s0.csv"
     metrics.write_text("transitions,reward\n300024,1.5\n600021,2.5\n900018,3.5\n")
     for _ in range(2):
         keep_results(birds, tmp_path / "results")
@@ -247,6 +247,16 @@ def test_an_unknown_experiment_is_refused_by_name(configs, tmp_path, monkeypatch
     with pytest.raises(SystemExit):
         main()
     assert f"there is no {configs / 'fly.yaml'}" in capsys.readouterr().err
+
+
+def test_a_grid_whose_results_could_not_be_kept_is_refused_before_it_begins(configs, tmp_path, monkeypatch, capsys):
+    kept = tmp_path / "results" / "0.012M" / "survive-s0-axes.csv"
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    monkeypatch.setattr(sys, "argv", command(configs, tmp_path, "--experiments", "survive")[1:])
+    with pytest.raises(SystemExit):
+        main()
+    assert f"{kept} is of a run that is not in {tmp_path}; give --results FOLDER" in capsys.readouterr().err
 
 
 def test_keys_can_be_set_for_every_run(configs, tmp_path, monkeypatch, capsys):

@@ -55,7 +55,7 @@ def write_run(folder: Path, length: str, name: str, rewards: Sequence[float], **
 
 
 def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPLETE, **more: float) -> Results:
-    """Return results with a row at one mark only. rewards: by layout, one per seed."""
+    """Return results with a row at one mark only. rewards: by layout, one per run."""
     results = {}
     for layout, values in rewards.items():
         key = (game, layout, "buttons" if layout == "multiagent" else "")
@@ -120,7 +120,7 @@ def test_files_that_have_only_begun_and_folders_that_are_no_results_are_passed_o
     assert read_results(tmp_path) == {}
 
 
-def test_the_interval_of_one_seed_is_not_invented_and_of_several_holds_their_mean():
+def test_the_interval_of_one_run_is_not_invented_and_of_several_holds_their_mean():
     assert interval([5.0]) is None
     low, high = interval([1.0, 2.0, 6.0]) or (0.0, 0.0)
     assert 1.0 <= low < 3.0 < high <= 6.0
@@ -235,12 +235,19 @@ def test_short_runs_decide_what_the_original_shows_as_early(best, word):
     assert (verdict.word, verdict.where) == (word, "at 3 M")
 
 
+def test_an_early_lead_that_the_original_loses_decides_nothing():
+    rewards = {"threshold-0.0": [80.0], "threshold-0.1": [35.0], "threshold-0.5": [35.0]}
+    verdict = claim("Threshold 0.0 is the best", "beastly_rivals").judge(made_up("beastly_rivals", rewards, EARLY), {})
+    assert verdict.word == UNTESTED
+    assert "needs longer runs" in verdict.evidence
+
+
 def test_a_claim_names_the_experiments_that_it_lacks():
     verdict = claim(*BUCKET_WINS).judge(made_up("shooting_birds", {"bucket-11": [100.0]}), {})
     assert (verdict.word, verdict.evidence) == (UNTESTED, "needs runs of threshold-0.0")
 
 
-def test_a_single_lucky_seed_counts_with_the_originals_spread():
+def test_a_single_lucky_run_counts_with_the_originals_spread():
     rewards = {"multiagent": [105.0], "threshold-0.0": [100.0]}
     two_agents = claim("The two agents score higher", "beastly_rivals")
     assert two_agents.judge(made_up("beastly_rivals", rewards), {}).word == UNDECIDED
@@ -251,7 +258,7 @@ def test_a_single_lucky_seed_counts_with_the_originals_spread():
 @pytest.mark.parametrize(
     ("bucket", "threshold", "word"), [(1.0, 20.0, HOLDS), (5.0, 5.0, UNDECIDED), (20.0, 1.0, FAILS)]
 )
-def test_stability_needs_several_seeds_and_compares_their_scatter(bucket, threshold, word):
+def test_stability_needs_several_runs_and_compares_their_scatter(bucket, threshold, word):
     stable = claim("The bucket approach is more stable", "shooting_birds")
     names = {f"bucket-{values}": bucket for values in (11, 3, 41)} | {
         f"threshold-{value}": threshold for value in ("0.0", "0.1", "0.5")
@@ -426,7 +433,8 @@ def test_marks_where_means_differ_are_bold(page):
 
 def test_the_mean_of_several_runs_must_be_nearer_than_that_of_one():
     theirs = Sample(100.0, 5.0, 10, 9)
-    assert not differ(sample([106.0]), theirs)
+    assert not differ(sample([111.8]), theirs)  # Student's t of 9 degrees of freedom, 2.262, times 5 times sqrt(1.1)
+    assert differ(sample([111.9]), theirs)
     assert differ(sample([106.0, 105.0, 106.0, 107.0]), theirs)
 
 

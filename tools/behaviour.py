@@ -26,6 +26,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from joybridge.tensors import Array
+from tools.figures import COLOURS
 from trainer.checkpoint import CheckpointError
 from trainer.client import SimulatorError, describe
 from trainer.config import ConfigError
@@ -152,6 +153,8 @@ ABSCISSAE = {"lap_radius": "episode time, s", "hits_per_level": "level"}
 def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, Measures]:
     """Play at least `episodes` episodes of a run; return "GAME/FOLDER" and what was measured.
 
+    The trainer's own folders are called GAME-EXPERIMENT-sSEED; the game is not repeated.
+
     Raises SimulatorError, CheckpointError or ConfigError.
     """
     config = run_config(run)
@@ -159,7 +162,7 @@ def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, 
         raise ConfigError(f"{run} plays {config.game}; behaviour is measured in {' and '.join(GAMES)}")
     trace, transitions = play(run, address, episodes=episodes, seed=seed)
     measures = GAMES[config.game](trace) | {"transitions": transitions, "episodes": int(trace.ended.sum())}
-    return f"{config.game}/{run.resolve().name}", measures
+    return f"{config.game}/{run.resolve().name.removeprefix(f'{config.game}-')}", measures
 
 
 def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, int]:
@@ -248,7 +251,7 @@ def draw(known: dict[str, Measures], output: Path) -> None:
     games = [game for game in GAMES if any(name.startswith(f"{game}/") for name in known)]
     layouts = {game: _longest(known, game) for game in games}
     names = sorted({name for of in layouts.values() for name in of}, key=_by_size)
-    colours = {name: f"C{i}" for i, name in enumerate(names)}
+    colours = {name: COLOURS.get(name.partition(",")[0], f"C{i}") for i, name in enumerate(names)}
     figure, rows = plt.subplots(len(games), 4, figsize=(18, 4.4 * len(games)), layout="constrained", squeeze=False)
     for game, panels in zip(games, rows, strict=True):
         panels[0].set_ylabel(game.replace("_", " ").title(), fontsize=12)

@@ -1,12 +1,13 @@
 """The paper's claims one by one, and how each is judged from our runs and from the original's own logs.
 
 A claim about scores is judged at the longest run that all experiments it names have reached, and before the
-complete length only if the original's curves show it there already; else it has not been tested yet.
+complete length only if the original's curves show it there already and to the end; else it has not been tested yet.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import mean
+from statistics import geometric_mean, mean
 from typing import Any
 
 from tools.original import original_ends, original_point, paper_figures
@@ -34,7 +35,7 @@ DECISION_SECONDS = 0.12
 SOUGHT = 1.5  # times the share of time in the slow sphere that chance gives; the inverse is shunned
 
 PAPER = [layout for layout in LAYOUTS if layout != "hybrid"]  # that the paper compares
-Behaviour = Mapping[str, Mapping[str, Any]]  # results/behaviour.json: "GAME/LAYOUT-sSEED" -> figures
+Behaviour = Mapping[str, Mapping[str, Any]]  # results/behaviour.json: "GAME/FOLDER" -> figures
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,8 @@ def _judge_rewards(results: Results, game: str, layouts: Sequence[str], rule: Ru
     ours = [sample(each) for each in values]
     where = f"at {common[-1] / 1e6:g} M"
     figures = f"{where} {_list(layouts, ours)}; the original there {_list(layouts, logs)}"
-    if common[-1] < COMPLETE and rule(logs) != HOLDS:
-        return Verdict(UNTESTED, f"needs longer runs, as the original does not show it so early: {figures}")
+    if common[-1] < COMPLETE and {rule(logs), rule(_log_samples(game, layouts, COMPLETE))} != {HOLDS}:
+        return Verdict(UNTESTED, f"needs longer runs, as the original does not show it both then and later: {figures}")
     if least == 1:
         ours = [pooled(each, theirs) for each, theirs in zip(ours, logs, strict=True)]
     return Verdict(rule(ours), figures, where)
@@ -179,8 +180,8 @@ def less_accurate(values: Sequence[float]) -> str:
 def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
     """Return the claim that one layout takes longer to train than another, beyond the noise.
 
-    Our runs alone are compared seed by seed, as those of one seed were made soon after one another: a machine may be
-    faster at one time than at another.
+    Our runs alone are compared turn by turn, those of one seed, which were made soon after one another: a machine may
+    be faster at one time than at another.
     """
     layouts = (slow, fast)
 
@@ -189,10 +190,10 @@ def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
         times = [{run.seed: run.complete_hours for run in each.alone} if each else {} for each in experiments]
         pairs = [(times[0][seed], times[1][seed]) for seed in times[0] if seed in times[1]]
         if len(pairs) < 2:
-            return Verdict(UNTESTED, f"needs runs alone, for their speed, of {slow} and {fast}, at least 2 seeds")
-        ratio = sample([long / short for long, short in pairs])
-        hours = compared(*(mean(each) for each in zip(*pairs, strict=True)))
-        return Verdict(beats([ratio, Sample(1.0, 0.0, len(pairs), 0)]), f"{hours} ({len(pairs)})")
+            return Verdict(UNTESTED, f"needs runs alone, for their speed, of {slow} and {fast}, at least 2 turns")
+        ratios = sample([math.log(long / short) for long, short in pairs])
+        hours = [geometric_mean(each) for each in zip(*pairs, strict=True)]
+        return Verdict(beats([ratios, Sample(0.0, 0.0, len(pairs), 0)]), f"{compared(*hours)} ({len(pairs)})")
 
     def compared(long: float, short: float) -> str:
         return f"{slow} {long:.3g} h, {fast} {short:.3g} h: {100 * (long / short - 1):+.0f} %"

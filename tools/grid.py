@@ -63,6 +63,11 @@ class Job:
         except (CheckpointError, ConfigError):  # the trainer will say what is wrong with it
             return False
 
+    def kept(self, results: Path) -> list[Path]:
+        """Return the files that a finished run has left in `results`, one per policy."""
+        folder = results / f"{self.transitions / 1e6:g}M"
+        return [path for end in ("", "-*") for path in folder.glob(f"{self.experiment}-s{self.seed}{end}.csv")]
+
     def settings(self) -> list[str]:
         """Return all that differs from the configuration."""
         return [*self.overrides, f"seed={self.seed}", f"stop={self.transitions}"]
@@ -203,14 +208,15 @@ def keep_results(job: Job, folder: Path) -> None:
     Raises FileExistsError rather than replace another run, one of other rewards.
     """
     paths = sorted(job.run.glob("metrics-*.csv"))
+    summary = load_config(job.config, job.settings()).summary
     for path in paths:
         policy = "" if len(paths) == 1 else path.stem.removeprefix("metrics")
         target = folder / f"{job.transitions / 1e6:g}M" / f"{job.experiment}-s{job.seed}{policy}.csv"
         target.parent.mkdir(parents=True, exist_ok=True)
         rows = read_rows(path)
-        behind = sum(row["transitions"] < job.transitions for row in rows)
+        wanted = sum(row["transitions"] // summary <= job.transitions // summary for row in rows)
         fresh = target.with_suffix(".new")
-        fresh.write_text("".join(path.read_text().splitlines(keepends=True)[: behind + 2]))  # the head, and the end
+        fresh.write_text("".join(path.read_text().splitlines(keepends=True)[: 1 + wanted]))  # and the head
         if target.exists() and _rewards(target) != _rewards(fresh):
             fresh.unlink()
             raise FileExistsError(f"{target} holds another run; move it away, or give other --results than {folder}")

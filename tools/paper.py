@@ -18,6 +18,7 @@ from pathlib import Path
 from tools.grid import Job, run_grid, start
 from tools.report import write_report
 from tools.results import GAMES, LAYOUTS
+from trainer.checkpoint import has_checkpoint
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 EXPERIMENTS = tuple(f"{game}/{layout}" for game in GAMES for layout in LAYOUTS)
@@ -61,6 +62,11 @@ def main() -> int:
     for job in jobs:
         if not job.config.exists():
             parser.error(f"there is no {job.config}; the paper's experiments are {', '.join(EXPERIMENTS)}")
+        if job.kept(options.results) and not has_checkpoint(job.run):
+            parser.error(
+                f"{job.kept(options.results)[0]} is of a run that is not in {options.runs}; give --results FOLDER to "
+                "keep others elsewhere"
+            )
     parallel, begin = options.jobs or 1, start
     if options.backend == "ray":
         from tools.cluster import Cluster  # needs the extra `cluster`

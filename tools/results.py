@@ -1,4 +1,4 @@
-"""Our finished runs in results/, by experiment, and what several seeds say together."""
+"""Our finished runs in results/, by experiment, and what several of them say together."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

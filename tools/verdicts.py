@@ -48,9 +48,10 @@ Rule = Callable[[Sequence[Sample]], str]
 
 
 def differ(ours: Sample, theirs: Sample) -> bool:
-    """Return whether our mean differs from theirs beyond the noise."""
-    ours = pooled(ours, theirs)
-    return abs(ours.mean - theirs.mean) > margin(ours, theirs)
+    """Return whether our mean differs significantly from theirs of the same experiment, by Student's t test."""
+    both = pooled(ours, theirs)
+    error = both.spread * math.sqrt(1 / ours.runs + 1 / theirs.runs)
+    return abs(ours.mean - theirs.mean) > error * float(t_distribution.ppf(1 - SIGNIFICANCE / 2, both.freedom))
 
 
 def beats(samples: Sequence[Sample]) -> str:
