@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from joybridge.tensors import Array
-from tools.figures import COLOURS
+from tools.figures import COLOURS, save_figure
 from trainer.checkpoint import CheckpointError
 from trainer.client import SimulatorError, describe
 from trainer.config import ConfigError
@@ -260,8 +260,7 @@ def draw(known: dict[str, Measures], output: Path) -> None:
             panel.set_title(title, fontsize=10)
             panel.spines[["top", "right"]].set_visible(False)
     output.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(output, dpi=90)
-    plt.close(figure)
+    save_figure(figure, output)
 
 
 def _longest(known: dict[str, Measures], game: str) -> dict[str, list[Measures]]:
