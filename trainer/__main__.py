@@ -15,11 +15,12 @@ from trainer.client import SimulatorError, wait_for
 from trainer.config import ConfigError, load_config
 from trainer.evaluate import evaluate
 from trainer.launch import simulator_process
+from trainer.policy import DivergedError
 from trainer.progress import Display
 from trainer.record import record
 from trainer.train import train
 
-ERRORS = (CheckpointError, ConfigError, SimulatorError)
+ERRORS = (CheckpointError, ConfigError, DivergedError, SimulatorError)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -114,7 +115,8 @@ def _train(options: argparse.Namespace, addresses: list[str]) -> None:
             train(config, run, addresses, resume=options.resume, report=display.report)
     except (KeyboardInterrupt, SimulatorError):
         if has_checkpoint(run):
-            _say(f"saved; go on with: python -m trainer train {options.config} --run {run} --resume")
+            places = [f" --{name} {value}" for name in ("simulator", "game") for value in getattr(options, name)]
+            _say(f"saved; go on with: python -m trainer train {run}/config.yaml --run {run} --resume{''.join(places)}")
         raise
 
 

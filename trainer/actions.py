@@ -146,7 +146,7 @@ def make_layouts(name: str, device: pb.Device) -> dict[str, Layout]:
         return {"": hybrid(device)}
     if kind == "multiagent" and not setting:
         return multiagent(device)
-    if kind == "bucket" and setting.isdigit() and int(setting) >= 2:
+    if kind == "bucket" and setting.isdecimal() and int(setting) >= 2:
         return {"": bucket(device, int(setting))}
     if kind == "threshold" and (value := _share(setting)) is not None:
         return {"": threshold(device, value)}

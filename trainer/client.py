@@ -22,7 +22,8 @@ from trainer.loop import finish, run, the_loop
 CALL_SECONDS = 30.0  # deadline of the unary calls
 OPENINGS = 10  # attempts to begin a session
 _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
-_KEEPALIVE = [("grpc.keepalive_time_ms", 30_000), ("grpc.keepalive_timeout_ms", 20_000)]
+# To notice a machine that is gone without a word. Servers drop who asks more often than every five minutes, by default.
+_KEEPALIVE = [("grpc.keepalive_time_ms", 330_000), ("grpc.keepalive_timeout_ms", 20_000)]
 
 T = TypeVar("T")
 
@@ -41,34 +42,43 @@ class _Unsent(SimulatorLost):
 
 def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
     """Wait until a simulator answers at `address`, saying so once. Raises SimulatorLost after `seconds`."""
-    with grpc.insecure_channel(address) as channel:
-        ready = grpc.channel_ready_future(channel)
+
+    async def ready(seconds: float) -> None:
+        async with grpc.aio.insecure_channel(address) as channel:
+            await asyncio.wait_for(channel.channel_ready(), seconds)
+
+    try:
         try:
-            try:
-                ready.result(timeout=min(1.0, seconds))
-            except grpc.FutureTimeoutError:
-                say(f"waiting up to {seconds:g} s for a simulator at {address} …")
-                ready.result(timeout=max(0.0, seconds - 1.0))
-        except grpc.FutureTimeoutError:
-            ready.cancel()
-            raise SimulatorLost(
-                f"no simulator at {address} after {seconds:g} s; start one there with "
-                f"`python -m simulator serve --address {address}`, or check the address"
-            ) from None
+            run(ready(min(1.0, seconds)))
+        except TimeoutError:
+            say(f"waiting up to {seconds:g} s for a simulator at {address} …")
+            run(ready(max(0.0, seconds - 1.0)))
+    except TimeoutError:
+        raise SimulatorLost(
+            f"no simulator at {address} after {seconds:g} s; start one there with "
+            f"`python -m simulator serve --address {address}`, or check the address"
+        ) from None
 
 
 def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec:
     """Return a game's spec, checked. Raises SimulatorError."""
-    with grpc.insecure_channel(address) as channel:
-        request = pb.DescribeGameRequest(game=game, options=options)
-        try:
-            spec = rpc.SimulatorStub(channel).DescribeGame(request, timeout=CALL_SECONDS).spec
-            check_spec(spec)
-        except grpc.RpcError as error:
-            raise _explain(error, address) from error
-        except SpecError as error:
-            raise SimulatorError(f"the simulator at {address} sent a spec that breaks the contract: {error}") from error
-    return spec  # type: ignore[no-any-return]
+
+    async def ask() -> pb.GameSpec:
+        async with grpc.aio.insecure_channel(address) as channel:
+            request = pb.DescribeGameRequest(game=game, options=options)
+            answer: pb.DescribeGameResponse = await rpc.SimulatorStub(channel).DescribeGame(
+                request, timeout=CALL_SECONDS
+            )
+            return answer.spec
+
+    try:
+        spec = run(ask())
+        check_spec(spec)
+    except grpc.RpcError as error:
+        raise _explain(error, address) from error
+    except SpecError as error:
+        raise SimulatorError(f"the simulator at {address} sent a spec that breaks the contract: {error}") from error
+    return spec
 
 
 class Session:

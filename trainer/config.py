@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+MAY_CHANGE = ("stop", "checkpoint", "summary", "balance")  # in the middle of a run: nothing that is learned from
+
 T = TypeVar("T", bound=BaseModel)
 
 
@@ -33,10 +35,10 @@ class _Checked(BaseModel):
 class PolicyConfig(_Checked):
     """What one policy senses, is paid by, and how it learns."""
 
-    sensors: list[str] | None = None  # names of the sensors it sees; None: all
+    sensors: list[str] | None = Field(None, min_length=1)  # names of the sensors it sees; None: all
     channels: dict[str, float] = {}  # reward channel -> weight; those left out have the game's default
     stack: int = Field(3, ge=1)  # frames it sees at once, oldest first
-    hidden: list[int] = Field([100, 100], min_length=1)  # units per hidden layer
+    hidden: list[Annotated[int, Field(ge=1)]] = Field([100, 100], min_length=1)  # units per hidden layer
     shared_body: bool | None = None  # one body for actor and critic; None: only if there are no Gaussians
     rollout: int = Field(59, ge=1)  # decisions per lane between two updates
     horizon: int = Field(59, ge=1)  # advantages are cut after so many decisions
@@ -91,7 +93,10 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise ConfigError(f"override {override!r} is not of the form key=value")
-        value = _number(yaml.safe_load(text))
+        try:
+            value = _number(yaml.safe_load(text))
+        except yaml.YAMLError as error:
+            raise ConfigError(f"override {override!r}: {text!r} is not YAML: {error}") from error
         for part in reversed(key.split(".")):
             value = {part: value}
         data = merge(data, value)
@@ -109,7 +114,7 @@ def dump_config(config: Config) -> str:
 def changes(before: Config, now: Config) -> dict[str, Any]:
     """Return what was in keys that have changed and may not in the middle of a run."""
     old, new = before.model_dump(), now.model_dump()
-    return {key: old[key] for key in new if old[key] != new[key] and key not in ("stop", "checkpoint", "summary")}
+    return {key: old[key] for key in new if old[key] != new[key] and key not in MAY_CHANGE}
 
 
 def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -82,7 +82,10 @@ def balanced_choices(config: Config, spec: pb.GameSpec) -> list[str]:
     option = next((option for option in spec.options if option.name == config.balance), None)
     if option is None:
         raise ConfigError(f"balance: {spec.name} has no option {config.balance!r}")
-    return [choice for choice in option.choices if choice != option.default_choice]
+    choices = [choice for choice in option.choices if choice != option.default_choice]
+    if not choices:
+        raise ConfigError(f"balance: option {config.balance!r} of {spec.name} has no choice but its default")
+    return choices
 
 
 def _play(players: Players, simulators: Shards, rounds: int, say: Callable[[str], None]) -> dict[str, Episodes]:

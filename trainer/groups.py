@@ -12,7 +12,7 @@ from trainer.actions import make_acts
 from trainer.config import Config, ConfigError
 from trainer.metrics import Journal, Stopwatch
 from trainer.policy import Policy
-from trainer.shards import Shards, Snapshot, split
+from trainer.shards import Shards, Snapshot, check_alike, split
 
 
 class Group:
@@ -80,6 +80,7 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
                 snapshots=list(islice(saved, len(home))),
             )  # fmt: skip
             groups.append(Group(index, shards, end - first))
+            check_alike(shards.sessions[0], groups[0].simulators.sessions[0])
     except BaseException:
         close_groups(groups)
         raise

@@ -1,14 +1,17 @@
 """Start a simulator as a process of one's own, and always end it."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from threading import Thread
 
 from trainer.client import SimulatorLost
 
 ENDING_SECONDS = 5.0
+READY = "joybridge simulator listening on "
 
 
 @contextmanager
@@ -16,19 +19,25 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     """Run `python -m simulator serve` on a free loopback port and yield its address.
 
     games: further games as "module:Class". The process is ended on leaving, however that happens; should
-    this process be killed, the simulator ends by itself (see --with-parent). Raises SimulatorLost if it
-    does not start.
+    this process be killed, the simulator ends by itself (see --with-parent). What games print goes to
+    standard error. Raises SimulatorLost if it does not start.
     """
     command = [sys.executable, "-m", "simulator", "serve", "--address", "127.0.0.1:0", "--with-parent"]
     for game in games:
         command += ["--game", game]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ)
+    rest: Thread | None = None
     try:
         assert process.stdout is not None
-        line = process.stdout.readline()
-        if not line:
+        for line in process.stdout:
+            if line.startswith(READY):
+                break
+            sys.stderr.write(line)
+        else:
             raise SimulatorLost(f"the simulator did not start (exit status {process.wait()}); its message is above")
-        yield line.split()[-1]
+        rest = Thread(target=shutil.copyfileobj, args=(process.stdout, sys.stderr), daemon=True)
+        rest.start()  # else a game that prints would wait for ever once the pipe is full
+        yield line.removeprefix(READY).strip()
     finally:
         process.terminate()
         try:
@@ -36,6 +45,8 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+        if rest is not None:
+            rest.join()
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 pipe.close()

@@ -7,8 +7,9 @@ import asyncio
 import atexit
 import signal
 import threading
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import cache
 from types import FrameType
 from typing import Any, TypeVar
@@ -75,6 +76,20 @@ def run(work: Coroutine[Any, Any, T]) -> T:
             return _run_outside(work) if _running() else _run_here(work)
     finally:
         work.close()  # of which nothing is left but where an interrupt came first
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ignore interrupts in the block, at whose end the program ends anyway."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler or signal.SIG_DFL)
 
 
 def finish(work: Coroutine[Any, Any, None]) -> None:

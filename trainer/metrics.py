@@ -5,6 +5,7 @@ policy and to TensorBoard.
 """
 
 import csv
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,16 +19,27 @@ from joybridge.tensors import Array
 
 Row = dict[str, float]
 
+ACTIVITIES = ("simulate", "wire", "act", "learn")
+OF_EVERY_GAME = {  # columns of metrics; the others are the game's own
+    "transitions", "episodes", "reward", "reward_std", "length", "policy_loss", "value_loss", "entropy", "value",
+    "transitions_per_second", *ACTIVITIES,
+}  # fmt: skip
+
 
 class Episodes:
     """Sums up the episodes of one policy's lanes."""
 
     def __init__(self, lanes: int, metrics: Sequence[str]) -> None:
         """Begin at an episode's first decision in every lane. metrics: the game's, by name."""
-        self.metrics = list(metrics)
+        self.metrics = [f"game_{name}" if name in OF_EVERY_GAME else name for name in metrics]
         self.reward = np.zeros(lanes)
         self.length = np.zeros(lanes, np.int64)
         self.finished = np.zeros((0, 3 + len(self.metrics)))  # lane, reward, length, metrics of each episode
+
+    def begin(self) -> None:
+        """Forget the episodes that have begun: new ones begin in every lane."""
+        self.reward[:] = 0.0
+        self.length[:] = 0
 
     def add(self, step: StepArrays, rewards: Array, lanes: slice = slice(None)) -> None:
         """Count one step of some lanes: rewards as the policy is paid."""
@@ -137,10 +149,11 @@ class Writer:
 
     def __init__(self, run: Path, policy: str, after: int) -> None:
         """Begin, or go on after so many transitions; later rows, of a run that was cut off, are dropped."""
-        self.path = run / f"metrics-{policy}.csv"
+        name = re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)  # no path of its own
+        self.path = run / f"metrics-{name}.csv"
         self.rows = [cells for cells in _read_cells(self.path) if float(cells["transitions"]) <= after]
         self._save()
-        self.board = SummaryWriter(run / "tensorboard" / policy, purge_step=after + 1)
+        self.board = SummaryWriter(run / "tensorboard" / name, purge_step=after + 1)
 
     def write(self, row: Row) -> None:
         """Write one row; it holds "transitions"."""

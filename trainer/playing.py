@@ -10,9 +10,8 @@ from joybridge.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 from trainer.actions import make_acts
 from trainer.build import make_policies
-from trainer.checkpoint import load_checkpoint
+from trainer.checkpoint import load_checkpoint, select
 from trainer.config import Config, load_config
-from trainer.train import select
 
 
 class Players:

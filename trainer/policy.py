@@ -31,6 +31,10 @@ from trainer.senses import Senses
 SAMPLES, SHUFFLES = range(2)  # what random numbers are for
 
 
+class DivergedError(Exception):
+    """An update has made a network useless; what was saved before it is not touched."""
+
+
 class Policy:
     """A policy that acts in every lane of one behaviour and learns from what follows."""
 
@@ -146,18 +150,33 @@ class Policy:
     def turn_over(self, progress: float) -> dict[str, float]:
         """Begin to learn from the full rollout, after a share `progress` of the run, and to collect the next.
 
-        Return the statistics of an update that was finished by it; with `overlap` that is the one before.
+        Return the statistics of an update that was finished by it; with `overlap` that is the one before. Nothing is
+        learned from a rollout in which nothing was decided. Raises DivergedError.
         """
-        statistics = self.update.finish() if self.update is not None else {}
-        batch, value = self._batch()
+        statistics = self._finish_update()
+        batch, value = self._batch() if self.rollout.live().any() else (None, {})
         self.next_rollout()
         self.progress = progress
-        self.update = self._begin_update(batch)
         if self.config.overlap:
             self.acting.load_state_dict(self.network.state_dict())
-        else:
-            statistics, self.update = self.update.finish(), None
-        return statistics | {"value": value}
+        if batch is not None:
+            self.update = self._begin_update(batch)
+            if not self.config.overlap:
+                statistics = self._finish_update()
+        return statistics | value
+
+    def _finish_update(self) -> dict[str, float]:
+        """Learn what is left of the update, if there is one, and return its statistics. Raises DivergedError."""
+        if self.update is None:
+            return {}
+        statistics, self.update = self.update.finish(), None
+        if not self.weights.isfinite().all():
+            found = ", ".join(f"{name} {value:g}" for name, value in statistics.items())
+            raise DivergedError(
+                f"the network of {self.name} is no longer finite ({found}); look for huge rewards or observations, or "
+                "take a smaller learning_rate in a new run"
+            )
+        return statistics
 
     def next_rollout(self) -> None:
         """Begin the next rollout where this one ended."""
@@ -168,8 +187,8 @@ class Policy:
         self.rollouts += 1
         self._draw_samples()
 
-    def _batch(self) -> tuple[Batch, float]:
-        """Return what the full rollout has to teach, and its mean value estimate."""
+    def _batch(self) -> tuple[Batch, dict[str, float]]:
+        """Return what the full rollout has to teach, and as a statistic its mean value estimate."""
         config, rollout = self.config, self.rollout
         rollout.join_masks(self.parts)
         live = rollout.live()
@@ -178,7 +197,7 @@ class Policy:
             rollout.truncated, rollout.final_values, live,
             gamma=config.gamma, lam=config.lam, horizon=config.horizon,
         )  # fmt: skip
-        return rollout.batch(advantages, live).to(self.device), float(rollout.values[live].mean())
+        return rollout.batch(advantages, live).to(self.device), {"value": float(rollout.values[live].mean())}
 
     def _begin_update(self, batch: Batch) -> Update:
         config = self.config

@@ -6,13 +6,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from trainer.metrics import Row
-
-ACTIVITIES = ("simulate", "wire", "act", "learn")
-OF_EVERY_GAME = {  # columns of metrics; the others are the game's own
-    "transitions", "episodes", "reward", "reward_std", "length", "policy_loss", "value_loss", "entropy", "value",
-    "transitions_per_second", *ACTIVITIES,
-}  # fmt: skip
+from trainer.metrics import ACTIVITIES, OF_EVERY_GAME, Row
 
 
 class Display:
@@ -41,7 +35,7 @@ class Display:
             metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if name not in OF_EVERY_GAME)
             text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {speed}  ({shares})"
             text = f"{transitions:>11,}  {text}"
-            self.console.print(text, soft_wrap=True)
+            self.console.print(text, soft_wrap=True, markup=False)
         self.bar.update(self.task, completed=transitions, text=f"{self.reward}  {speed}  ({shares})")
 
     def __enter__(self) -> Self:

@@ -6,6 +6,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
+import numpy as np
 
 from trainer.client import Session, describe
 from trainer.config import ConfigError
@@ -37,7 +38,8 @@ def record(
         av.open(str(output), "w") as video,
     ):
         stream = video.add_stream("libx264", rate=Fraction(pace / every).limit_denominator(1000))
-        stream.width, stream.height, stream.pix_fmt = spec.picture.width, spec.picture.height, "yuv420p"
+        stream.width, stream.height = (side // 2 * 2 for side in (spec.picture.width, spec.picture.height))
+        stream.pix_fmt = "yuv420p"  # of even sizes: an odd picture loses its last row or column
         players = Players(run, spec, 1, seed, deterministic=deterministic)
         players.begin(session.steps)
         for frame in range(frames):
@@ -45,7 +47,8 @@ def record(
                 players.take(session.step(players.act(session.steps)))
             steps, pictures = session.step_and_draw(players.act(session.steps), [0])
             players.take(steps)
-            video.mux(stream.encode(av.VideoFrame.from_ndarray(pictures[0], "rgb24")))
+            picture = np.ascontiguousarray(pictures[0][: stream.height, : stream.width])
+            video.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
             if (frame + 1) % 100 == 0:
                 say(f"{frame + 1} of {frames} frames")
         video.mux(stream.encode())

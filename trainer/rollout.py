@@ -87,6 +87,7 @@ class Rollout:
         self.rewards[rows, paid] = rewards[paid]
         self.terminated[rows, paid] = step.terminated[paid]
         self.truncated[rows, paid] = step.truncated[paid]
+        self.final_values[rows, paid] = self.final_values[t, paid]  # counts where truncated only
         self.open[paid] = -1
         self.deciding[t + 1] = deciding
 

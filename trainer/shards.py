@@ -11,7 +11,7 @@ import numpy as np
 
 from joybridge.codec import ActArrays, StepArrays, lane_count
 from joybridge.tensors import Array
-from trainer.client import Session
+from trainer.client import Session, SimulatorError
 
 Snapshot = dict[str, bytes]
 
@@ -19,6 +19,15 @@ Snapshot = dict[str, bytes]
 def split(arenas: int, parts: int) -> list[int]:
     """Return the first arena of each of `parts` nearly equal parts, and behind them the number of arenas."""
     return [int(bound) for bound in np.linspace(0, arenas, parts + 1).round()]
+
+
+def check_alike(session: Session, first: Session) -> None:
+    """Raise SimulatorError unless two sessions play the same: names, sizes and their order."""
+    if list(session.spec.behaviours) != list(first.spec.behaviours):
+        raise SimulatorError(
+            f"the simulators at {first.address} and {session.address} run different versions of {first.spec.name}: "
+            "their behaviours differ; start both anew from the same files"
+        )
 
 
 class Shards:
@@ -51,6 +60,7 @@ class Shards:
                     snapshot=snapshots[index] if snapshots else None,
                 )  # fmt: skip
                 self.sessions.append(self._stack.enter_context(session))
+                check_alike(session, self.sessions[0])
             self._stack = self._stack.pop_all()
         self.spec = self.sessions[0].spec
         self.bounds = [[lane_count(b, arena) for arena in bounds] for b in self.spec.behaviours]

@@ -17,10 +17,12 @@ import torch
 
 from joybridge.tensors import Array
 from trainer.build import make_policies, rollout_cycle
-from trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint, select
 from trainer.client import describe
 from trainer.config import Config, ConfigError, changes, dump_config, load_config
+from trainer.evaluate import balanced_choices
 from trainer.groups import Group, close_groups, group_count, open_groups
+from trainer.loop import uninterrupted
 from trainer.metrics import Journal, Row, Stopwatch
 from trainer.policy import Policy
 
@@ -39,12 +41,13 @@ Report = Callable[[int, Row, Row | None], None]  # (transitions, live figures, n
 def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report) -> None:
     """Train `config` in folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
-    Raises ConfigError, CheckpointError, SimulatorError; on these and on KeyboardInterrupt the last boundary
-    has been saved.
+    Raises ConfigError, CheckpointError, SimulatorError, DivergedError; on these and on KeyboardInterrupt the last
+    boundary has been saved.
     """
     torch.set_num_threads(1)  # two threads collapse when the other core is busy, and the simulator keeps it so
     arrays, manifest = load_checkpoint(run) if resume else ({}, {"transitions": 0, "snapshots": None})
     spec = describe(addresses[0], config.game, config.options)
+    balanced_choices(config, spec)  # which only evaluation needs, but then it would be too late
     policies = make_policies(config, spec, config.arenas, group_count(config))
     cycle = rollout_cycle(policies)
     stretch = math.gcd(*(policy.config.rollout for policy in policies))  # decisions between which nothing is learned
@@ -54,13 +57,10 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     lanes = policies[0].lanes
     groups = open_groups(config, addresses, unpack_snapshots(arrays, manifest["snapshots"]))
     journals = [Journal(run, policy.name, policy.lanes, policy.metrics, transitions) for policy in policies]
-    for group in groups:
-        group.begin(policies)
     if resume:
-        for policy, journal in zip(policies, journals, strict=True):
-            policy.load(select(arrays, f"{policy.name}/policy/"))
-            journal.episodes.load(select(arrays, f"{policy.name}/episodes/"))
-            journal.means.load(select(arrays, f"{policy.name}/means/"))
+        restore(arrays, policies, journals)
+    if manifest["snapshots"] is None:
+        begin_episodes(groups, policies, journals)
     boundary = capture(transitions, policies, journals, groups)
     saved = transitions
     watch = Stopwatch()
@@ -94,7 +94,8 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
                 saved = transitions
             report(transitions, watch.live(), None)
     finally:
-        save_checkpoint(run, boundary.arrays, boundary.manifest)
+        with uninterrupted():
+            save_checkpoint(run, boundary.arrays, boundary.manifest)
         for journal in journals:
             journal.writer.close()
         close_groups(groups)
@@ -118,6 +119,22 @@ def capture(
     return Boundary(arrays, {"transitions": transitions, "snapshots": parts})
 
 
+def restore(arrays: dict[str, Array], policies: Sequence[Policy], journals: Sequence[Journal]) -> None:
+    """Take back what `capture` put into a checkpoint's arrays, except for the simulators'."""
+    for policy, journal in zip(policies, journals, strict=True):
+        policy.load(select(arrays, f"{policy.name}/policy/"))
+        journal.episodes.load(select(arrays, f"{policy.name}/episodes/"))
+        journal.means.load(select(arrays, f"{policy.name}/means/"))
+
+
+def begin_episodes(groups: Sequence[Group], policies: Sequence[Policy], journals: Sequence[Journal]) -> None:
+    """Begin with the new episodes that the simulators play, as they do unless they had snapshots."""
+    for group in groups:
+        group.begin(policies)
+    for journal in journals:
+        journal.episodes.begin()
+
+
 def unpack_snapshots(arrays: dict[str, Array], parts: list[list[str]] | None) -> list[dict[str, bytes]] | None:
     """Return the sessions' snapshots from a checkpoint's arrays, or None where it has none."""
     if parts is None:
@@ -127,15 +144,10 @@ def unpack_snapshots(arrays: dict[str, Array], parts: list[list[str]] | None) ->
     ]
 
 
-def select(arrays: dict[str, Array], prefix: str) -> dict[str, Array]:
-    """Return the arrays whose names begin with `prefix`, without it."""
-    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
-
-
 def write_config(config: Config, run: Path, resume: bool) -> None:
     """Keep the whole configuration in the run's folder; a resumed run must have been configured alike.
 
-    Only `stop`, `checkpoint` and `summary` may change. Raises ConfigError.
+    Only `trainer.config.MAY_CHANGE` may differ. Raises ConfigError.
     """
     run.mkdir(parents=True, exist_ok=True)
     path = run / "config.yaml"
@@ -147,4 +159,6 @@ def write_config(config: Config, run: Path, resume: bool) -> None:
             )
     elif has_checkpoint(run):
         raise ConfigError(f"{run} holds a run already; go on with --resume, or name another folder with --run")
-    path.write_text(dump_config(config), encoding="utf-8")
+    fresh = path.with_suffix(".new")
+    fresh.write_text(dump_config(config), encoding="utf-8")
+    fresh.replace(path)  # so that nothing that happens leaves half of it

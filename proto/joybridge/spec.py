@@ -1,6 +1,7 @@
 """What a well-formed spec is, and what follows from one: chosen options, parameters and message sizes."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
 from typing import Protocol
 
 from joybridge.codec import lane_count
@@ -78,6 +79,7 @@ def _check_behaviour(behaviour: pb.Behaviour, where: str) -> None:
     ):
         _check_names(things, f"{where}: {kind}")
     for axis in device.axes:
+        _require(isfinite(axis.low) and isfinite(axis.high), f"{where}: axis {axis.name!r} has no finite low and high")
         _require(axis.low < axis.high, f"{where}: axis {axis.name!r} has low {axis.low:g} not below high {axis.high:g}")
     for branch in device.branches:
         _require(len(branch.choices) >= 2, f"{where}: branch {branch.name!r} needs at least two choices")
