@@ -1,6 +1,7 @@
 """The trainer's end of a session: wherever it is called from, and whatever becomes of the other end."""
 
 import asyncio
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +12,7 @@ import pytest
 from trainer.actions import make_acts
 from trainer.client import Session, SimulatorError, SimulatorLost
 from trainer.launch import simulator_process
+from trainer.loop import uninterrupted
 
 DECISIONS = 20
 
@@ -156,6 +158,14 @@ for _ in range(20):
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_what_must_not_be_interrupted_is_not_and_all_else_is_again():
+    with uninterrupted():
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
 
 
 def test_an_interrupt_ends_what_waits_in_a_notebook(address):

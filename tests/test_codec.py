@@ -410,7 +410,7 @@ BREAKS = {
     "channels: a name is empty": lambda s: s.behaviours[0].channels[0].ClearField("name"),
     "metrics: a name is empty": lambda s: s.behaviours[0].metrics[0].ClearField("name"),
     "axis 'x' has low 1 not below high 1": lambda s: setattr(s.behaviours[0].device.axes[0], "low", 1.0),
-    "axis 'x' has low nan": lambda s: setattr(s.behaviours[0].device.axes[0], "low", np.nan),
+    "axis 'x' has no finite low and high": lambda s: setattr(s.behaviours[0].device.axes[0], "low", np.nan),
     "branch 'press' needs at least two choices": lambda s: s.behaviours[0].device.branches[1].choices.pop(),
     "branch 'press' repeats a choice": lambda s: s.behaviours[0].device.branches[1].choices.append("pressed"),
     "sensor 'place' has no valid dtype": lambda s: s.behaviours[0].sensors[0].ClearField("dtype"),

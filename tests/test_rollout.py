@@ -68,6 +68,16 @@ def test_an_episode_that_ends_while_a_lane_waits_ends_its_last_decision():
     np.testing.assert_array_equal(rollout.observations[3, 1], [0, 30, 40])
 
 
+def test_a_truncation_while_a_lane_waits_leaves_its_final_value_at_its_last_decision():
+    rollout = make_rollout()
+    rollout.final_values[:] = 99.0  # of a rollout before
+    add(rollout, [2, 20], deciding=(True, False))
+    rollout.final_values[1, 1] = 7.0
+    add(rollout, [3, 30], truncated=(False, True), deciding=(True, False))
+    np.testing.assert_array_equal(rollout.truncated[:, 1], [True, False, False, False])
+    assert rollout.final_values[0, 1] == 7.0
+
+
 def test_a_decision_still_open_at_the_end_is_left_out_of_the_batch():
     rollout = make_rollout(2)
     add(rollout, [2, 20], (1, 0), deciding=(True, False))

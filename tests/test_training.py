@@ -171,6 +171,9 @@ def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly(number,
     assert "--resume" in errors
     assert "Traceback" not in errors
     assert not Path(f"/proc/{children[0]}").exists()
+    printed = errors.partition("go on with: python ")[2].splitlines()[0].split()
+    again = subprocess.run([sys.executable, *printed, "stop=20"], capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
     resume_and_compare(tmp_path / "run", tmp_path, address)
 
 
@@ -200,6 +203,10 @@ def test_a_killed_trainer_takes_its_simulator_with_it(tmp_path):
         (["policies.hnter.epochs=1"], "there is no policy 'hnter'; this game and layout have hunter"),
         (["arenas=99999", "groups=1"], "arenas is 99999, expected 1..4096"),
         (["epocs=3"], "unknown key 'epocs'"),
+        (["layout=bucket-²"], "unknown layout 'bucket-²'"),
+        (["policy.hidden=[0]"], "policy.hidden.0: got 0"),
+        (["policy.hidden=[100"], "override 'policy.hidden=[100': '[100' is not YAML"),
+        (["policy.sensors=[]"], "policy.sensors: got []"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence_that_names_it(more, message, address, tmp_path):

@@ -1,0 +1,128 @@
+"""Training games as strangers write them: nothing hangs, lies, or writes where it should not."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from joybridge.codec import ActArrays
+from joybridge.v1 import bridge_pb2 as pb
+from tests.awkward_games import LENGTH
+from trainer.checkpoint import load_checkpoint
+from trainer.client import SimulatorError
+from trainer.config import Config, ConfigError
+from trainer.evaluate import balanced_choices
+from trainer.launch import simulator_process
+from trainer.metrics import read_rows
+from trainer.policy import DivergedError, Policy
+from trainer.progress import Display
+from trainer.record import record
+from trainer.shards import Shards
+from trainer.train import train
+
+SMALL = {"hidden": [8], "rollout": 4, "horizon": 4, "minibatch": 8, "stack": 2}
+
+
+@pytest.fixture(scope="module")
+def awkward() -> Iterator[str]:
+    with simulator_process(["tests.awkward_games:Talkative", "tests.awkward_games:Generous"]) as address:
+        yield address
+
+
+def config(game: str, stop: int, **policy: object) -> Config:
+    return Config.model_validate(
+        {"game": game, "arenas": 3, "summary": 60, "checkpoint": 36, "stop": stop, "policy": SMALL | policy}
+    )
+
+
+@pytest.fixture(scope="module")
+def talked(awkward, tmp_path_factory) -> Path:
+    """Return a run of a game without snapshots that was stopped in the middle of episodes."""
+    run = tmp_path_factory.mktemp("talked") / "run"
+    with Display("hybrid", 324, 0) as display:
+        train(config("talkative", 324), run, [awkward], resume=False, report=display.report)
+    return run
+
+
+def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(capfd):
+    with simulator_process(["tests.awkward_games:Talkative"]) as address:
+        shards = Shards([address], "talkative", arenas=4, seed=0, options=[{}])
+        for _ in range(40):  # 320 kB: more than a pipe holds
+            shards.step([ActArrays(np.zeros((4, 0), np.float32), np.zeros((4, 1), np.int32))])
+        shards.close()
+    heard = capfd.readouterr().err
+    assert "a game may print before its simulator listens" in heard
+    assert heard.count("x" * 2000) == 160
+
+
+def test_names_from_the_wire_are_neither_paths_nor_the_trainers_own_columns(talked):
+    assert {path.name for path in talked.iterdir()} == {
+        "config.yaml", "metrics-..%2Fred%2Fleft.csv", "tensorboard", "checkpoints",
+    }  # fmt: skip
+    assert [path.name for path in (talked / "tensorboard").iterdir()] == ["..%2Fred%2Fleft"]
+    row = read_rows(talked / "metrics-..%2Fred%2Fleft.csv")[-1]
+    assert (row["length"], row["game_length"], row["speed [/]"]) == (LENGTH, LENGTH, 1.0)
+
+
+def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, monkeypatch):
+    seen, act = [], Policy.act
+
+    def spy(self, steps, acts, group=0, *, deterministic=False):
+        shown = self.senses.frames(steps[self.behaviour].observations)
+        seen.append((self.parts[group].observations[self.parts[group].step].copy(), shown.copy()))
+        return act(self, steps, acts, group, deterministic=deterministic)
+
+    monkeypatch.setattr(Policy, "act", spy)
+    train(config("talkative", 600), talked, [awkward], resume=True, report=lambda *_: None)
+    stack, shown = seen[0]
+    np.testing.assert_array_equal(stack, np.concatenate([np.zeros_like(shown), shown], axis=1))
+    lengths = [row["length"] for row in read_rows(talked / "metrics-..%2Fred%2Fleft.csv")]
+    assert len(lengths) == 10
+    assert set(lengths) == {LENGTH}  # no two halves of episodes were taken for one
+
+
+def test_an_odd_picture_can_be_recorded(talked, awkward, tmp_path):
+    output = tmp_path / "play.mp4"
+    frames = record(talked, awkward, output, seconds=1.0, seed=0, deterministic=False, say=lambda _: None)
+    with av.open(str(output)) as video:
+        assert [picture.to_ndarray(format="rgb24").shape for picture in video.decode(video=0)] == [
+            (74, 100, 3)
+        ] * frames
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("overlap", [False, True])
+def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved(overlap, awkward, tmp_path):
+    with pytest.raises(DivergedError, match=r"the network of player is no longer finite .*smaller learning_rate"):
+        train(config("generous", 600, overlap=overlap), tmp_path, [awkward], resume=False, report=lambda *_: None)
+    arrays, manifest = load_checkpoint(tmp_path)
+    assert 150 < manifest["transitions"] < 200
+    assert all(np.isfinite(array).all() for name, array in arrays.items() if "/network." in name)
+
+
+@pytest.mark.parametrize("overlap", [False, True])
+def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(overlap, simulator, tmp_path):
+    train(config("duel", 240, overlap=overlap), tmp_path, [simulator], resume=False, report=lambda *_: None)
+    rows = read_rows(tmp_path / "metrics-judge.csv")
+    assert len(rows) == 4
+    assert all(np.isfinite(value) for row in rows for value in row.values())
+    assert any("policy_loss" in row for row in rows)
+
+
+def test_simulators_that_play_different_games_are_refused(simulator):
+    with pytest.raises(SimulatorError, match="run different versions of hybrid: their behaviours differ"):
+        Shards([simulator] * 2, "hybrid", arenas=2, seed=0, options=[{"size": "small"}, {"size": "large"}])
+
+
+def test_what_evaluation_cannot_balance_is_refused_before_training(simulator, tmp_path):
+    chosen = config("hybrid", 60).model_copy(update={"balance": "levle"})
+    with pytest.raises(ConfigError, match="balance: hybrid has no option 'levle'"):
+        train(chosen, tmp_path, [simulator], resume=False, report=lambda *_: None)
+
+
+def test_an_option_without_alternatives_cannot_be_balanced():
+    spec = pb.GameSpec(name="one", options=[pb.Option(name="rules", choices=["all"], default_choice="all")])
+    with pytest.raises(ConfigError, match="option 'rules' of one has no choice but its default"):
+        balanced_choices(config("one", 60).model_copy(update={"balance": "rules"}), spec)
