@@ -4,6 +4,7 @@ Runs the commands a person would type, and says which. Ends with the first thing
 before it begins with exit status 77 where the compiler or a package is missing.
 """
 
+import argparse
 import json
 import os
 import shutil
@@ -43,6 +44,7 @@ class Failed(Exception):
 
 def main() -> int:
     """Check the server and return the exit status."""
+    argparse.ArgumentParser(description="Build the C++ server, check it and train on it.").parse_args()
     packages = missing()
     if packages:
         print(f"not checked: the C++ server needs what is not installed here: {' '.join(packages)}")

@@ -1,10 +1,12 @@
 """The experiments of the paper: run any part of the grid, and set it beside the original's.
 
-python tools/paper.py run                                    all experiments, seed 0, 3 M transitions each
-python tools/paper.py run --experiments shooting_birds/bucket-11 --seeds 0 1 2 --transitions 30000000
-python tools/paper.py run --jobs 2 --set groups=1            two at a time, with some key of all configurations
-python tools/paper.py run --backend ray                      on a Ray cluster; without --address a local one
-python tools/paper.py report                                 results/README.md and its figures, from what has finished
+python tools/paper.py run --results mine                     all experiments, seed 0, 3 M transitions each
+python tools/paper.py run --results mine --experiments shooting_birds/bucket-11 --seeds 0 1 2 --transitions 30000000
+python tools/paper.py run --results mine --jobs 2 --set groups=1    two at a time, with some key of all configurations
+python tools/paper.py run --results mine --backend ray       on a Ray cluster; without --address a local one
+python tools/paper.py report --results mine                  a page and its figures, from what has finished
+
+Without --results they are the project's own, results/, to which runs that it lacks may be added.
 
 Every run is a process of its own. Finished runs are not repeated and interrupted ones go on where they
 stopped, so the command may be interrupted and given again, alike, at any moment.
@@ -29,7 +31,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Run the experiments of the paper.")
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="run experiments; finished ones are not repeated")
-    run.add_argument("--experiments", nargs="+", default=EXPERIMENTS, help="paths under --configs; default the paper's")
+    run.add_argument(
+        "--experiments", nargs="+", default=EXPERIMENTS, help="paths under --configs; default the paper's and hybrid"
+    )
     run.add_argument("--seeds", nargs="+", type=int, default=[0], help="default 0")
     run.add_argument("--transitions", type=int, default=3_000_000, help="of each run; default %(default)s")
     run.add_argument(

@@ -34,12 +34,11 @@ INTRODUCTION = """\
 # The paper's experiments: our runs beside the original's
 
 Written by `python tools/paper.py report` from the metrics in the folders beside this page, which are named by the
-length of their runs; of several lengths of one run the longest counts. Runs of one seed that differ from the first
-row on are different runs: later versions, and another number of `groups` (a setting of the trainer), round
-differently, which leads them apart. The original's figures are from its logs of ten runs per experiment; its click
-accuracies were only printed in the paper. Reward is the mean over the episodes of the 300 000 transitions (20 000
-steps of the original) before each mark, as in its logs. The reward of the two agents is that of the one that clicks,
-as in the paper."""
+length of their runs; of several lengths of one run the longest counts. Runs of one seed whose first rows differ
+count as different runs: with another number of `groups` (a setting of the trainer), for one, everything is rounded
+differently. The original's figures are from its logs of ten runs per experiment; its click accuracies were only
+printed in the paper. Reward is the mean over the episodes of the 300 000 transitions (20 000 steps of the original)
+before each mark, as in its logs. The reward of the two agents is that of the one that clicks, as in the paper."""
 COMPLETE_RUNS = """\
 Each run of 30 M transitions, and the original's mean ± two standard deviations of its ten runs at the same number of
 transitions. Hours are wall-clock, on a machine that did other work as well."""
