@@ -46,7 +46,7 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
             process.kill()
             process.wait()
         if rest is not None:
-            rest.join()
+            rest.join(ENDING_SECONDS)  # or a process of the game lives on with the pipe
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 pipe.close()
