@@ -1,5 +1,6 @@
 """Training games as strangers write them: nothing hangs, lies, or writes where it should not."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -51,8 +52,12 @@ def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(capfd):
         shards = Shards([address], "talkative", arenas=4, seed=0, options=[{}])
         for _ in range(40):  # 320 kB: more than a pipe holds
             shards.step([ActArrays(np.zeros((4, 0), np.float32), np.zeros((4, 1), np.int32))])
+        heard, deadline = "", time.monotonic() + 30
+        while "x" * 2000 not in heard:  # while it plays, not only at the end
+            assert time.monotonic() < deadline
+            heard += capfd.readouterr().err
         shards.close()
-    heard = capfd.readouterr().err
+    heard += capfd.readouterr().err
     assert "a game may print before its simulator listens" in heard
     assert heard.count("x" * 2000) == 160
 

@@ -1,7 +1,6 @@
 """Start a simulator as a process of one's own, and always end it."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -22,7 +21,7 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     this process be killed, the simulator ends by itself (see --with-parent). What games print goes to
     standard error. Raises SimulatorLost if it does not start.
     """
-    command = [sys.executable, "-m", "simulator", "serve", "--address", "127.0.0.1:0", "--with-parent"]
+    command = [sys.executable, "-u", "-m", "simulator", "serve", "--address", "127.0.0.1:0", "--with-parent"]
     for game in games:
         command += ["--game", game]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ)
@@ -35,7 +34,7 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
             sys.stderr.write(line)
         else:
             raise SimulatorLost(f"the simulator did not start (exit status {process.wait()}); its message is above")
-        rest = Thread(target=shutil.copyfileobj, args=(process.stdout, sys.stderr), daemon=True)
+        rest = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)  # line by line
         rest.start()  # else a game that prints would wait for ever once the pipe is full
         yield line.removeprefix(READY).strip()
     finally:

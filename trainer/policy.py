@@ -32,7 +32,7 @@ SAMPLES, SHUFFLES = range(2)  # what random numbers are for
 
 
 class DivergedError(Exception):
-    """An update has made a network useless; what was saved before it is not touched."""
+    """An update has made a network useless; the run keeps its state from before."""
 
 
 class Policy:
