@@ -30,8 +30,9 @@ class Episodes:
     """Sums up the episodes of one policy's lanes."""
 
     def __init__(self, lanes: int, metrics: Sequence[str]) -> None:
-        """Begin at an episode's first decision in every lane. metrics: the game's, by name; to those that
-        are called like the trainer's own columns "game_" is added.
+        """Begin at an episode's first decision in every lane.
+
+        metrics: the game's, by name; those called like a column of the trainer's own get "game_" before it.
         """
         self.metrics = [f"game_{name}" if name in OF_EVERY_GAME else name for name in metrics]
         self.reward = np.zeros(lanes)
