@@ -22,7 +22,7 @@ test: install
 	$(BIN)/python -m tools.check
 
 bench: install
-	$(BIN)/python tools/bench.py all
+	$(BIN)/python -m tools.bench all
 
 proto: install
-	$(BIN)/python tools/generate_proto.py
+	$(BIN)/python -m tools.generate_proto

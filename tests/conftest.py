@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.games import PLACES
-from trainer.launch import simulator_process
+from joybridge.trainer.wire.launch import simulator_process
+from tests.support.games import PLACES
 
 
 @pytest.fixture(scope="session")

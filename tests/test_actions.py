@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joybridge.codec import ActArrays, Codec, StepArrays, pack_act
+from joybridge.contract.codec import ActArrays, Codec, StepArrays, pack_act
+from joybridge.trainer.layouts import CLIP, Layout, LayoutError, bucket, make_layouts, threshold
 from joybridge.v1 import bridge_pb2 as pb
-from trainer.actions import CLIP, Layout, LayoutError, bucket, make_layouts, threshold
 
 NAMES = ("hybrid", "bucket-2", "bucket-11", "threshold-0.0", "threshold-0.1", "threshold-0.5", "multiagent")
 
@@ -61,7 +61,7 @@ def test_every_action_is_legal_on_every_device_and_masks_are_honoured(device, na
         continuous, discrete = sample(layout, masks, rng, lanes)
         layout.write(continuous, discrete, act, masks or None)
     previous = StepArrays([], np.zeros((lanes, 1)), np.zeros(lanes, bool), np.zeros(lanes, bool), masks or None)
-    checked = Codec(pb.Behaviour(name="agent", device=device, agents_per_arena=1), len(previous.rewards)).unpack_act(
+    checked = Codec(pb.Behavior(name="agent", device=device, agents_per_arena=1), len(previous.rewards)).unpack_act(
         pack_act(act), previous
     )
     np.testing.assert_array_equal(checked.axes, act.axes)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trainer.advantages import estimate_advantages
+from joybridge.trainer.ppo.gae import estimate_advantages
 
 GAMMA, LAM = 0.9, 0.8
 

@@ -8,27 +8,29 @@ import av
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays
+from joybridge.contract.codec import ActArrays
+from joybridge.trainer.agent import DivergedError, Policy
+from joybridge.trainer.checkpoint import load_checkpoint
+from joybridge.trainer.config import Config, ConfigError
+from joybridge.trainer.evaluate import balanced_choices
+from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.progress import Display
+from joybridge.trainer.record import record
+from joybridge.trainer.train import train
+from joybridge.trainer.wire.client import SimulatorError
+from joybridge.trainer.wire.launch import simulator_process
+from joybridge.trainer.wire.shards import Shards
 from joybridge.v1 import bridge_pb2 as pb
-from tests.awkward_games import LENGTH
-from trainer.checkpoint import load_checkpoint
-from trainer.client import SimulatorError
-from trainer.config import Config, ConfigError
-from trainer.evaluate import balanced_choices
-from trainer.launch import simulator_process
-from trainer.metrics import read_rows
-from trainer.policy import DivergedError, Policy
-from trainer.progress import Display
-from trainer.record import record
-from trainer.shards import Shards
-from trainer.train import train
+from tests.support.awkward_games import LENGTH
 
 SMALL = {"hidden": [8], "rollout": 4, "horizon": 4, "minibatch": 8, "stack": 2}
 
 
 @pytest.fixture(scope="module")
 def awkward() -> Iterator[str]:
-    with simulator_process(["tests.awkward_games:Talkative", "tests.awkward_games:Generous"]) as address:
+    with simulator_process(
+        ["tests.support.awkward_games:Talkative", "tests.support.awkward_games:Generous"]
+    ) as address:
         yield address
 
 
@@ -48,7 +50,7 @@ def talked(awkward, tmp_path_factory) -> Path:
 
 
 def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(capfd):
-    with simulator_process(["tests.awkward_games:Talkative"]) as address:
+    with simulator_process(["tests.support.awkward_games:Talkative"]) as address:
         shards = Shards([address], "talkative", arenas=4, seed=0, options=[{}])
         for _ in range(40):  # 320 kB: more than a pipe holds
             shards.step([ActArrays(np.zeros((4, 0), np.float32), np.zeros((4, 1), np.int32))])
@@ -75,7 +77,7 @@ def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, m
     seen, act = [], Policy.act
 
     def spy(self, steps, acts, group=0, *, deterministic=False):
-        shown = self.senses.frames(steps[self.behaviour].observations)
+        shown = self.senses.frames(steps[self.behavior].observations)
         seen.append((self.parts[group].observations[self.parts[group].step].copy(), shown.copy()))
         return act(self, steps, acts, group, deterministic=deterministic)
 
@@ -117,7 +119,7 @@ def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(overlap, s
 
 
 def test_simulators_that_play_different_games_are_refused(simulator):
-    with pytest.raises(SimulatorError, match="run different versions of hybrid: their behaviours differ"):
+    with pytest.raises(SimulatorError, match="run different versions of hybrid: their behaviors differ"):
         Shards([simulator] * 2, "hybrid", arenas=2, seed=0, options=[{"size": "small"}, {"size": "large"}])
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from simulator.games.beastly_rivals import rules as r
-from simulator.randomness import open_streams, reserve
+from joybridge.games.beastly_rivals import rules as r
+from joybridge.simulator.randomness import open_streams, reserve
 
 SURVIVAL, DEATH, EARLY_BLINK = range(3)
 BODIES = ("cursor", "character", "beast", "sphere")

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays
-from joybridge.spec import check_spec
-from simulator import pointer
-from simulator.games.beastly_rivals import rules as r
-from simulator.games.beastly_rivals.game import CHANNELS, METRICS, BeastlyRivals
+from joybridge.contract.codec import ActArrays
+from joybridge.contract.spec import check_spec
+from joybridge.games.beastly_rivals import rules as r
+from joybridge.games.beastly_rivals.game import CHANNELS, METRICS, BeastlyRivals
+from joybridge.simulator import pointer
 
 DEATH = r.CHANNELS.index("death")
 OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on"}
@@ -25,9 +25,9 @@ def action(lanes, axes=(0.0, 0.0), buttons=(0, 0)):
     return ActArrays(np.tile(np.float32(axes), (lanes, 1)), np.tile(np.int32(buttons), (lanes, 1)))
 
 
-def random_action(behaviour, lanes, random):
-    axes = [random.uniform(a.low, a.high, lanes) for a in behaviour.device.axes]
-    choices = [random.integers(len(b.choices), size=lanes) for b in behaviour.device.branches]
+def random_action(behavior, lanes, random):
+    axes = [random.uniform(a.low, a.high, lanes) for a in behavior.device.axes]
+    choices = [random.integers(len(b.choices), size=lanes) for b in behavior.device.branches]
     return ActArrays(np.stack(axes, 1).astype(np.float32), np.stack(choices, 1).astype(np.int32))
 
 
@@ -114,15 +114,15 @@ def test_spec_is_well_formed_and_observations_keep_to_its_bounds(locomotion):
     options = {**OPTIONS, "locomotion": locomotion}
     spec = BeastlyRivals.describe(options)
     check_spec(spec)
-    (behaviour,) = spec.behaviours
+    (behavior,) = spec.behaviors
     assert (spec.decision_interval, spec.tick_seconds, spec.max_episode_decisions) == (6, 0.02, 2000)
-    assert [branch.name for branch in behaviour.device.branches][-2:] == ["move", "blink"]
+    assert [branch.name for branch in behavior.device.branches][-2:] == ["move", "blink"]
     assert [channel.name for channel in CHANNELS] == list(r.CHANNELS)
-    assert (behaviour.sensors[-1].name == "heading") == (locomotion == "steer")
+    assert (behavior.sensors[-1].name == "heading") == (locomotion == "steer")
     game, random = new_game(16, locomotion=locomotion, parameters={"beast_speed": 1.5}), np.random.default_rng(0)
     for _ in range(300):
-        (step,) = game.step([random_action(behaviour, 16, random)])
-        for sensor, values in zip(behaviour.sensors, step.observations, strict=True):
+        (step,) = game.step([random_action(behavior, 16, random)])
+        for sensor, values in zip(behavior.sensors, step.observations, strict=True):
             assert values.shape == (16, *sensor.shape) and values.dtype == np.float32
             assert (values >= np.array(sensor.low, np.float32)).all() and (
                 values <= np.array(sensor.high, np.float32)
@@ -143,21 +143,21 @@ def test_beast_speed_scales_start_growth_and_limit():
 
 def play(game, decisions, seed=3):
     """Return the bytes of observations, rewards and ends of a random run of five arenas."""
-    (behaviour,) = BeastlyRivals.describe(OPTIONS).behaviours
+    (behavior,) = BeastlyRivals.describe(OPTIONS).behaviors
     random, content = np.random.default_rng(seed), []
     for _ in range(decisions):
-        (step,) = game.step([random_action(behaviour, 5, random)])
+        (step,) = game.step([random_action(behavior, 5, random)])
         content += [*step.observations, step.rewards, step.terminated]
     return b"".join(array.tobytes() for array in content)
 
 
 def test_an_arena_plays_the_same_game_alone_as_among_others():
     among = new_game(5)
-    (behaviour,) = BeastlyRivals.describe(OPTIONS).behaviours
+    (behavior,) = BeastlyRivals.describe(OPTIONS).behaviors
     random = np.random.default_rng(3)
     alone = [new_game(1, first_arena=i) for i in range(5)]
     for _ in range(300):
-        act = random_action(behaviour, 5, random)
+        act = random_action(behavior, 5, random)
         (all_five,) = among.step([act])
         for i, game in enumerate(alone):
             (one,) = game.step([ActArrays(act.axes[i : i + 1], act.choices[i : i + 1])])

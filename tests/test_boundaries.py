@@ -11,11 +11,38 @@ from typing import NamedTuple
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = {"joybridge": ROOT / "proto" / "joybridge", "simulator": ROOT / "simulator", "trainer": ROOT / "trainer"}
-FORBIDDEN = {
-    "joybridge": {"simulator", "trainer", "tools", "tests", "torch", "gymnasium", "pettingzoo", "pygame", "numba"},
-    "simulator": {"trainer", "tools", "tests", "torch", "gymnasium", "pettingzoo", "tensorboard", "pydantic"},
-    "trainer": {"simulator", "tools", "tests", "pygame"},
+PACKAGES = {
+    "joybridge.v1": ROOT / "proto/joybridge/v1",
+    "joybridge.contract": ROOT / "proto/joybridge/contract",
+    "joybridge.conformance": ROOT / "proto/joybridge/conformance",
+    "joybridge.simulator": ROOT / "simulator/joybridge/simulator",
+    "joybridge.games": ROOT / "simulator/joybridge/games",
+    "joybridge.trainer": ROOT / "trainer/joybridge/trainer",
+    "joybridge.gym": ROOT / "trainer/joybridge/gym",
+    "joybridge.experiments": ROOT / "trainer/joybridge/experiments",
+}
+CONTRACT = {"joybridge.v1", "joybridge.contract"}
+SIMULATOR = CONTRACT | {"joybridge.simulator", "joybridge.games"}
+MAY_IMPORT = {  # of ours; each package may import itself as well
+    "joybridge.v1": set(),
+    "joybridge.contract": CONTRACT,
+    "joybridge.conformance": CONTRACT,
+    "joybridge.simulator": SIMULATOR,
+    "joybridge.games": SIMULATOR,
+    "joybridge.trainer": CONTRACT,
+    "joybridge.gym": CONTRACT | {"joybridge.trainer"},
+    "joybridge.experiments": CONTRACT | {"joybridge.trainer"},
+}
+LEARNING = {"torch", "gymnasium", "pettingzoo", "tensorboard", "pydantic"}
+MAY_NOT_IMPORT = {  # of others'; nobody imports the tools and the tests
+    "joybridge.v1": LEARNING | {"pygame", "numba"},
+    "joybridge.contract": LEARNING | {"pygame", "numba"},
+    "joybridge.conformance": LEARNING | {"pygame", "numba"},
+    "joybridge.simulator": LEARNING,
+    "joybridge.games": LEARNING,
+    "joybridge.trainer": {"pygame"},
+    "joybridge.gym": {"pygame", "torch", "pydantic"},
+    "joybridge.experiments": {"pygame"},
 }
 
 
@@ -45,25 +72,27 @@ def modules(package: str) -> dict[str, list[Import]]:
     """Return the imports of every module of a package by its full name."""
     found = {}
     for path in sorted(PACKAGES[package].rglob("*.py")):
-        parts = [package, *path.relative_to(PACKAGES[package]).with_suffix("").parts]
+        parts = [*package.split("."), *path.relative_to(PACKAGES[package]).with_suffix("").parts]
         parent = ".".join(parts[:-1])
         found[parent if parts[-1] == "__init__" else ".".join(parts)] = list(imports(path.read_text(), parent))
     return found
 
 
 def trespasses(package: str, found: dict[str, list[Import]]) -> list[str]:
-    return [
-        f"{name} imports {module}"
-        for name, targets in found.items()
-        for module, _ in targets
-        if module.split(".")[0] in FORBIDDEN[package]
-    ]
+    def forbidden(module: str) -> bool:
+        root, *rest = module.split(".")
+        if root == "joybridge":
+            ours = f"joybridge.{rest[0]}" if rest else ""
+            return ours in PACKAGES and ours != package and ours not in MAY_IMPORT[package]
+        return root in MAY_NOT_IMPORT[package] or root in {"tools", "tests"}
+
+    return [f"{name} imports {module}" for name, targets in found.items() for module, _ in targets if forbidden(module)]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_package_imports_what_is_not_its_business(package):
     found = modules(package)
-    assert len(found) >= 4 and any(found.values())
+    assert found
     assert trespasses(package, found) == []
 
 
@@ -73,34 +102,44 @@ def test_no_package_imports_what_is_not_its_business(package):
         "import torch",
         "import torch.nn as nn",
         "from torch import nn",
-        "def f():\n    from trainer.client import Session",
+        "def f():\n    from joybridge.trainer.wire.client import Session",
         "try:\n    import torch\nexcept ImportError:\n    pass",
-        "if True:\n    import numpy, trainer",
+        "if True:\n    import numpy, joybridge.trainer",
         "class A:\n    async def f(self):\n        import gymnasium",
     ],
 )
 def test_a_trespass_is_found_wherever_it_stands(source):
-    assert len(set(trespasses("simulator", {"simulator.x": list(imports(source, "simulator"))}))) >= 1
+    assert (
+        len(
+            set(
+                trespasses(
+                    "joybridge.simulator", {"joybridge.simulator.x": list(imports(source, "joybridge.simulator"))}
+                )
+            )
+        )
+        >= 1
+    )
 
 
 def test_relative_imports_are_read_as_what_they_mean():
-    assert Import("simulator.games.birds.rules", False) in imports("from .rules import f", "simulator.games.birds")
-    assert Import("simulator.games.render", False) in imports("from .. import render", "simulator.games.birds")
-    assert Import("simulator.render.fit", True) in imports(
-        "def f():\n  from ...render import fit", "simulator.games.birds"
+    assert Import("joybridge.games.birds.rules", False) in imports("from .rules import f", "joybridge.games.birds")
+    assert Import("joybridge.games.render", False) in imports("from .. import render", "joybridge.games.birds")
+    assert Import("joybridge.simulator.render.fit", True) in imports(
+        "def f():\n  from ...render import fit", "joybridge.games.birds"
     )
 
 
 def test_the_contract_needs_nothing_but_numpy_protobuf_and_grpc():
-    roots = {module.split(".")[0] for targets in modules("joybridge").values() for module, _ in targets}
+    found = [targets for package in (*CONTRACT, "joybridge.conformance") for targets in modules(package).values()]
+    roots = {module.split(".")[0] for targets in found for module, _ in targets}
     assert roots - set(sys.stdlib_module_names) == {"numpy", "google", "grpc", "joybridge"}
 
 
 def test_drawing_modules_are_imported_only_by_each_other_and_inside_functions():
-    found = modules("simulator")
+    found = modules("joybridge.simulator") | modules("joybridge.games")
     drawing = {name for name, targets in found.items() if any(root(target) == "pygame" for target in targets)}
     drawing |= {name for name in found if name.endswith(".drawing")}
-    assert {"simulator.render", "simulator.games.shooting_birds.drawing"} <= drawing
+    assert {"joybridge.simulator.render", "joybridge.games.shooting_birds.drawing"} <= drawing
     users = {
         (name, target.lazy)
         for name, targets in found.items()
@@ -119,19 +158,19 @@ def root(target: Import) -> str:
 
 
 def loaded(program: str) -> set[str]:
-    """Run a program in a process of its own and return the top-level modules that it has loaded in the end."""
-    program += "\nimport sys, json\nprint(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))"
+    """Run a program in a process of its own and return the modules that it has loaded in the end."""
+    program += "\nimport sys, json\nprint(json.dumps(sorted(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     return set(json.loads(result.stdout.splitlines()[-1]))
 
 
 PLAY = """
 import numpy as np
-import simulator.service
-from joybridge.codec import ActArrays, pack_act
+import joybridge.simulator.service
+from joybridge.contract.codec import ActArrays, pack_act
 from joybridge.v1 import bridge_pb2 as pb
-from simulator.catalogue import load_games
-from simulator.session import Session
+from joybridge.simulator.catalogue import load_games
+from joybridge.simulator.session import Session
 
 def lowest(kind):
     axes = np.array([[axis.low for axis in kind.device.axes]] * kind.agents_per_arena, np.float32)
@@ -142,13 +181,15 @@ for game in games:
     session = Session(games)
     spec = session.answer(pb.PlayRequest(start=pb.Start(game=game, arenas=1))).started.spec
     draw = [0] if DRAW and spec.HasField("picture") else []
-    act = pb.Act(behaviours=[lowest(kind) for kind in spec.behaviours], draw=draw)
+    act = pb.Act(behaviors=[lowest(kind) for kind in spec.behaviors], draw=draw)
     assert len(session.answer(pb.PlayRequest(act=act)).step.pictures) == len(draw)
 """
 
 
 def test_serving_and_stepping_loads_no_learning_and_no_drawing():
-    assert loaded(PLAY.replace("DRAW", "False")).isdisjoint({"torch", "gymnasium", "trainer", "pygame", "matplotlib"})
+    assert loaded(PLAY.replace("DRAW", "False")).isdisjoint(
+        {"torch", "gymnasium", "joybridge.trainer", "pygame", "matplotlib"}
+    )
 
 
 def test_drawing_is_loaded_when_a_picture_is_asked_for():
@@ -156,6 +197,6 @@ def test_drawing_is_loaded_when_a_picture_is_asked_for():
 
 
 def test_training_loads_no_game():
-    modules = loaded("import trainer.train, trainer.__main__")
-    assert {"trainer", "torch", "joybridge"} <= modules
-    assert modules.isdisjoint({"simulator", "pygame"})
+    modules = loaded("import joybridge.trainer.train, joybridge.trainer.__main__")
+    assert {"joybridge.trainer", "torch", "joybridge.contract"} <= modules
+    assert modules.isdisjoint({"joybridge.simulator", "joybridge.games", "pygame"})

@@ -10,14 +10,14 @@ from xml.etree import ElementTree
 
 import pytest
 
-from simulator.check import PATIENCE, main, run_checks
-from simulator.checks import CHECKS, FAMILIES
-from simulator.checks.registry import Broken as BrokenRule
-from simulator.checks.registry import Check
-from simulator.checks.report import FAILED, NO_MATTER, PASSED, Result, write_junit
-from simulator.checks.wire import Server
-from simulator.games import BUILT_IN
-from tests.broken_servers import BROKEN, Broken, Gauntlet, Honest, serving
+from joybridge.conformance.registry import Broken as BrokenRule
+from joybridge.conformance.registry import Check
+from joybridge.conformance.report import FAILED, NO_MATTER, PASSED, Result, write_junit
+from joybridge.conformance.rules import CHECKS, FAMILIES
+from joybridge.conformance.runner import PATIENCE, main, run_checks
+from joybridge.conformance.wire import Server
+from joybridge.games import BUILT_IN
+from tests.support.broken_servers import BROKEN, Broken, Gauntlet, Honest, serving
 
 ROOT = Path(__file__).parents[1]
 GAMES = [*BUILT_IN, "hybrid", "duel", "ends"]
@@ -48,7 +48,17 @@ def test_there_are_many_checks_each_with_a_rule_and_its_place_in_the_manual():
 def test_the_server_keeps_every_rule_with_every_well_behaved_game(simulator, tmp_path):
     junit = tmp_path / "junit.xml"
     arguments = [part for game in GAMES for part in ("--game", game)]
-    command = [sys.executable, "-m", "simulator", "check", simulator, *arguments, "--json", "--junit", str(junit)]
+    command = [
+        sys.executable,
+        "-m",
+        "joybridge.simulator",
+        "check",
+        simulator,
+        *arguments,
+        "--json",
+        "--junit",
+        str(junit),
+    ]
     process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     lines = process.stdout.splitlines()
     assert (process.returncode, process.stderr) == (0, ""), "\n".join(line for line in lines if "failed" in line)

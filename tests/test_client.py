@@ -9,10 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from trainer.actions import make_acts
-from trainer.client import Session, SimulatorError, SimulatorLost
-from trainer.launch import simulator_process
-from trainer.loop import uninterrupted
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost
+from joybridge.trainer.wire.event_loop import uninterrupted
+from joybridge.trainer.wire.launch import simulator_process
 
 DECISIONS = 20
 
@@ -86,9 +86,9 @@ def test_the_garbage_collector_may_close_a_session_while_another_waits(address):
     """In a program of its own, which would hang."""
     script = f"""
 import gc, weakref
-from trainer.actions import make_acts
-from trainer.client import Session
-from trainer.loop import the_loop
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.event_loop import the_loop
 class Owner:
     def __init__(self):
         self.me = self  # so that only the collector frees it
@@ -108,8 +108,8 @@ with Session({address!r}, "marble", arenas=2, seed=0) as session:
 
 def test_a_session_that_is_never_closed_ends_with_the_program_in_silence(address):
     script = f"""
-from trainer.actions import make_acts
-from trainer.client import Session
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.wire.client import Session
 session = Session({address!r}, "marble", arenas=2, seed=0)
 session.step(make_acts(session.spec, 2))
 session.send(make_acts(session.spec, 2))
@@ -120,8 +120,8 @@ session.send(make_acts(session.spec, 2))
 
 INTERRUPTED = """
 import asyncio, random, signal
-from trainer.actions import make_acts
-from trainer.client import Session, SimulatorLost
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.wire.client import Session, SimulatorLost
 signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
 def play(address, begun):
     with Session(address, "marble", arenas=2, seed=0) as session:

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joybridge.codec import ActArrays, Codec, StepArrays, lane_count, pack_act
-from joybridge.spec import (
+from joybridge.contract.codec import ActArrays, Codec, StepArrays, lane_count, pack_act
+from joybridge.contract.spec import (
     MAX_MESSAGE,
     SpecError,
     check_spec,
@@ -16,13 +16,13 @@ from joybridge.spec import (
     request_bytes,
     response_bytes,
 )
-from joybridge.tensors import NUMPY_TYPES, TensorError, pack
+from joybridge.contract.tensors import NUMPY_TYPES, TensorError, pack
 from joybridge.v1 import bridge_pb2 as pb
-from tests.games import Hybrid
-from tests.wire import pack_step
+from tests.support.games import Hybrid
+from tests.support.wire import pack_step
 
 ARENAS = 3
-PILOT = pb.Behaviour(
+PILOT = pb.Behavior(
     name="pilot",
     agents_per_arena=2,
     sensors=[
@@ -45,19 +45,19 @@ LANES = lane_count(PILOT, ARENAS)
 quick = settings(derandomize=True, deadline=None, max_examples=60)
 
 
-def a_step(ended=(), truncated=(), masks=False, deciding=None, seed=0, behaviour=PILOT):
+def a_step(ended=(), truncated=(), masks=False, deciding=None, seed=0, behavior=PILOT):
     """Return a step of random but right content; `ended` lanes terminated, `truncated` lanes were cut."""
     random = np.random.default_rng(seed)
-    lanes = lane_count(behaviour, ARENAS)
+    lanes = lane_count(behavior, ARENAS)
 
     def sense(rows):
-        shapes = [(sensor.dtype, (rows, *sensor.shape)) for sensor in behaviour.sensors]
+        shapes = [(sensor.dtype, (rows, *sensor.shape)) for sensor in behavior.sensors]
         return [random.integers(0, 2, shape).astype(NUMPY_TYPES[dtype]) for dtype, shape in shapes]
 
     ends = np.isin(np.arange(lanes), ended), np.isin(np.arange(lanes), truncated)
     step = StepArrays(sense(lanes), random.normal(size=(lanes, 2)).astype(np.float32), *ends)
     if masks:
-        step.masks = [random.random((lanes, len(b.choices))) < 0.5 for b in behaviour.device.branches]
+        step.masks = [random.random((lanes, len(b.choices))) < 0.5 for b in behavior.device.branches]
         for mask in step.masks:
             mask[np.arange(lanes), random.integers(mask.shape[1], size=lanes)] = True
     if deciding is not None:
@@ -65,8 +65,8 @@ def a_step(ended=(), truncated=(), masks=False, deciding=None, seed=0, behaviour
     step.ended = np.flatnonzero(ends[0] | ends[1]).astype(np.int32)
     if len(step.ended):
         step.final_observations = sense(len(step.ended))
-        if behaviour.metrics:
-            step.metrics = random.normal(size=(len(step.ended), len(behaviour.metrics))).astype(np.float32)
+        if behavior.metrics:
+            step.metrics = random.normal(size=(len(step.ended), len(behavior.metrics))).astype(np.float32)
     return step
 
 
@@ -76,9 +76,7 @@ def an_act(lanes=LANES):
 
 def act_refusal(act, previous=None):
     with pytest.raises(TensorError, match=r"^pilot\.(axes|choices)") as caught:
-        Codec(PILOT, ARENAS).unpack_act(
-            act if isinstance(act, pb.BehaviourAct) else pack_act(act), previous or a_step()
-        )
+        Codec(PILOT, ARENAS).unpack_act(act if isinstance(act, pb.BehaviorAct) else pack_act(act), previous or a_step())
     return str(caught.value)
 
 
@@ -99,7 +97,7 @@ def test_an_act_comes_back_as_it_was(data):
         [data.draw(st.integers(0, len(branch.choices) - 1)) for branch in PILOT.device.branches] for _ in range(LANES)
     ]
     act = ActArrays(np.array(axes, np.float32), np.array(choices, np.int32))
-    back = Codec(PILOT, ARENAS).unpack_act(pb.BehaviourAct.FromString(pack_act(act).SerializeToString()), a_step())
+    back = Codec(PILOT, ARENAS).unpack_act(pb.BehaviorAct.FromString(pack_act(act).SerializeToString()), a_step())
     assert back.axes.tobytes() == act.axes.tobytes() and back.axes.shape == (LANES, 2)
     assert back.choices.tobytes() == act.choices.tobytes() and back.choices.shape == (LANES, 2)
 
@@ -150,19 +148,19 @@ def test_an_act_has_a_row_for_every_lane(lanes):
 
 @pytest.mark.parametrize("kind", ["axes", "branches"])
 def test_a_device_may_lack_axes_or_branches_and_an_act_then_lacks_their_half(kind):
-    behaviour = pb.Behaviour()
-    behaviour.CopyFrom(PILOT)
-    behaviour.device.ClearField(kind)
+    behavior = pb.Behavior()
+    behavior.CopyFrom(PILOT)
+    behavior.device.ClearField(kind)
     act = an_act()
-    act.axes = act.axes[:, : len(behaviour.device.axes)]
-    act.choices = act.choices[:, : len(behaviour.device.branches)]
+    act.axes = act.axes[:, : len(behavior.device.axes)]
+    act.choices = act.choices[:, : len(behavior.device.branches)]
     message = pack_act(act)
     assert (message.HasField("axes"), message.HasField("choices")) == (kind != "axes", kind != "branches")
-    back = Codec(behaviour, ARENAS).unpack_act(message, a_step())
+    back = Codec(behavior, ARENAS).unpack_act(message, a_step())
     assert back.axes.shape == act.axes.shape and back.choices.shape == act.choices.shape
     extra = pack_act(an_act())
     with pytest.raises(TensorError, match=r"shape is \[6, 2\], expected \[6, 0\]"):
-        Codec(behaviour, ARENAS).unpack_act(extra, a_step())
+        Codec(behavior, ARENAS).unpack_act(extra, a_step())
 
 
 def test_a_masked_choice_is_refused_by_its_label_and_lane():
@@ -236,14 +234,14 @@ def test_a_lane_that_decides_is_named_by_its_own_number_among_those_that_wait():
     metrics=st.booleans(),
 )
 def test_a_step_comes_back_as_it_was(seed, ends, masks, deciding, metrics):
-    behaviour = pb.Behaviour()
-    behaviour.CopyFrom(PILOT)
+    behavior = pb.Behavior()
+    behavior.CopyFrom(PILOT)
     if not metrics:
-        behaviour.ClearField("metrics")
+        behavior.ClearField("metrics")
     ended = [lane for lane, end in enumerate(ends) if end == "t"], [lane for lane, end in enumerate(ends) if end == "c"]
-    step = a_step(*ended, masks, None if deciding is None else list(deciding), seed, behaviour)
-    message = pb.BehaviourStep.FromString(pack_step(step).SerializeToString())
-    back = Codec(behaviour, ARENAS).unpack_step(message)
+    step = a_step(*ended, masks, None if deciding is None else list(deciding), seed, behavior)
+    message = pb.BehaviorStep.FromString(pack_step(step).SerializeToString())
+    back = Codec(behavior, ARENAS).unpack_step(message)
     for name in vars(step):
         assert same(getattr(back, name), getattr(step, name)), name
     assert message.HasField("ended") == bool(ended[0] + ended[1])
@@ -371,13 +369,13 @@ def test_an_end_cannot_be_left_out_nor_made_up():
     assert step_refusal(quiet) == "pilot.ended.lanes: shape is [2], expected [0]"
 
 
-def test_metrics_come_only_from_a_behaviour_that_has_some():
-    behaviour = pb.Behaviour()
-    behaviour.CopyFrom(PILOT)
-    behaviour.ClearField("metrics")
-    message = pack_step(a_step(ended=[1], behaviour=behaviour))
+def test_metrics_come_only_from_a_behavior_that_has_some():
+    behavior = pb.Behavior()
+    behavior.CopyFrom(PILOT)
+    behavior.ClearField("metrics")
+    message = pack_step(a_step(ended=[1], behavior=behavior))
     assert not message.ended.HasField("metrics")
-    assert Codec(behaviour, ARENAS).unpack_step(message).metrics is None
+    assert Codec(behavior, ARENAS).unpack_step(message).metrics is None
     assert step_refusal(message).startswith("pilot.ended.metrics: ")
 
 
@@ -398,27 +396,27 @@ BREAKS = {
     "parameters: a name stands twice": lambda s: s.parameters.append(s.parameters[0]),
     "parameter 'drift' has its default outside": lambda s: setattr(s.parameters[0], "default_value", 2.5),
     "parameter 'drift' has its default outside low": lambda s: setattr(s.parameters[0], "low", np.nan),
-    "no behaviours": lambda s: s.ClearField("behaviours"),
-    "behaviours: a name stands twice": lambda s: s.behaviours.append(s.behaviours[0]),
-    "agents_per_arena is 0": lambda s: s.behaviours[0].ClearField("agents_per_arena"),
-    "no sensors": lambda s: s.behaviours[0].ClearField("sensors"),
-    "no reward channels": lambda s: s.behaviours[0].ClearField("channels"),
-    "a device needs an axis or a branch": lambda s: s.behaviours[0].ClearField("device"),
-    "sensors: a name stands twice": lambda s: s.behaviours[0].sensors.append(s.behaviours[0].sensors[0]),
-    "axes: a name is empty": lambda s: s.behaviours[0].device.axes[0].ClearField("name"),
-    "branches: a name is empty": lambda s: s.behaviours[0].device.branches[0].ClearField("name"),
-    "channels: a name is empty": lambda s: s.behaviours[0].channels[0].ClearField("name"),
-    "metrics: a name is empty": lambda s: s.behaviours[0].metrics[0].ClearField("name"),
-    "axis 'x' has low 1 not below high 1": lambda s: setattr(s.behaviours[0].device.axes[0], "low", 1.0),
-    "axis 'x' has no finite low and high": lambda s: setattr(s.behaviours[0].device.axes[0], "low", np.nan),
-    "branch 'press' needs at least two choices": lambda s: s.behaviours[0].device.branches[1].choices.pop(),
-    "branch 'press' repeats a choice": lambda s: s.behaviours[0].device.branches[1].choices.append("pressed"),
-    "sensor 'place' has no valid dtype": lambda s: s.behaviours[0].sensors[0].ClearField("dtype"),
-    "sensor 'count' has no valid dtype": lambda s: setattr(s.behaviours[0].sensors[1], "dtype", 5),
-    "sensor 'place' has shape []": lambda s: s.behaviours[0].sensors[0].ClearField("shape"),
-    "sensor 'image' has shape [2, 2, 0]": lambda s: s.behaviours[0].sensors[2].shape.append(0),
-    "sensor 'place' names 1 elements of 2": lambda s: s.behaviours[0].sensors[0].elements.append("x"),
-    "sensor 'lamps' has 2 bounds": lambda s: s.behaviours[0].sensors[3].high.extend([1.0, 1.0]),
+    "no behaviors": lambda s: s.ClearField("behaviors"),
+    "behaviors: a name stands twice": lambda s: s.behaviors.append(s.behaviors[0]),
+    "agents_per_arena is 0": lambda s: s.behaviors[0].ClearField("agents_per_arena"),
+    "no sensors": lambda s: s.behaviors[0].ClearField("sensors"),
+    "no reward channels": lambda s: s.behaviors[0].ClearField("channels"),
+    "a device needs an axis or a branch": lambda s: s.behaviors[0].ClearField("device"),
+    "sensors: a name stands twice": lambda s: s.behaviors[0].sensors.append(s.behaviors[0].sensors[0]),
+    "axes: a name is empty": lambda s: s.behaviors[0].device.axes[0].ClearField("name"),
+    "branches: a name is empty": lambda s: s.behaviors[0].device.branches[0].ClearField("name"),
+    "channels: a name is empty": lambda s: s.behaviors[0].channels[0].ClearField("name"),
+    "metrics: a name is empty": lambda s: s.behaviors[0].metrics[0].ClearField("name"),
+    "axis 'x' has low 1 not below high 1": lambda s: setattr(s.behaviors[0].device.axes[0], "low", 1.0),
+    "axis 'x' has no finite low and high": lambda s: setattr(s.behaviors[0].device.axes[0], "low", np.nan),
+    "branch 'press' needs at least two choices": lambda s: s.behaviors[0].device.branches[1].choices.pop(),
+    "branch 'press' repeats a choice": lambda s: s.behaviors[0].device.branches[1].choices.append("pressed"),
+    "sensor 'place' has no valid dtype": lambda s: s.behaviors[0].sensors[0].ClearField("dtype"),
+    "sensor 'count' has no valid dtype": lambda s: setattr(s.behaviors[0].sensors[1], "dtype", 5),
+    "sensor 'place' has shape []": lambda s: s.behaviors[0].sensors[0].ClearField("shape"),
+    "sensor 'image' has shape [2, 2, 0]": lambda s: s.behaviors[0].sensors[2].shape.append(0),
+    "sensor 'place' names 1 elements of 2": lambda s: s.behaviors[0].sensors[0].elements.append("x"),
+    "sensor 'lamps' has 2 bounds": lambda s: s.behaviors[0].sensors[3].high.extend([1.0, 1.0]),
 }
 
 
@@ -456,27 +454,27 @@ def test_a_parameter_outside_its_range_is_refused(value):
 @given(st.integers(1, 40), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_limits_of_a_message_hold_the_largest_that_a_spec_allows(arenas, seed, large):
     spec = Hybrid.describe({"size": "large" if large else "small", "masks": "on"})
-    spec.behaviours[0].agents_per_arena = 3
-    spec.behaviours[0].sensors[2].shape[:] = [60, 40]
+    spec.behaviors[0].agents_per_arena = 3
+    spec.behaviors[0].sensors[2].shape[:] = [60, 40]
     spec.snapshot_bytes_per_arena = 1000
-    spec.behaviours[0].sensors[0].description = "long " * 100_000
-    behaviour, random = spec.behaviours[0], np.random.default_rng(seed)
+    spec.behaviors[0].sensors[0].description = "long " * 100_000
+    behavior, random = spec.behaviors[0], np.random.default_rng(seed)
     lanes = 3 * arenas
 
     def sense():
-        return [random.bytes(lanes * element_count(s) * NUMPY_TYPES[s.dtype].itemsize) for s in behaviour.sensors]
+        return [random.bytes(lanes * element_count(s) * NUMPY_TYPES[s.dtype].itemsize) for s in behavior.sensors]
 
     rest = 4 * lanes * 2 * 2 + lanes * (3 + 2 + 3)  # channels, metrics; masks, ends, deciding
     observations = [pb.Tensor(data=data) for data in sense() + sense() + [random.bytes(rest)]]
     pictures = [pb.Tensor(data=bytes(6 * 8 * 3))] * 64
-    step = pb.Step(behaviours=[pb.BehaviourStep(observations=observations)], pictures=pictures)
+    step = pb.Step(behaviors=[pb.BehaviorStep(observations=observations)], pictures=pictures)
     started = pb.PlayResponse(started=pb.Started(spec=spec, step=step))
     assert started.ByteSize() <= response_bytes(spec, arenas, 64)
     snapshot = pb.Snapshot(parts={"all": random.bytes(1000 * arenas)})
     assert pb.PlayResponse(snapshot=snapshot).ByteSize() <= response_bytes(spec, arenas)
     assert pb.PlayRequest(start=pb.Start(game="hybrid", snapshot=snapshot)).ByteSize() <= request_bytes(spec, arenas)
-    act = pb.BehaviourAct(axes=pb.Tensor(data=bytes(8 * lanes)), choices=pb.Tensor(data=bytes(8 * lanes)))
-    assert pb.PlayRequest(act=pb.Act(behaviours=[act], draw=range(64))).ByteSize() <= request_bytes(spec, arenas)
+    act = pb.BehaviorAct(axes=pb.Tensor(data=bytes(8 * lanes)), choices=pb.Tensor(data=bytes(8 * lanes)))
+    assert pb.PlayRequest(act=pb.Act(behaviors=[act], draw=range(64))).ByteSize() <= request_bytes(spec, arenas)
 
 
 def test_no_limit_is_larger_than_a_message_can_be():

@@ -134,8 +134,8 @@ BREAKING = {
         "field joybridge.v1.Start.seed",
     ),
     "a field of another message": (
-        lambda f: setattr(field(f, "BehaviourAct.axes"), "type_name", ".joybridge.v1.Step"),
-        "field joybridge.v1.BehaviourAct.axes",
+        lambda f: setattr(field(f, "BehaviorAct.axes"), "type_name", ".joybridge.v1.Step"),
+        "field joybridge.v1.BehaviorAct.axes",
     ),
     "a field no longer repeated": (
         lambda f: setattr(field(f, "Act.draw"), "label", FieldDescriptorProto.LABEL_OPTIONAL),

@@ -5,13 +5,13 @@ import pytest
 import torch
 from torch.distributions import Categorical, Normal
 
-from trainer.distributions import (
+from joybridge.trainer.ppo.distributions import (
     FORBIDDEN,
     branch_entropy,
     chosen_log_probs,
     gaussian_log_probs,
 )
-from trainer.kernels import choose
+from joybridge.trainer.ppo.fast.kernels import choose
 
 SIZES = (5, 3, 2)
 

@@ -16,13 +16,13 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from joybridge.codec import ActArrays, lane_count, pack_act
-from joybridge.spec import choose_options
-from joybridge.tensors import pack
+from joybridge.contract.codec import ActArrays, lane_count, pack_act
+from joybridge.contract.spec import choose_options
+from joybridge.contract.tensors import pack
+from joybridge.simulator.catalogue import load_games
 from joybridge.v1 import bridge_pb2 as pb
-from simulator.catalogue import load_games
-from tests.games import PLACES
-from tests.wire import ANY_LENGTH, PLAY, SAVE, SECONDS, act, encode, reset, start
+from tests.support.games import PLACES
+from tests.support.wire import ANY_LENGTH, PLAY, SAVE, SECONDS, act, encode, reset, start
 
 INVALID, EARLY = StatusCode.INVALID_ARGUMENT, StatusCode.FAILED_PRECONDITION
 EXPECTED = {INVALID, EARLY, StatusCode.NOT_FOUND, StatusCode.RESOURCE_EXHAUSTED}
@@ -43,13 +43,13 @@ class Kind(NamedTuple):
 
 def valid_act(game: str) -> pb.PlayRequest:
     """Return actions that a session may begin with."""
-    behaviours = []
-    for kind in SPECS[game].behaviours:
+    behaviors = []
+    for kind in SPECS[game].behaviors:
         middle = np.array([(axis.low + axis.high) / 2 for axis in kind.device.axes], np.float32)
         lanes = lane_count(kind, ARENAS)
         arrays = ActArrays(np.tile(middle, (lanes, 1)), np.zeros((lanes, len(kind.device.branches)), np.int32))
-        behaviours.append(pack_act(arrays))
-    return act(*behaviours)
+        behaviors.append(pack_act(arrays))
+    return act(*behaviors)
 
 
 # ---------------------------------------------------------------------------------------- tensors of actions
@@ -99,7 +99,7 @@ CHOICES = {
 def act_kinds() -> Iterator[tuple[str, Kind]]:
     for game in GAMES:
         before = [start(game, ARENAS)]
-        for index, kind in enumerate(SPECS[game].behaviours):
+        for index, kind in enumerate(SPECS[game].behaviors):
             turn = before + [valid_act(game)] * 2 * index  # the judge of `duel` decides third
             for field in ("axes", "choices"):
                 if getattr(kind.device, {"axes": "axes", "choices": "branches"}[field]):
@@ -108,23 +108,23 @@ def act_kinds() -> Iterator[tuple[str, Kind]]:
                             f"{game} {kind.name}.{field}: {name}",
                             Kind(turn, request, INVALID, f"{kind.name}.{field}: "),
                         )
-        yield f"{game}: no behaviours", Kind(before, act(), INVALID, "act.behaviours has 0 entries")
-        twice = act(*valid_act(game).act.behaviours, *valid_act(game).act.behaviours)
-        yield f"{game}: behaviours twice", Kind(before, twice, INVALID, "act.behaviours")
-        many = act(*[pb.BehaviourAct()] * 10_000)
-        yield f"{game}: very many behaviours", Kind(before, many, INVALID, "act.behaviours has 10000 entries")
+        yield f"{game}: no behaviors", Kind(before, act(), INVALID, "act.behaviors has 0 entries")
+        twice = act(*valid_act(game).act.behaviors, *valid_act(game).act.behaviors)
+        yield f"{game}: behaviors twice", Kind(before, twice, INVALID, "act.behaviors")
+        many = act(*[pb.BehaviorAct()] * 10_000)
+        yield f"{game}: very many behaviors", Kind(before, many, INVALID, "act.behaviors has 10000 entries")
         for place, draw in {"beyond": [ARENAS], "far beyond": [0, 2**32 - 1], "very many": [0] * 10_000}.items():
-            drawn = act(*valid_act(game).act.behaviours, draw=draw)
+            drawn = act(*valid_act(game).act.behaviors, draw=draw)
             undrawable = not SPECS[game].HasField("picture")
             yield f"{game}: draw {place}", Kind(before, drawn, EARLY if undrawable else INVALID, "draw")
-    swapped = act(*reversed(valid_act("duel").act.behaviours))
+    swapped = act(*reversed(valid_act("duel").act.behaviors))
     yield (
-        "duel: behaviours swapped",
+        "duel: behaviors swapped",
         Kind([start("duel", ARENAS)], swapped, INVALID, "runner.axes: dtype is DTYPE_UNSPEC"),
     )
     masked = valid_act("hybrid")
     choices = np.array([[0, 0], [0, 0], [2, 0]], np.int32)
-    masked.act.behaviours[0].choices.CopyFrom(pack(choices))
+    masked.act.behaviors[0].choices.CopyFrom(pack(choices))
     yield (
         "hybrid: a masked choice",
         Kind([start("hybrid", ARENAS)], masked, INVALID, "'high' in lane 2, which its mask"),
@@ -136,10 +136,10 @@ def damaged_tensors(game: str, index: int, field: str) -> Iterator[tuple[str, pb
 
     def copy() -> tuple[pb.PlayRequest, Any]:
         request = valid_act(game)
-        return request, getattr(request.act.behaviours[index], field)
+        return request, getattr(request.act.behaviors[index], field)
 
     request, tensor = copy()
-    request.act.behaviours[index].ClearField(field)
+    request.act.behaviors[index].ClearField(field)
     yield "absent", request
     request, tensor = copy()
     tensor.Clear()
@@ -159,7 +159,7 @@ def damaged_tensors(game: str, index: int, field: str) -> Iterator[tuple[str, pb
         request, tensor = copy()
         tensor.data = cut(tensor.data)
         yield name, request
-    device = SPECS[game].behaviours[index].device
+    device = SPECS[game].behaviors[index].device
     things: list[Any] = list(device.axes if field == "axes" else device.branches)
     for column, thing in enumerate(things):
         for name, value in (AXES if field == "axes" else CHOICES).items():
@@ -266,9 +266,9 @@ REQUEST_PATHS: dict[
     "PlayRequest.start": (pb.Start, [1]),
     "PlayRequest.start.snapshot": (pb.Snapshot, [1, 7]),
     "PlayRequest.act": (pb.Act, [2]),
-    "PlayRequest.act.behaviours": (pb.BehaviourAct, [2, 1]),
-    "PlayRequest.act.behaviours.axes": (pb.Tensor, [2, 1, 1]),
-    "PlayRequest.act.behaviours.choices": (pb.Tensor, [2, 1, 2]),
+    "PlayRequest.act.behaviors": (pb.BehaviorAct, [2, 1]),
+    "PlayRequest.act.behaviors.axes": (pb.Tensor, [2, 1, 1]),
+    "PlayRequest.act.behaviors.choices": (pb.Tensor, [2, 1, 2]),
     "PlayRequest.reset": (pb.Reset, [3]),
     "PlayRequest.save": (pb.Save, [4]),
 }
@@ -457,7 +457,7 @@ TENSORS = st.builds(
 )
 ACTS = st.builds(
     pb.Act,
-    behaviours=st.lists(st.builds(pb.BehaviourAct, axes=st.none() | TENSORS, choices=st.none() | TENSORS), max_size=2),
+    behaviors=st.lists(st.builds(pb.BehaviorAct, axes=st.none() | TENSORS, choices=st.none() | TENSORS), max_size=2),
     draw=st.lists(st.integers(0, 3), max_size=3),
 )
 STARTS = st.builds(

@@ -17,16 +17,16 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from joybridge.codec import ActArrays
-from trainer.actions import CLIP, make_layouts
-from trainer.client import Session, SimulatorError, SimulatorLost, describe
-from trainer.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv
-from trainer.launch import simulator_process
+from joybridge.contract.codec import ActArrays
+from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv
+from joybridge.trainer.layouts import CLIP, make_layouts
+from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, describe
+from joybridge.trainer.wire.launch import simulator_process
 
 with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of games that it imports of its own
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-GAMES = [f"tests.gym_games:{name}" for name in ("Brief", "Turns", "Chase")]
+GAMES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase")]
 IDS = ["joybridge/ShootingBirds-v0", "joybridge/BeastlyRivals-v0"]
 LAYOUTS = ["bucket-11", "hybrid", "threshold-0.5"]
 
@@ -74,9 +74,9 @@ def raw_actions(space, actions):
 def test_playing_is_stepping_a_session(simulator, make, game, layout):
     envs = make(BridgeVectorEnv, game, 3, layout, stack=2, seed=7)
     with Session(simulator, game, arenas=3, seed=7) as session:
-        (behaviour,) = session.spec.behaviours
-        (mapping,) = make_layouts(layout, behaviour.device).values()
-        weights = np.array([channel.default_weight for channel in behaviour.channels])
+        (behavior,) = session.spec.behaviors
+        (mapping,) = make_layouts(layout, behavior.device).values()
+        weights = np.array([channel.default_weight for channel in behavior.channels])
         observations, _ = envs.reset()
         frames = flat(session.steps[0].observations)
         stacked = np.concatenate([np.zeros_like(frames), frames], axis=1)
@@ -84,8 +84,8 @@ def test_playing_is_stepping_a_session(simulator, make, game, layout):
         for _ in range(30):
             actions = envs.action_space.sample()
             act = ActArrays(
-                np.zeros((3, len(behaviour.device.axes)), np.float32),
-                np.zeros((3, len(behaviour.device.branches)), np.int32),
+                np.zeros((3, len(behavior.device.axes)), np.float32),
+                np.zeros((3, len(behavior.device.branches)), np.int32),
             )
             continuous, discrete = raw_actions(envs.single_action_space, actions)
             mapping.write(continuous, discrete, act)
@@ -331,7 +331,7 @@ def test_two_policies_hold_one_device_together(simulator, make):
     assert env.action_space("axes") == Box(-1, 1, (2,)) and env.action_space("buttons") == MultiDiscrete([3])
     env.reset()
     with Session(simulator, "shooting_birds", arenas=1, seed=9) as session:
-        names = [channel.name for channel in session.spec.behaviours[0].channels]
+        names = [channel.name for channel in session.spec.behaviors[0].channels]
         for decision in range(200):
             moves = {"axes": np.array([np.sin(decision), 0.5], np.float32), "buttons": np.array([decision % 3])}
             observations, rewards, *_ = env.step(moves)
@@ -345,7 +345,7 @@ def test_two_policies_hold_one_device_together(simulator, make):
         assert env.agents == ["axes", "buttons"]
 
 
-def test_each_agent_of_each_behaviour_plays(make):
+def test_each_agent_of_each_behavior_plays(make):
     env = make(
         BridgeParallelEnv,
         "chase",
@@ -421,7 +421,7 @@ import os
 import sys
 from pathlib import Path
 import gymnasium
-one = gymnasium.make("trainer.gym:joybridge/ShootingBirds-v0")
+one = gymnasium.make("joybridge.gym:joybridge/ShootingBirds-v0")
 many = gymnasium.make_vec("joybridge/BeastlyRivals-v0", num_envs=4, layout="hybrid")
 assert many.num_envs == 4 and many.unwrapped.game_spec.name == "beastly_rivals"
 assert one.unwrapped.game_spec.name == "shooting_birds"
@@ -486,9 +486,9 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
 @pytest.mark.parametrize(
     ("kind", "game", "settings", "text"),
     [
-        (BridgeVectorEnv, "chase", {}, r"by 2 \(hunter, runner\).*use trainer.gym.BridgePar"),
-        (BridgeVectorEnv, "brief", {"layout": "multiagent"}, r"by 2 \(axes, buttons\).*use trainer.gym.BridgePar"),
-        (BridgeEnv, "turns", {}, r"by 2 \(player_0, player_1\).*use trainer.gym.BridgePar"),
+        (BridgeVectorEnv, "chase", {}, r"by 2 \(hunter, runner\).*use joybridge.gym.BridgePar"),
+        (BridgeVectorEnv, "brief", {"layout": "multiagent"}, r"by 2 \(axes, buttons\).*use joybridge.gym.BridgePar"),
+        (BridgeEnv, "turns", {}, r"by 2 \(player_0, player_1\).*use joybridge.gym.BridgePar"),
         (BridgeEnv, "brief", {"layout": "hybrids"}, "unknown layout 'hybrids', expected hybrid,"),
         (BridgeEnv, "brief", {"stack": 0}, "stack is 0, expected at least 1"),
         (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.learning_games import LENGTH
-from trainer.config import Config, PolicyConfig, load_config
-from trainer.evaluate import evaluate
-from trainer.launch import simulator_process
-from trainer.train import train
+from joybridge.trainer.config import Config, PolicyConfig, load_config
+from joybridge.trainer.evaluate import evaluate
+from joybridge.trainer.train import train
+from joybridge.trainer.wire.launch import simulator_process
+from tests.support.learning_games import LENGTH
 
 FAST = PolicyConfig(
     stack=1, hidden=[32, 32], rollout=16, horizon=16, minibatch=128, epochs=6, learning_rate=5e-3, entropy=0.001
@@ -17,7 +17,7 @@ FAST = PolicyConfig(
 
 @pytest.fixture(scope="module")
 def address():
-    games = [f"tests.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid")]
+    games = [f"tests.support.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid")]
     with simulator_process(games) as bound:
         yield bound
 
@@ -59,7 +59,7 @@ def test_an_untrained_policy_does_not_reach_it(address, tmp_path):
     assert learn(address, tmp_path / "run", "identity_hybrid", "hybrid", 512, learning_rate=1e-9) < 0.75
 
 
-def test_two_behaviours_learn_side_by_side_each_with_its_own_policy(address, tmp_path):
+def test_two_behaviors_learn_side_by_side_each_with_its_own_policy(address, tmp_path):
     config = load_config(Path(__file__).parents[1] / "configs/ferry/hybrid.yaml")
     train(config, tmp_path / "run", [address], resume=False, report=lambda *_: None)
     scores = evaluate(tmp_path / "run", address, episodes=32, seed=5, deterministic=True, say=lambda _: None)

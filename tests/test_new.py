@@ -1,4 +1,4 @@
-"""`python -m simulator new`: what it writes keeps every rule and learns; what it cannot do, it refuses by name."""
+"""`joybridge new`: what it writes keeps every rule and learns; what it cannot do, it refuses by name."""
 
 import ast
 import json
@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from simulator.__main__ import main
-from simulator.games import BUILT_IN
-from simulator.new import TEMPLATE
-from trainer.metrics import read_rows
+from joybridge.games import BUILT_IN
+from joybridge.simulator.__main__ import main
+from joybridge.simulator.new import TEMPLATE
+from joybridge.trainer.metrics import read_rows
 
 TYPED = [
-    "python -m simulator serve --game my_pond:MyPond",
-    "python -m simulator check 127.0.0.1:5005 --game my_pond",
-    "python -m trainer train my_pond.yaml --game my_pond:MyPond --run runs/my_pond",
-    "python -m trainer evaluate runs/my_pond --game my_pond:MyPond",
-    "python -m trainer record runs/my_pond my_pond.mp4 --game my_pond:MyPond",
+    "joybridge serve --game my_pond:MyPond",
+    "joybridge check 127.0.0.1:5005 --game my_pond",
+    "joybridge train my_pond.yaml --game my_pond:MyPond --run runs/my_pond",
+    "joybridge evaluate runs/my_pond --game my_pond:MyPond",
+    "joybridge record runs/my_pond my_pond.mp4 --game my_pond:MyPond",
 ]
 # A reader's: the environment is active, and nothing says where games are.
 READER = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
@@ -59,7 +59,7 @@ def serving(command: str, folder: Path):
 def written(tmp_path_factory):
     """Return a folder in which a game was begun, and the commands that were said to come next."""
     folder = tmp_path_factory.mktemp("author")
-    return folder, typed(run("python -m simulator new my_pond", folder))
+    return folder, typed(run("joybridge new my_pond", folder))
 
 
 @pytest.fixture

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from tools import grid
-from tools.cluster import read_files, write_files
-from tools.grid import Display, Job, keep_results, run_grid, time_left
+from joybridge.experiments import grid
+from joybridge.experiments.cluster import read_files, write_files
+from joybridge.experiments.grid import Display, Job, keep_results, run_grid, time_left
+from joybridge.trainer.checkpoint import has_checkpoint
 from tools.paper import main
-from trainer.checkpoint import has_checkpoint
 
 ROOT = Path(__file__).parents[1]
 TRANSITIONS = 12_000

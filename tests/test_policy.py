@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.codec import Codec, pack_act
+from joybridge.contract.codec import Codec, pack_act
+from joybridge.simulator.catalogue import load_games
+from joybridge.simulator.session import Session
+from joybridge.trainer.build import make_policies
+from joybridge.trainer.config import Config, ConfigError, PolicyConfig
+from joybridge.trainer.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
-from simulator.catalogue import load_games
-from simulator.session import Session
-from trainer.actions import make_acts
-from trainer.build import make_policies
-from trainer.config import Config, ConfigError, PolicyConfig
 
 ARENAS = 4
 cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device here")
@@ -22,10 +22,10 @@ def weights_after_an_update(layout: str, device: str, *, autograd: bool) -> dict
     config = Config(game="ferry", layout=layout, arenas=ARENAS, device=device, policy=shared)
     session = Session(load_games())
     started = session.answer(pb.PlayRequest(start=pb.Start(game="ferry", arenas=ARENAS))).started
-    codecs = [Codec(behaviour, ARENAS) for behaviour in started.spec.behaviours]
+    codecs = [Codec(behavior, ARENAS) for behavior in started.spec.behaviors]
 
     def unpack(step):
-        return [codec.unpack_step(message) for codec, message in zip(codecs, step.behaviours, strict=True)]
+        return [codec.unpack_step(message) for codec, message in zip(codecs, step.behaviors, strict=True)]
 
     policies, acts, steps = (
         make_policies(config, started.spec, ARENAS),
@@ -37,7 +37,7 @@ def weights_after_an_update(layout: str, device: str, *, autograd: bool) -> dict
     for _ in range(shared.rollout):
         for policy in policies:
             policy.act(steps, acts)
-        request = pb.PlayRequest(act=pb.Act(behaviours=[pack_act(act) for act in acts]))
+        request = pb.PlayRequest(act=pb.Act(behaviors=[pack_act(act) for act in acts]))
         steps = unpack(session.answer(request).step)
         for policy in policies:
             policy.take(steps)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from trainer.actions import ActionSpace
-from trainer.distributions import FORBIDDEN
-from trainer.gradient import ClosedFormGradient
-from trainer.networks import Network, flatten_parameters
-from trainer.ppo import (
+from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.ppo.distributions import FORBIDDEN
+from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
+from joybridge.trainer.ppo.loss import (
     Batch,
     Coefficients,
     Update,
@@ -20,6 +19,7 @@ from trainer.ppo import (
     joint_log_probs,
     ppo_loss,
 )
+from joybridge.trainer.ppo.networks import Network, flatten_parameters
 
 SPACES = {
     "discrete": (ActionSpace(0, (11, 11, 3)), True, False),

@@ -320,7 +320,7 @@ def test_training_times_are_compared_turn_by_turn(slow, word):
 
 
 def policy(**more: object) -> dict[str, object]:
-    """Return the behaviour of a trained policy of Beastly Rivals."""
+    """Return the behavior of a trained policy of Beastly Rivals."""
     return {
         "lap_radius": [[seconds, 6.0 if seconds < 120 else 4.0] for seconds in range(0, 240, 10)],
         "blinks_per_episode": 0.5, "survival_seconds": 210.0, "slow_share": 0.12, "slow_share_by_chance": 0.13,
@@ -339,11 +339,11 @@ GROWING = [[seconds, 4.0 + seconds / 100] for seconds in range(0, 240, 10)]
         ("The slow sphere hardly matters", {"slow_share": 0.02}),
     ],
 )
-def test_behaviour_holds_fails_or_differs_between_policies(text, changed):
+def test_behavior_holds_fails_or_differs_between_policies(text, changed):
     judged = claim(text, "beastly_rivals")
 
-    def word(**behaviour: dict[str, object]) -> str:
-        return judged.judge({}, {f"beastly_rivals/{name}": figures for name, figures in behaviour.items()}).word
+    def word(**behavior: dict[str, object]) -> str:
+        return judged.judge({}, {f"beastly_rivals/{name}": figures for name, figures in behavior.items()}).word
 
     assert word(**{"bucket-3-s0": policy(), "threshold-0.0-s0": policy()}) == HOLDS
     assert word(**{"bucket-3-s0": policy(**changed)}) == FAILS
@@ -377,7 +377,7 @@ def results(tmp_path_factory) -> Path:
     write_run(folder / "alone", "0.6M", "shooting_birds/bucket-11-s0", rising[:2], transitions_per_second=40_000.0)
     shooter = {"abs_vx": 12.5, "hits_per_level": [150.0, 151.0, 120.4], "transitions": COMPLETE}
     known = {"beastly_rivals/threshold-0.0-s2": policy(), "shooting_birds/bucket-11-s0": shooter}
-    (folder / "behaviour.json").write_text(json.dumps(known))
+    (folder / "behavior.json").write_text(json.dumps(known))
     write_report(folder)
     return folder
 
@@ -438,7 +438,7 @@ def test_the_mean_of_several_runs_must_be_nearer_than_that_of_one():
     assert differ(sample([106.0, 105.0, 106.0, 107.0]), theirs)
 
 
-def test_behaviour_is_tabulated(page):
+def test_behavior_is_tabulated(page):
     assert "| threshold-0.0-s2 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |" in page
     assert "| policy | abs vx | hits per level | transitions |" in page
     assert "| bucket-11-s0 | 12.5 | 150 151 120 | 30000000 |" in page

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from joybridge.codec import StepArrays
-from trainer.actions import ActionSpace
-from trainer.distributions import FORBIDDEN
-from trainer.rollout import Rollout
+from joybridge.contract.codec import StepArrays
+from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.ppo.distributions import FORBIDDEN
+from joybridge.trainer.ppo.rollout import Rollout
 
 LANES, STACK = 2, 3
 

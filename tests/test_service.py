@@ -16,15 +16,15 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
-from joybridge.codec import Codec
-from joybridge.spec import check_spec
-from joybridge.tensors import Format, pack
+from joybridge.contract.codec import Codec
+from joybridge.contract.spec import check_spec
+from joybridge.contract.tensors import Format, pack
+from joybridge.games import BUILT_IN
+from joybridge.simulator.catalogue import CatalogueError, load_games
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
-from simulator.catalogue import CatalogueError, load_games
-from simulator.games import BUILT_IN
-from tests.games import FAULTS, PICTURE, PLACES
-from tests.wire import SAVE, SECONDS, Player, Stream, act, describe, record, refused, reset, rows, start
+from tests.support.games import FAULTS, PICTURE, PLACES
+from tests.support.wire import SAVE, SECONDS, Player, Stream, act, describe, record, refused, reset, rows, start
 
 ROOT = Path(__file__).parents[1]
 OWN = ["hybrid", "duel", "ends", "raises", "faulty", "batch"]
@@ -44,12 +44,12 @@ def integers(*values):
 
 def hybrid(axes=((0.0, 1.0), (0.0, 1.0)), choices=((0, 0), (0, 0)), draw=()):
     """Return an Act for two arenas of `hybrid`."""
-    return act(pb.BehaviourAct(axes=floats(*axes), choices=integers(*choices)), draw=draw)
+    return act(pb.BehaviorAct(axes=floats(*axes), choices=integers(*choices)), draw=draw)
 
 
 def press(lanes=2, draw=()):
     """Return an Act for a game with a single button."""
-    return act(pb.BehaviourAct(choices=integers(*[[1]] * lanes)), draw=draw)
+    return act(pb.BehaviorAct(choices=integers(*[[1]] * lanes)), draw=draw)
 
 
 # ------------------------------------------------------------------------------------------------- the unary calls
@@ -73,7 +73,7 @@ def unary_refusal(address, method, request):
 
 
 def test_an_unknown_game_is_not_found_by_its_name(simulator):
-    for game in ("chess", "", "Hybrid", "hybrid ", "tests.games:Hybrid"):
+    for game in ("chess", "", "Hybrid", "hybrid ", "tests.support.games:Hybrid"):
         text = f"no game named {game!r}; this server has {', '.join(LISTED)}; `--game MODULE:CLASS` adds one"
         wanted = (StatusCode.NOT_FOUND, text)
         assert unary_refusal(simulator, "DescribeGame", pb.DescribeGameRequest(game=game)) == wanted
@@ -98,8 +98,8 @@ def test_an_unknown_option_or_choice_is_refused_by_its_name(simulator, options, 
 def test_options_change_the_spec_and_defaults_may_be_spelled_out(simulator):
     small, large = describe(simulator, "hybrid"), describe(simulator, "hybrid", size="large")
     assert describe(simulator, "hybrid", size="small", masks="on") == small
-    assert [list(spec.behaviours[0].sensors[2].shape) for spec in (small, large)] == [[2, 2], [2, 5]]
-    assert describe(simulator, "shooting_birds", locomotion="grid").behaviours[0].device.branches[0].name == "cell"
+    assert [list(spec.behaviors[0].sensors[2].shape) for spec in (small, large)] == [[2, 2], [2, 5]]
+    assert describe(simulator, "shooting_birds", locomotion="grid").behaviors[0].device.branches[0].name == "cell"
 
 
 @pytest.mark.parametrize("game", GOOD)
@@ -125,7 +125,7 @@ def test_a_game_that_cannot_be_described_is_an_internal_error(simulator, fault):
 def test_the_first_step_of_a_session_pays_nothing_and_ends_nothing(simulator):
     for game in GOOD:
         with Player(simulator, game, 3) as player:
-            for message, kind in zip(player.step.behaviours, player.spec.behaviours, strict=True):
+            for message, kind in zip(player.step.behaviors, player.spec.behaviors, strict=True):
                 step = Codec(kind, 3).unpack_step(message)
                 assert not step.rewards.any() and not step.terminated.any() and not step.truncated.any()
                 assert not message.HasField("ended")
@@ -155,7 +155,7 @@ def test_fields_of_another_contract_are_refused_and_not_ignored(simulator):
     for requests, path in (
         ([start("hybrid").SerializeToString() + later], "PlayRequest: field 127"),
         ([start("hybrid"), b"\x12\x03" + later], "PlayRequest.act: field 127"),
-        ([start("hybrid"), b"\x12\x05\x0a\x03" + later], "PlayRequest.act.behaviours: field 127"),
+        ([start("hybrid"), b"\x12\x05\x0a\x03" + later], "PlayRequest.act.behaviors: field 127"),
         ([b"\x0a\x02\x08\x01"], "PlayRequest.start: field 1"),  # the game as a number
     ):
         code, text = refused(simulator, *requests)
@@ -209,7 +209,7 @@ def test_more_arenas_than_the_spec_allows_are_too_many(simulator, arenas):
 def test_as_many_arenas_as_the_spec_allows_can_be_played(simulator, game):
     most = describe(simulator, game).max_arenas
     with Player(simulator, game, most) as player:
-        (first, *_), (kind, *_) = player.step.behaviours, player.spec.behaviours
+        (first, *_), (kind, *_) = player.step.behaviors, player.spec.behaviors
         assert list(first.terminated.shape) == [most * kind.agents_per_arena]
 
 
@@ -219,9 +219,9 @@ def test_as_many_arenas_as_the_spec_allows_can_be_played(simulator, game):
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        (act(), "act.behaviours has 0 entries, expected 1"),
-        (act(*hybrid().act.behaviours, *hybrid().act.behaviours), "act.behaviours has 2 entries, expected 1"),
-        (act(pb.BehaviourAct()), "player.axes: dtype is DTYPE_UNSPECIFIED, expected FLOAT32"),
+        (act(), "act.behaviors has 0 entries, expected 1"),
+        (act(*hybrid().act.behaviors, *hybrid().act.behaviors), "act.behaviors has 2 entries, expected 1"),
+        (act(pb.BehaviorAct()), "player.axes: dtype is DTYPE_UNSPECIFIED, expected FLOAT32"),
         (hybrid(axes=[[0, 1]]), "player.axes: shape is [1, 2], expected [2, 2]"),
         (hybrid(axes=[[0, 1], [1.5, 1]]), "player.axes: axis 'x' got 1.5 in lane 1, expected -1..1"),
         (hybrid(axes=[[0, 0.25], [0, 1]]), "player.axes: axis 'force' got 0.25 in lane 0, expected 0.5..2"),
@@ -249,20 +249,20 @@ def test_a_mask_holds_for_one_step_only(simulator):
 def test_without_masks_every_choice_is_allowed(simulator):
     with Stream(simulator) as stream:
         first = stream.ask(start("hybrid", options={"masks": "off"})).started.step
-        assert not first.behaviours[0].masks
-        assert not stream.ask(hybrid(choices=[[2, 0], [2, 1]])).step.behaviours[0].masks
+        assert not first.behaviors[0].masks
+        assert not stream.ask(hybrid(choices=[[2, 0], [2, 1]])).step.behaviors[0].masks
 
 
 def duel(paces, verdict):
-    return act(pb.BehaviourAct(axes=floats(*[[p] for p in paces])), pb.BehaviourAct(choices=integers([verdict])))
+    return act(pb.BehaviorAct(axes=floats(*[[p] for p in paces])), pb.BehaviorAct(choices=integers([verdict])))
 
 
 def test_lanes_take_turns_and_hear_of_rewards_when_they_decide_or_end(simulator):
     with Stream(simulator) as stream:
         started = stream.ask(start("duel", arenas=1)).started
-        kinds, step, deciders, earned = started.spec.behaviours, started.step, [], []
+        kinds, step, deciders, earned = started.spec.behaviors, started.step, [], []
         for clock in range(10):
-            parts = [Codec(kind, 1).unpack_step(message) for message, kind in zip(step.behaviours, kinds, strict=True)]
+            parts = [Codec(kind, 1).unpack_step(message) for message, kind in zip(step.behaviors, kinds, strict=True)]
             flags = [
                 flag
                 for part in parts
@@ -271,7 +271,7 @@ def test_lanes_take_turns_and_hear_of_rewards_when_they_decide_or_end(simulator)
             deciders.append(flags.index(True))
             assert sum(flags) == 1
             step = stream.ask(duel([0.75, 0.25], 1)).step
-            runners = Codec(kinds[0], 1).unpack_step(step.behaviours[0])
+            runners = Codec(kinds[0], 1).unpack_step(step.behaviors[0])
             earned.append(runners.rewards[:, 0].tolist())
             assert runners.truncated.all() == (clock == 9) and not runners.terminated.any()
     assert deciders == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0]
@@ -294,8 +294,8 @@ def test_what_lanes_that_wait_ask_for_changes_nothing(simulator):
 
 def test_an_episode_ends_terminated_or_truncated_and_the_next_one_begins_in_the_same_step(simulator):
     with Stream(simulator) as stream:
-        kind = stream.ask(start("ends")).started.spec.behaviours[0]
-        steps = [Codec(kind, 2).unpack_step(stream.ask(press()).step.behaviours[0]) for _ in range(4)]
+        kind = stream.ask(start("ends")).started.spec.behaviors[0]
+        steps = [Codec(kind, 2).unpack_step(stream.ask(press()).step.behaviors[0]) for _ in range(4)]
     assert [step.terminated.tolist() for step in steps] == [[False] * 2, [True] * 2, [False] * 2, [False] * 2]
     assert [step.truncated.tolist() for step in steps] == [[False] * 2, [False] * 2, [False] * 2, [True] * 2]
     assert [step.observations[0][0].tolist() for step in steps] == [[1, 1], [2, 0], [2, 1], [3, 0]]
@@ -424,7 +424,7 @@ def test_a_reset_without_a_seed_goes_on_with_the_random_streams(simulator, game)
 def test_a_reset_pays_nothing_and_ends_nothing(simulator, game):
     with Player(simulator, game, 2) as player:
         player.play(3)
-        for message, kind in zip(player.ask(reset()).behaviours, player.spec.behaviours, strict=True):
+        for message, kind in zip(player.ask(reset()).behaviors, player.spec.behaviors, strict=True):
             step = Codec(kind, 2).unpack_step(message)
             assert not step.rewards.any() and not message.HasField("ended")
         player.play(3)
@@ -479,7 +479,7 @@ def test_a_session_goes_on_from_a_snapshot_to_the_same_bytes(simulator, game):
 
 
 def observed(step):
-    return [[tensor.data for tensor in part.observations] for part in step.behaviours]
+    return [[tensor.data for tensor in part.observations] for part in step.behaviors]
 
 
 def test_a_game_without_snapshots_cannot_be_saved_nor_restored(simulator):
@@ -616,7 +616,7 @@ def test_games_without_a_fault_play_on(simulator):
         assert len(stream.ask(press(draw=[0])).step.pictures) == 1
     with Stream(simulator) as stream:
         stream.ask(start("batch"))
-        assert len(stream.ask(press()).step.behaviours) == 1
+        assert len(stream.ask(press()).step.behaviors) == 1
 
 
 @pytest.mark.parametrize(
@@ -624,11 +624,14 @@ def test_games_without_a_fault_play_on(simulator):
     [
         ("nowhere", "game 'nowhere' cannot be imported"),
         ("nowhere:Game", "game 'nowhere:Game' cannot be imported"),
-        ("tests.games:Chess", "game 'tests.games:Chess' cannot be imported"),
+        ("tests.support.games:Chess", "game 'tests.support.games:Chess' cannot be imported"),
         ("", "game '' cannot be imported"),
-        ("tests.games:PICTURE", "is not a class derived from simulator.game.Game or BatchedGame"),
-        ("tests.games:Unnamed", "game 'tests.games:Unnamed' cannot be described: AttributeError"),
-        ("tests.games:BrokenChoice", "spec that breaks the contract: broken_choice.player: agents_per_arena is 0"),
+        ("tests.support.games:PICTURE", "is not a class derived from joybridge.simulator.game.Game or BatchedGame"),
+        ("tests.support.games:Unnamed", "game 'tests.support.games:Unnamed' cannot be described: AttributeError"),
+        (
+            "tests.support.games:BrokenChoice",
+            "spec that breaks the contract: broken_choice.player: agents_per_arena is 0",
+        ),
     ],
 )
 def test_a_game_that_cannot_be_served_is_refused_before_the_server_starts(place, text):
@@ -639,7 +642,7 @@ def test_a_game_that_cannot_be_served_is_refused_before_the_server_starts(place,
 
 def test_two_games_cannot_have_one_name():
     with pytest.raises(CatalogueError, match="a game named 'hybrid' is already there; give this one another name"):
-        load_games(["tests.games:Hybrid", "tests.games:Namesake"])
+        load_games(["tests.support.games:Hybrid", "tests.support.games:Namesake"])
 
 
 # -------------------------------------------------------------------------------------------- size and limits
@@ -697,7 +700,7 @@ class Server(subprocess.Popen[str]):
     """A server process; `address` is where it says that it listens, or empty if it ended."""
 
     def __init__(self, *arguments, **streams):
-        command = [sys.executable, "-m", "simulator", "serve", *arguments]
+        command = [sys.executable, "-m", "joybridge.simulator", "serve", *arguments]
         super().__init__(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, **streams)
         assert self.stdout is not None
         self.address = self.stdout.readline().removeprefix("joybridge simulator listening on ").strip()
@@ -746,7 +749,7 @@ def test_a_port_in_use_is_an_error_that_says_so(simulator):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=["SIGTERM", "SIGINT"])
 def test_a_signal_ends_health_then_sessions_then_the_server(number):
-    with server("--address", "127.0.0.1:0", *games("tests.games:Ends"), stderr=subprocess.PIPE) as process:
+    with server("--address", "127.0.0.1:0", *games("tests.support.games:Ends"), stderr=subprocess.PIPE) as process:
         with (
             grpc.insecure_channel(process.address) as channel,
             Stream(process.address) as playing,
@@ -789,7 +792,7 @@ def test_a_unix_socket_carries_the_same_bytes_and_can_be_used_again_after_a_cras
 
 CLIENT = """
 import sys
-from tests.wire import Stream, start
+from tests.support.wire import Stream, start
 stream = Stream(sys.argv[1])
 stream.ask(start("shooting_birds"))
 print("playing", flush=True)
@@ -851,5 +854,5 @@ def test_a_parent_is_watched_through_a_pipe_and_nothing_else():
 
 
 def test_a_game_that_cannot_be_served_keeps_the_server_from_starting():
-    text = refuses_to_start("--address", "127.0.0.1:0", "--game", "tests.games:Chess")
-    assert text.startswith("error: game 'tests.games:Chess' cannot be imported (")
+    text = refuses_to_start("--address", "127.0.0.1:0", "--game", "tests.support.games:Chess")
+    assert text.startswith("error: game 'tests.support.games:Chess' cannot be imported (")

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays, Codec
-from joybridge.spec import check_spec
-from joybridge.tensors import Array
-from simulator import pointer
-from simulator.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
-from simulator.randomness import BLOCK, integer, open_streams, reserve, restore_streams, save_streams, uniform
-from simulator.trigonometry import cosine, sine
-from tests.wire import pack_step
+from joybridge.contract.codec import ActArrays, Codec
+from joybridge.contract.spec import check_spec
+from joybridge.contract.tensors import Array
+from joybridge.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
+from joybridge.simulator import pointer
+from joybridge.simulator.randomness import BLOCK, integer, open_streams, reserve, restore_streams, save_streams, uniform
+from joybridge.simulator.trigonometry import cosine, sine
+from tests.support.wire import pack_step
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
 DEFAULTS = {"rules": "original", "locomotion": "unit_circle", "level": "random"}
@@ -88,17 +88,17 @@ def test_every_choice_of_options_has_a_well_formed_spec_that_its_game_keeps(loco
         options = {"rules": rules, "locomotion": locomotion, "level": level}
         spec = ShootingBirds.describe(options)
         check_spec(spec)
-        (behaviour,) = spec.behaviours
+        (behavior,) = spec.behaviors
         game = new_game(3, **options)
-        for values in (game.observe(), game.step([action(3, *neutral(behaviour))])):
-            for sensor, observed in zip(behaviour.sensors, values[0].observations, strict=True):
+        for values in (game.observe(), game.step([action(3, *neutral(behavior))])):
+            for sensor, observed in zip(behavior.sensors, values[0].observations, strict=True):
                 assert observed.shape == (3, *sensor.shape) and observed.dtype == np.float32
-            assert values[0].rewards.shape == (3, len(behaviour.channels)) and values[0].rewards.dtype == np.float32
-            Codec(behaviour, 3).unpack_step(pack_step(values[0]))
+            assert values[0].rewards.shape == (3, len(behavior.channels)) and values[0].rewards.dtype == np.float32
+            Codec(behavior, 3).unpack_step(pack_step(values[0]))
 
 
-def neutral(behaviour: Any) -> tuple[tuple[float, ...], tuple[int, ...]]:
-    return (0.0,) * len(behaviour.device.axes), (0,) * len(behaviour.device.branches)
+def neutral(behavior: Any) -> tuple[tuple[float, ...], tuple[int, ...]]:
+    return (0.0,) * len(behavior.device.axes), (0,) * len(behavior.device.branches)
 
 
 def test_one_decision_is_one_tick_of_0_02_s_and_an_episode_2000_of_them():
@@ -107,12 +107,12 @@ def test_one_decision_is_one_tick_of_0_02_s_and_an_episode_2000_of_them():
 
 
 def test_the_original_observes_44_values_with_an_agent_of_2_axes_and_2_buttons():
-    (behaviour,) = ShootingBirds.describe(DEFAULTS).behaviours
-    assert [list(sensor.shape) for sensor in behaviour.sensors] == [[2], [5], [12, 3], [1]]
-    assert sum(math.prod(sensor.shape) for sensor in behaviour.sensors) == 44
-    assert [axis.name for axis in behaviour.device.axes] == ["angle", "speed"]
-    assert [branch.name for branch in behaviour.device.branches] == ["shoot", "reload"]
-    assert behaviour.agents_per_arena == 1
+    (behavior,) = ShootingBirds.describe(DEFAULTS).behaviors
+    assert [list(sensor.shape) for sensor in behavior.sensors] == [[2], [5], [12, 3], [1]]
+    assert sum(math.prod(sensor.shape) for sensor in behavior.sensors) == 44
+    assert [axis.name for axis in behavior.device.axes] == ["angle", "speed"]
+    assert [branch.name for branch in behavior.device.branches] == ["shoot", "reload"]
+    assert behavior.agents_per_arena == 1
 
 
 def test_the_reward_is_the_sum_of_hits_misses_dry_shots_and_reloads():
@@ -122,9 +122,9 @@ def test_the_reward_is_the_sum_of_hits_misses_dry_shots_and_reloads():
 
 
 def test_observations_keep_to_their_bounds():
-    (behaviour,) = ShootingBirds.describe(DEFAULTS).behaviours
+    (behavior,) = ShootingBirds.describe(DEFAULTS).behaviors
     values, begin = play(new_game(16), 400), 0
-    for sensor in behaviour.sensors:
+    for sensor in behavior.sensors:
         part = values[:, :, begin : begin + math.prod(sensor.shape)]
         assert part.min() >= sensor.low[0] and part.max() <= sensor.high[0], sensor.name
         begin += part.shape[2]
@@ -289,7 +289,7 @@ def test_a_heading_goes_round_and_stays_within_half_a_turn():
 )
 def test_a_grid_cell_commands_a_velocity_towards_it(cell, speed, velocity):
     game = new_game(locomotion="grid")
-    device = ShootingBirds.describe({**DEFAULTS, "locomotion": "grid"}).behaviours[0].device
+    device = ShootingBirds.describe({**DEFAULTS, "locomotion": "grid"}).behaviors[0].device
     assert len(device.branches[0].choices) == 25 and (device.axes[0].low, device.axes[0].high) == (0.0, 1.0)
     game.arenas.x = game.arenas.y = 0.0
     game.step([action(1, (speed,), (list(device.branches[0].choices).index(cell), 0, 0))])
@@ -299,7 +299,7 @@ def test_a_grid_cell_commands_a_velocity_towards_it(cell, speed, velocity):
 @pytest.mark.parametrize("locomotion", pointer.LOCOMOTIONS)
 def test_the_last_two_branches_are_shoot_and_reload(locomotion):
     game = new_game(locomotion=locomotion)
-    axes, choices = neutral(ShootingBirds.describe({**DEFAULTS, "locomotion": locomotion}).behaviours[0])
+    axes, choices = neutral(ShootingBirds.describe({**DEFAULTS, "locomotion": locomotion}).behaviors[0])
     game.arenas.ammo = 0
     (step,) = game.step([action(1, axes, (*choices[:-2], 1, 0))])
     assert step.rewards[0, DRY_SHOT] == -1.0 and game.arenas[0].ammo == 0
@@ -312,14 +312,14 @@ def test_the_last_two_branches_are_shoot_and_reload(locomotion):
 
 def test_all_arenas_are_truncated_together_after_every_2000_decisions_and_never_terminated():
     game, cut = new_game(3), []
-    (behaviour,) = ShootingBirds.describe(DEFAULTS).behaviours
+    (behavior,) = ShootingBirds.describe(DEFAULTS).behaviors
     for decision in range(1, 4001):
         (step,) = game.step([action(3, (0.3, 0.05), (decision % 90 == 0, decision % 700 == 0))])
         assert not step.terminated.any() and step.truncated.all() == step.truncated.any()
         if step.truncated.any():
             cut.append(decision)
             assert step.ended.tolist() == [0, 1, 2]
-            Codec(behaviour, 3).unpack_step(pack_step(step))
+            Codec(behavior, 3).unpack_step(pack_step(step))
         else:
             assert len(step.ended) == 0 and step.final_observations is None and step.metrics is None
     assert cut == [2000, 4000]
@@ -356,8 +356,8 @@ def test_a_new_episode_keeps_birds_and_their_clock_and_is_seen_with_the_old_velo
 
 
 def test_metrics_are_accuracy_shots_hits_and_reloads_of_the_episode():
-    (behaviour,) = ShootingBirds.describe(DEFAULTS).behaviours
-    assert [metric.name for metric in behaviour.metrics] == ["click_accuracy", "shots", "hits", "reloads"]
+    (behavior,) = ShootingBirds.describe(DEFAULTS).behaviors
+    assert [metric.name for metric in behavior.metrics] == ["click_accuracy", "shots", "hits", "reloads"]
     game = new_game(2)
     game.arenas.shots, game.arenas.hits, game.arenas.reloads = [8, 0], [2, 0], [3, 1]
     assert last_step(game).metrics.tolist() == [[0.25, 8, 2, 3], [0, 0, 0, 1]]

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from joybridge.tensors import Array
-from simulator.games.shooting_birds import rules as r
-from simulator.games.shooting_birds.levels import OBSTACLES, Obstacles
-from simulator.games.shooting_birds.sensing import cast_rays, front
-from simulator.randomness import open_streams, reserve
+from joybridge.contract.tensors import Array
+from joybridge.games.shooting_birds import rules as r
+from joybridge.games.shooting_birds.levels import OBSTACLES, Obstacles
+from joybridge.games.shooting_birds.sensing import cast_rays, front
+from joybridge.simulator.randomness import open_streams, reserve
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
 LARGE, MEDIUM, SMALL = range(3)

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator.games.archer.game import ARROWS, DRAW, DROP, FLIGHT, LOOSE, PULLS, RADIUS, REST, TURN, Archer
-from simulator.games.archer.game import DECISIONS as ARCHER_DECISIONS
-from simulator.games.marble.game import DECISIONS, FASTEST, PULL, RING, RING_DECISIONS, ROLLS, Marble
-from simulator.games.noughts.game import Noughts, outcome
-from simulator.games.orchard.game import APPLES, COLUMNS, PAUSE, Orchard
-from trainer.config import load_config
-from trainer.evaluate import evaluate
-from trainer.train import train
+from joybridge.games.archer.game import ARROWS, DRAW, DROP, FLIGHT, LOOSE, PULLS, RADIUS, REST, TURN, Archer
+from joybridge.games.archer.game import DECISIONS as ARCHER_DECISIONS
+from joybridge.games.marble.game import DECISIONS, FASTEST, PULL, RING, RING_DECISIONS, ROLLS, Marble
+from joybridge.games.noughts.game import Noughts, outcome
+from joybridge.games.orchard.game import APPLES, COLUMNS, PAUSE, Orchard
+from joybridge.trainer.config import load_config
+from joybridge.trainer.evaluate import evaluate
+from joybridge.trainer.train import train
 
 LEFT, STAY, RIGHT = range(3)
 

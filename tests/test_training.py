@@ -11,17 +11,17 @@ import av
 import numpy as np
 import pytest
 
-from trainer.checkpoint import load_checkpoint
-from trainer.groups import share_out
-from trainer.launch import simulator_process
-from trainer.metrics import read_rows
+from joybridge.trainer.checkpoint import load_checkpoint
+from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.pipeline import share_out
+from joybridge.trainer.wire.launch import simulator_process
 
 CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.yaml"
 SMALL = ["arenas=4", "policy.rollout=20", "policy.minibatch=40", "summary=400", "checkpoint=400"]
 
 
 def command(run: Path, *more: str, config: Path = CONFIG) -> list[str]:
-    return [sys.executable, "-m", "trainer", "train", str(config), "--run", str(run), *more]
+    return [sys.executable, "-m", "joybridge.trainer", "train", str(config), "--run", str(run), *more]
 
 
 def train(run: Path, *more: str, config: Path = CONFIG) -> subprocess.CompletedProcess[str]:
@@ -145,7 +145,9 @@ def resume_and_compare(run: Path, tmp_path: Path, address: str) -> None:
 
 def test_a_simulator_killed_in_the_middle_gives_an_error_a_checkpoint_and_an_exact_resumption(address, tmp_path):
     server = subprocess.Popen(
-        [sys.executable, "-m", "simulator", "serve", "--address", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "joybridge.simulator", "serve", "--address", "127.0.0.1:0"],
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert server.stdout is not None
     own = server.stdout.readline().split()[-1]
@@ -226,7 +228,7 @@ def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path):
     assert process.stderr is not None
     assert "waiting up to 60 s for a simulator at unix:" in process.stderr.readline()
     server = subprocess.Popen(
-        [sys.executable, "-m", "simulator", "serve", "--address", address],
+        [sys.executable, "-m", "joybridge.simulator", "serve", "--address", address],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     _, errors = process.communicate(timeout=90)
@@ -246,7 +248,7 @@ def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(
 
 def test_evaluation_balances_levels_and_prints_json_last(whole, address):
     result = subprocess.run(
-        [sys.executable, "-m", "trainer", "evaluate", str(whole), "--episodes", "7", "--json",
+        [sys.executable, "-m", "joybridge.trainer", "evaluate", str(whole), "--episodes", "7", "--json",
          "--simulator", address],
         capture_output=True, text=True, timeout=120, check=True,
     )  # fmt: skip
@@ -261,7 +263,7 @@ def test_evaluation_balances_levels_and_prints_json_last(whole, address):
 def test_a_recording_is_a_video_of_the_length_asked_for(whole, address, tmp_path):
     video = tmp_path / "folder" / "play.mp4"
     subprocess.run(
-        [sys.executable, "-m", "trainer", "record", str(whole), str(video), "--seconds", "2", "--simulator", address],
+        [sys.executable, "-m", "joybridge", "record", str(whole), str(video), "--seconds", "2", "--simulator", address],
         capture_output=True, timeout=120, check=True,
     )  # fmt: skip
     with av.open(str(video)) as file:

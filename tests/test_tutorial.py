@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from trainer.metrics import read_rows
+from joybridge.trainer.metrics import read_rows
 
 PAGE = Path(__file__).parents[1] / "simulator" / "TUTORIAL.md"
 SECONDS = 120.0  # the longest that a block may take

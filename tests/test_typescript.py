@@ -14,13 +14,13 @@ import grpc
 import numpy as np
 import pytest
 
-from joybridge.codec import ActArrays
-from tests.wire import Stream, refused, start
-from trainer.client import Session
-from trainer.metrics import read_rows
+from joybridge.contract.codec import ActArrays
+from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.wire.client import Session
+from tests.support.wire import Stream, refused, start
 
 ROOT = Path(__file__).parents[1]
-SOURCE = ROOT / "proto" / "servers" / "typescript"
+SOURCE = ROOT / "proto" / "examples" / "typescript"
 CONFIG = ROOT / "configs" / "meteors" / "hybrid.yaml"
 NODE = 20  # the oldest that will do
 
@@ -36,7 +36,7 @@ def built(tmp_path_factory) -> Path:
     if int(found[1:].split(".")[0]) < NODE:
         pytest.skip(f"install Node.js {NODE} or newer, with npm, to build and run the server in TypeScript")
     proto = tmp_path_factory.mktemp("typescript") / "proto"
-    folder = proto / "servers" / "typescript"
+    folder = proto / "examples" / "typescript"
     shutil.copytree(SOURCE, folder, ignore=shutil.ignore_patterns("node_modules", "dist", "types"))
     contract = Path("joybridge") / "v1" / "bridge.proto"
     (proto / contract).parent.mkdir(parents=True)
@@ -68,7 +68,7 @@ def address(built) -> Iterator[str]:
 
 
 def test_it_keeps_every_rule_of_the_contract(address):
-    done = run(sys.executable, "-m", "simulator", "check", address, "--json")
+    done = run(sys.executable, "-m", "joybridge", "check", address, "--json")
     report = json.loads(done.stdout.splitlines()[-1])
     assert done.returncode == report["failed"] == 0, done.stdout
     assert {result["game"] for result in report["results"]} == {"server", "meteors"}

@@ -1,11 +1,11 @@
 """How fast it is on this machine: medians over windows, with their spread.
 
-python tools/bench.py [simulator | wire | learner | train | start | peers | all] [--json]
+python -m tools.bench [simulator | wire | learner | train | start | peers | all] [--json]
 
 simulator   a game alone, in this process, by number of arenas
 wire        simulator process and client with random actions, and the round trip of one arena
 learner     sample passes of an update, beside the bare matrix products of the same shapes
-train       all of it: what `python -m trainer train` reaches
+train       all of it: what `joybridge train` reaches
 start       seconds that a simulator takes, seconds until a run's first update, and memory of both (Linux)
 peers       the same beside Stable-Baselines3's PPO and a Gymnasium AsyncVectorEnv, on the same game
 """
@@ -29,19 +29,19 @@ import numpy as np
 import torch
 from gymnasium.vector import AsyncVectorEnv
 
-from joybridge.codec import ActArrays
-from joybridge.spec import choose_options
+from joybridge.contract.codec import ActArrays
+from joybridge.contract.spec import choose_options
+from joybridge.gym import BridgeEnv, BridgeVectorEnv
+from joybridge.simulator.catalogue import load_games
+from joybridge.trainer.config import load_config
+from joybridge.trainer.layouts import make_layouts
+from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
+from joybridge.trainer.ppo.loss import Batch, Coefficients, Gradient, Update, autograd_gradient
+from joybridge.trainer.ppo.networks import Network, flatten_parameters
+from joybridge.trainer.train import train
+from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
-from simulator.catalogue import load_games
-from trainer.actions import make_layouts
-from trainer.client import Session
-from trainer.config import load_config
-from trainer.gradient import ClosedFormGradient
-from trainer.gym import BridgeEnv, BridgeVectorEnv
-from trainer.launch import simulator_process
-from trainer.networks import Network, flatten_parameters
-from trainer.ppo import Batch, Coefficients, Gradient, Update, autograd_gradient
-from trainer.train import train
 
 WINDOWS = 7
 GAMES = ("shooting_birds", "beastly_rivals")
@@ -62,7 +62,7 @@ def measure(work: Callable[[], float]) -> dict[str, float]:
 
 def random_acts(spec: pb.GameSpec, arenas: int, rng: np.random.Generator) -> list[list[ActArrays]]:
     """Return a few random actions for all lanes to play in turn."""
-    device = spec.behaviours[0].device
+    device = spec.behaviors[0].device
     axes = [rng.uniform(-1, 1, (arenas, len(device.axes))).astype(np.float32) for _ in range(16)]
     choices = [rng.integers(0, 2, (arenas, len(device.branches))).astype(np.int32) for _ in range(16)]
     return [[ActArrays(a, c)] for a, c in zip(axes, choices, strict=True)]
@@ -226,7 +226,7 @@ def _products(heads: list[torch.Tensor], minibatch: int, inputs: int, hidden: in
 def _device() -> pb.Device:
     return load_games()["shooting_birds"].describe(
         choose_options(load_games()["shooting_birds"].options(), {}, "shooting_birds")
-    ).behaviours[0].device  # fmt: skip
+    ).behaviors[0].device  # fmt: skip
 
 
 def bench_train(transitions: int = 1_500_000) -> Figures:
@@ -277,7 +277,7 @@ def bench_start(transitions: int = 1_500_000) -> Figures:
     def update() -> float:
         """Return when the first row of metrics is there, which the first update is followed by."""
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "trainer", "train", str(experiment), "--run", f"{folder}/run"]
+            command = [sys.executable, "-m", "joybridge.trainer", "train", str(experiment), "--run", f"{folder}/run"]
             begin = time.perf_counter()
             silence = subprocess.DEVNULL
             with subprocess.Popen([*command, "summary=4425"], stdout=silence, stderr=silence) as process:

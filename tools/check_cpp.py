@@ -17,10 +17,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from trainer.client import Session, SimulatorLost
+from joybridge.trainer.wire.client import Session, SimulatorLost
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCE = ROOT / "proto/servers/cpp"
+SOURCE = ROOT / "proto/examples/cpp"
 BUILD = SOURCE / "build"  # which git ignores
 CONFIG = ROOT / "configs/paddle/hybrid.yaml"
 MISSING = 77  # exit status: nothing was checked
@@ -53,7 +53,7 @@ def main() -> int:
         run("cmake", "-S", str(SOURCE), "-B", str(BUILD))
         run("cmake", "--build", str(BUILD), "--parallel", str(os.cpu_count()))
         with server() as (process, address):
-            run(sys.executable, "-m", "simulator", "check", address, "--json")
+            run(sys.executable, "-m", "joybridge", "check", address, "--json")
             with tempfile.TemporaryDirectory() as folder:
                 check_learning(address, Path(folder))
             check_ending(process, address)
@@ -115,7 +115,7 @@ def check_learning(address: str, folder: Path) -> None:
 
 def learn(address: str, folder: Path, overrides: Sequence[str]) -> float:
     """Train a policy and return its mean reward per episode."""
-    trainer = (sys.executable, "-m", "trainer")
+    trainer = (sys.executable, "-m", "joybridge.trainer")
     run(*trainer, "train", str(CONFIG), "--simulator", address, "--run", str(folder), *overrides)
     *_, last = run(*trainer, "evaluate", str(folder), "--simulator", address, "--episodes", "64", "--json")
     result: dict[str, Any] = json.loads(last)

@@ -35,7 +35,7 @@ DECISION_SECONDS = 0.12
 SOUGHT = 1.5  # times the share of time in the slow sphere that chance gives; the inverse is shunned
 
 PAPER = [layout for layout in LAYOUTS if layout != "hybrid"]  # that the paper compares
-Behaviour = Mapping[str, Mapping[str, Any]]  # results/behaviour.json: "GAME/FOLDER" -> figures
+Behavior = Mapping[str, Mapping[str, Any]]  # results/behavior.json: "GAME/FOLDER" -> figures
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Claim:
 
     text: str
     game: str
-    judge: Callable[[Results, Behaviour], Verdict]  # our runs
+    judge: Callable[[Results, Behavior], Verdict]  # our runs
     logs: Verdict | None  # on the original's own logs; None: they do not tell
 
 
@@ -149,7 +149,7 @@ def _list(layouts: Sequence[str], samples: Sequence[Sample]) -> str:
 def accuracy(text: str, rule: Callable[[Sequence[float]], str], *layouts: str) -> Claim:
     """Return a claim about click accuracy after complete runs, of which the original has no logs."""
 
-    def judge(results: Results, _: Behaviour) -> Verdict:
+    def judge(results: Results, _: Behavior) -> Verdict:
         runs = [results.get(("shooting_birds", layout, main_policy(layout))) for layout in layouts]
         values = [each.at(COMPLETE, "click_accuracy") if each else [] for each in runs]
         lacking = [layout for layout, each in zip(layouts, values, strict=True) if not each]
@@ -185,7 +185,7 @@ def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
     """
     layouts = (slow, fast)
 
-    def judge(results: Results, _: Behaviour) -> Verdict:
+    def judge(results: Results, _: Behavior) -> Verdict:
         experiments = [results.get((game, layout, main_policy(layout))) for layout in layouts]
         times = [{run.seed: run.complete_hours for run in each.alone} if each else {} for each in experiments]
         pairs = [(times[0][seed], times[1][seed]) for seed in times[0] if seed in times[1]]
@@ -208,10 +208,10 @@ def training_time(text: str, game: str, slow: str, fast: str) -> Claim:
 Shown = list[tuple[str, bool, bool]]  # of each policy: its figure, whether it shows what is claimed, whether complete
 
 
-def judge_laps(_: Results, behaviour: Behaviour) -> Verdict:
+def judge_laps(_: Results, behavior: Behavior) -> Verdict:
     """Compare the laps' radius in the first and the last third of the time."""
     shown: Shown = []
-    for name, policy in _trained(behaviour).items():
+    for name, policy in _trained(behavior).items():
         laps = policy["lap_radius"]
         if len(laps) < 3:  # it dies before there is a later
             continue
@@ -222,19 +222,19 @@ def judge_laps(_: Results, behaviour: Behaviour) -> Verdict:
     return _judge_shown(shown)
 
 
-def judge_blinks(_: Results, behaviour: Behaviour) -> Verdict:
+def judge_blinks(_: Results, behavior: Behavior) -> Verdict:
     """Count blinks in 10 000 decisions."""
     shown: Shown = []
-    for name, policy in _trained(behaviour).items():
+    for name, policy in _trained(behavior).items():
         blinks = 1e4 * policy["blinks_per_episode"] / (policy["survival_seconds"] / DECISION_SECONDS)
         shown.append((f"{name} {blinks:.1f} in 10 000 decisions", blinks <= RARE, _complete(policy)))
     return _judge_shown(shown)
 
 
-def judge_sphere(_: Results, behaviour: Behaviour) -> Verdict:
+def judge_sphere(_: Results, behavior: Behavior) -> Verdict:
     """Compare the share of time in the slow sphere with that of chance, where the sphere slows the character."""
     shown: Shown = []
-    for name, policy in _trained(behaviour).items():
+    for name, policy in _trained(behavior).items():
         if not name.startswith("multiagent"):  # in the two agents' scene the character is never slowed
             share, chance = policy["slow_share"], policy["slow_share_by_chance"]
             text = f"{name} {100 * share:.0f} %, by chance {100 * chance:.0f} %"
@@ -242,10 +242,10 @@ def judge_sphere(_: Results, behaviour: Behaviour) -> Verdict:
     return _judge_shown(shown)
 
 
-def _trained(behaviour: Behaviour) -> dict[str, Mapping[str, Any]]:
+def _trained(behavior: Behavior) -> dict[str, Mapping[str, Any]]:
     """Return the figures of the paper's approaches on Beastly Rivals, by layout and seed."""
-    names = {name: name.removeprefix("beastly_rivals/") for name in sorted(behaviour)}
-    return {short: behaviour[name] for name, short in names.items() if short.rpartition("-s")[0] in PAPER}
+    names = {name: name.removeprefix("beastly_rivals/") for name in sorted(behavior)}
+    return {short: behavior[name] for name, short in names.items() if short.rpartition("-s")[0] in PAPER}
 
 
 def _complete(policy: Mapping[str, Any]) -> bool:
@@ -257,6 +257,6 @@ def _judge_shown(shown: Shown) -> Verdict:
     words = [holds for _, holds, complete in shown if complete]
     if not words:
         so_far = "; so far " + "; ".join(text for text, _, _ in shown) if shown else ""
-        return Verdict(UNTESTED, f"needs `tools/behaviour.py` on complete runs of the paper's approaches{so_far}")
+        return Verdict(UNTESTED, f"needs `tools/behavior.py` on complete runs of the paper's approaches{so_far}")
     word = HOLDS if all(words) else UNDECIDED if any(words) else FAILS
     return Verdict(word, "; ".join(text for text, _, complete in shown if complete), "at 30 M")

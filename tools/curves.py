@@ -12,9 +12,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
+from joybridge.trainer.config import Config, load_config
+from joybridge.trainer.metrics import Row, read_rows
 from tools.original import original_curve
-from trainer.config import Config, load_config
-from trainer.metrics import Row, read_rows
 
 PERCENT = {"click_accuracy": "click accuracy"}
 

@@ -28,13 +28,13 @@ def main() -> int:
         ["record", str(run), str(video), "--seconds", "40"],
     )
     for command in commands:
-        print(f"\n$ python -m trainer {' '.join(command)}", flush=True)
-        status = subprocess.run([sys.executable, "-m", "trainer", *command], check=False).returncode
+        print(f"\n$ python -m joybridge.trainer {' '.join(command)}", flush=True)
+        status = subprocess.run([sys.executable, "-m", "joybridge.trainer", *command], check=False).returncode
         if status:
             return status
     plot([run], picture)
     print(f"\nlearning curve, with the original's results beside it: {picture}\nvideo of the trained policy: {video}")
-    print(f"go on training: python -m trainer train {CONFIG} --run {run} --resume stop=30000000")
+    print(f"go on training: joybridge train {CONFIG} --run {run} --resume stop=30000000")
     return 0
 
 

@@ -1,7 +1,7 @@
 """Generate the Python code and the descriptor set of the contract from `proto/joybridge/v1/bridge.proto`.
 
-    python tools/generate_proto.py            rewrite them in place
-    python tools/generate_proto.py --output D  write them under D instead (the staleness test does)
+    python -m tools.generate_proto            rewrite them in place
+    python -m tools.generate_proto --output D  write them under D instead (the staleness test does)
 
 The protoc in the pinned grpcio-tools is an old one of the supported range on purpose: generated code runs
 on its own protobuf release and newer ones, never on older ones.

@@ -17,10 +17,10 @@ import signal
 import sys
 from pathlib import Path
 
-from tools.grid import Job, run_grid, start
+from joybridge.experiments.grid import Job, run_grid, start
+from joybridge.trainer.checkpoint import has_checkpoint
 from tools.report import write_report
 from tools.results import GAMES, LAYOUTS
-from trainer.checkpoint import has_checkpoint
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 EXPERIMENTS = tuple(f"{game}/{layout}" for game in GAMES for layout in LAYOUTS)
@@ -73,7 +73,7 @@ def main() -> int:
             )
     parallel, begin = options.jobs or 1, start
     if options.backend == "ray":
-        from tools.cluster import Cluster  # needs the extra `cluster`
+        from joybridge.experiments.cluster import Cluster  # needs the extra `cluster`
 
         cluster = Cluster(options.address, parallel)
         parallel, begin = options.jobs or cluster.room(), cluster.start

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import mean, stdev
 
-from tools.claims import Behaviour, make_claims
+from tools.claims import Behavior, make_claims
 from tools.figures import TITLES, draw_figures
 from tools.original import TRANSITIONS_PER_STEP, original_ends, original_point, paper_figures
 from tools.results import (
@@ -23,7 +23,7 @@ from tools.verdicts import FAILS, HOLDS, differ, sample
 
 MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # transitions that the last table compares at
 LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
-COURSES = ("lap_radius",)  # behaviour over time, which only a plot can show
+COURSES = ("lap_radius",)  # behavior over time, which only a plot can show
 CAPTIONS = {
     "figure-11-threshold.png": "Figure 11: the threshold approach.",
     "figure-12-bucket.png": "Figure 12: the bucket approach with 3, 11 and 41 values per axis.",
@@ -33,7 +33,7 @@ CAPTIONS = {
 INTRODUCTION = """\
 # The paper's experiments: our runs beside the original's
 
-Written by `python tools/paper.py report` from the metrics in the folders beside this page, which are named by the
+Written by `python -m tools.paper report` from the metrics in the folders beside this page, which are named by the
 length of their runs; of several lengths of one run the longest counts. Runs of one seed whose first rows differ
 count as different runs: with another number of `groups` (a setting of the trainer), for one, everything is rounded
 differently. The original's figures are from its logs of ten runs per experiment; its click accuracies were only
@@ -52,7 +52,7 @@ the original's ten, as a few runs do not tell it; they are alike if they do not 
 the difference is within 10 points. Stability is an F test of variances. Both are judged at the longest length that
 all the runs a claim needs have reached; before the complete length only if the original's curves show the claim
 there and to the end. Training times are those of figure 14, compared turn by turn, by a t test of the ratios'
-logarithms. Click accuracies of complete runs differ from one point on. Behaviour must be shown by all complete runs
+logarithms. Click accuracies of complete runs differ from one point on. Behavior must be shown by all complete runs
 of the paper's approaches: laps in the last third of the time below 0.9 of those in the first, at most 10 blinks in
 10 000 decisions, time in the slow sphere between 1/1.5 and 1.5 of what chance gives (not asked of the two agents,
 whom it never slows)."""
@@ -60,8 +60,8 @@ CONTRADICTIONS = """\
 Where the original's own logs do not bear its paper out, by the same rules:"""
 DETAILS = """\
 The figures behind each verdict, with the number of runs in brackets; ± is one standard deviation of runs."""
-BEHAVIOUR = """\
-Measured by `tools/behaviour.py` on trained policies. Speeds are in units/s, `slow share` is of the time. The original's
+BEHAVIOR = """\
+Measured by `tools/behavior.py` on trained policies. Speeds are in units/s, `slow share` is of the time. The original's
 published bucket-11 network, replayed, hits 157 157 127 173 131 168 78 birds in levels 0 to 6."""
 EXPERIMENTS = """\
 At the end of the runs; where they differ in length there is a line per length, over all that got there. In square
@@ -77,16 +77,16 @@ one seed are still alike, and 75 arenas cost Shooting Birds some reward, see [DE
 def write_report(results: Path) -> Path:
     """Draw the figures, write the page into `results` and return its path."""
     experiments = read_results(results)
-    path = results / "behaviour.json"
-    behaviour: Behaviour = json.loads(path.read_text()) if path.exists() else {}
+    path = results / "behavior.json"
+    behavior: Behavior = json.loads(path.read_text()) if path.exists() else {}
     pictures = [picture.name for picture in draw_figures(experiments, results / "figures")]
     blocks = [
         INTRODUCTION,
         "## Complete runs", COMPLETE_RUNS, complete_runs(experiments),
         "## The figures of the paper", FIGURES,
         *(f"![{CAPTIONS[name]}](figures/{name})\n\n{CAPTIONS[name]}" for name in pictures),
-        "## The paper's claims", *claims(experiments, behaviour),
-        *behaviours(behaviour, results),
+        "## The paper's claims", *claims(experiments, behavior),
+        *behaviors(behavior, results),
         "## Every experiment", EXPERIMENTS, every_experiment(experiments),
         "## Reward at some marks", BY_MARKS, *by_marks(experiments),
     ]  # fmt: skip
@@ -125,11 +125,11 @@ def place(value: float, others: Sequence[float]) -> str:
     return "above" if value > mean(others) else "**below**"
 
 
-def claims(results: Results, behaviour: Behaviour) -> list[str]:
+def claims(results: Results, behavior: Behavior) -> list[str]:
     """State every claim with our verdict and the original's own, then the figures behind them."""
     rows, details, contradictions = [], [], []
     for number, claim in enumerate(make_claims(), 1):
-        verdict, logs = claim.judge(results, behaviour), claim.logs
+        verdict, logs = claim.judge(results, behavior), claim.logs
         here = f"**{verdict.word}** {verdict.where}".strip()
         rows.append((f"{number}", claim.text, TITLES[claim.game], here, logs.word if logs else "do not tell"))
         details.append(f"{number}. Here: {verdict.evidence}." + (f" Logs: {logs.evidence}." if logs else ""))
@@ -142,11 +142,11 @@ def claims(results: Results, behaviour: Behaviour) -> list[str]:
     ]  # fmt: skip
 
 
-def behaviours(behaviour: Behaviour, results: Path) -> list[str]:
-    """Tabulate what `tools/behaviour.py` measured of trained policies, except for courses over time."""
+def behaviors(behavior: Behavior, results: Path) -> list[str]:
+    """Tabulate what `tools/behavior.py` measured of trained policies, except for courses over time."""
     blocks = []
     for game, title in TITLES.items():
-        chosen = {name: figures for name, figures in sorted(behaviour.items()) if name.startswith(f"{game}/")}
+        chosen = {name: figures for name, figures in sorted(behavior.items()) if name.startswith(f"{game}/")}
         keys = dict.fromkeys(key for figures in chosen.values() for key in figures if key not in COURSES)
         rows = [
             (name.removeprefix(f"{game}/"), *(_figure(figures.get(key)) for key in keys))
@@ -154,9 +154,9 @@ def behaviours(behaviour: Behaviour, results: Path) -> list[str]:
         ]
         if rows:
             blocks += [f"{title}:", _table(("policy", *(key.replace("_", " ") for key in keys)), rows)]
-    if blocks and (results / "figures" / "behaviour.png").exists():
-        blocks.append("![Behaviour of trained policies](figures/behaviour.png)")
-    return ["## Learned behaviour", BEHAVIOUR, *blocks] if blocks else []
+    if blocks and (results / "figures" / "behavior.png").exists():
+        blocks.append("![Behavior of trained policies](figures/behavior.png)")
+    return ["## Learned behavior", BEHAVIOR, *blocks] if blocks else []
 
 
 def every_experiment(results: Results) -> str:

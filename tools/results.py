@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import bootstrap, trim_mean
 
-from trainer.metrics import Row, read_rows
+from joybridge.trainer.metrics import Row, read_rows
 
 MARK = 300_000  # transitions between two rows of metrics: 20 000 of the original's steps
 COMPLETE = 30_000_000  # transitions of a complete run

@@ -1,6 +1,6 @@
 """Stable-Baselines3's PPO learns Shooting Birds: another library's learner on the same simulator.
 
-python tools/sb3_example.py --transitions 200000 --arenas 15
+python -m tools.sb3_example --transitions 200000 --arenas 15
 """
 
 import argparse
@@ -14,8 +14,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from joybridge.tensors import Array
-from trainer.gym import BridgeVectorEnv
+from joybridge.contract.tensors import Array
+from joybridge.gym import BridgeVectorEnv
 
 STRETCH = 20_000  # transitions between two lines
 

@@ -1,6 +1,6 @@
 """Short, small videos of the best run of each layout on each game, and a moving picture of the best of each game.
 
-python tools/videos.py RUN [RUN …]    writes GAME-LAYOUT.mp4 to results/videos, and GAME.webp for pages without videos
+python -m tools.videos RUN [RUN …]    writes GAME-LAYOUT.mp4 to results/videos, and GAME.webp for pages without videos
 
 A video begins in the middle of an episode. Games of more than 25 decisions per second are shown at their own pace;
 of slower ones every decision is a frame, so Beastly Rivals runs three times as fast as it is played.
@@ -16,12 +16,12 @@ from typing import NamedTuple, cast
 
 import av
 
-from trainer.checkpoint import CheckpointError
-from trainer.client import Session, SimulatorError, describe
-from trainer.config import ConfigError
-from trainer.launch import simulator_process
-from trainer.metrics import read_rows
-from trainer.playing import Players, run_config
+from joybridge.trainer.checkpoint import CheckpointError
+from joybridge.trainer.config import ConfigError
+from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.playing import Players, run_config
+from joybridge.trainer.wire.client import Session, SimulatorError, describe
+from joybridge.trainer.wire.launch import simulator_process
 
 RATE = 25  # frames per second
 ROWS = 10  # of metrics at the end of a run, whose mean reward says how good it is

@@ -59,12 +59,12 @@ class DescribeGameResponse(_message.Message):
     def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ...) -> None: ...
 
 class GameSpec(_message.Message):
-    __slots__ = ("name", "description", "options", "parameters", "behaviours", "decision_interval", "tick_seconds", "max_episode_decisions", "max_arenas", "picture", "snapshot_bytes_per_arena")
+    __slots__ = ("name", "description", "options", "parameters", "behaviors", "decision_interval", "tick_seconds", "max_episode_decisions", "max_arenas", "picture", "snapshot_bytes_per_arena")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     OPTIONS_FIELD_NUMBER: _ClassVar[int]
     PARAMETERS_FIELD_NUMBER: _ClassVar[int]
-    BEHAVIOURS_FIELD_NUMBER: _ClassVar[int]
+    BEHAVIORS_FIELD_NUMBER: _ClassVar[int]
     DECISION_INTERVAL_FIELD_NUMBER: _ClassVar[int]
     TICK_SECONDS_FIELD_NUMBER: _ClassVar[int]
     MAX_EPISODE_DECISIONS_FIELD_NUMBER: _ClassVar[int]
@@ -75,14 +75,14 @@ class GameSpec(_message.Message):
     description: str
     options: _containers.RepeatedCompositeFieldContainer[Option]
     parameters: _containers.RepeatedCompositeFieldContainer[Parameter]
-    behaviours: _containers.RepeatedCompositeFieldContainer[Behaviour]
+    behaviors: _containers.RepeatedCompositeFieldContainer[Behavior]
     decision_interval: int
     tick_seconds: float
     max_episode_decisions: int
     max_arenas: int
     picture: PictureSize
     snapshot_bytes_per_arena: int
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., options: _Optional[_Iterable[_Union[Option, _Mapping]]] = ..., parameters: _Optional[_Iterable[_Union[Parameter, _Mapping]]] = ..., behaviours: _Optional[_Iterable[_Union[Behaviour, _Mapping]]] = ..., decision_interval: _Optional[int] = ..., tick_seconds: _Optional[float] = ..., max_episode_decisions: _Optional[int] = ..., max_arenas: _Optional[int] = ..., picture: _Optional[_Union[PictureSize, _Mapping]] = ..., snapshot_bytes_per_arena: _Optional[int] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., options: _Optional[_Iterable[_Union[Option, _Mapping]]] = ..., parameters: _Optional[_Iterable[_Union[Parameter, _Mapping]]] = ..., behaviors: _Optional[_Iterable[_Union[Behavior, _Mapping]]] = ..., decision_interval: _Optional[int] = ..., tick_seconds: _Optional[float] = ..., max_episode_decisions: _Optional[int] = ..., max_arenas: _Optional[int] = ..., picture: _Optional[_Union[PictureSize, _Mapping]] = ..., snapshot_bytes_per_arena: _Optional[int] = ...) -> None: ...
 
 class Option(_message.Message):
     __slots__ = ("name", "description", "choices", "default_choice")
@@ -110,7 +110,7 @@ class Parameter(_message.Message):
     default_value: float
     def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., low: _Optional[float] = ..., high: _Optional[float] = ..., default_value: _Optional[float] = ...) -> None: ...
 
-class Behaviour(_message.Message):
+class Behavior(_message.Message):
     __slots__ = ("name", "description", "agents_per_arena", "sensors", "device", "channels", "metrics")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
@@ -265,14 +265,14 @@ class Started(_message.Message):
     def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ...) -> None: ...
 
 class Act(_message.Message):
-    __slots__ = ("behaviours", "draw")
-    BEHAVIOURS_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("behaviors", "draw")
+    BEHAVIORS_FIELD_NUMBER: _ClassVar[int]
     DRAW_FIELD_NUMBER: _ClassVar[int]
-    behaviours: _containers.RepeatedCompositeFieldContainer[BehaviourAct]
+    behaviors: _containers.RepeatedCompositeFieldContainer[BehaviorAct]
     draw: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, behaviours: _Optional[_Iterable[_Union[BehaviourAct, _Mapping]]] = ..., draw: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorAct, _Mapping]]] = ..., draw: _Optional[_Iterable[int]] = ...) -> None: ...
 
-class BehaviourAct(_message.Message):
+class BehaviorAct(_message.Message):
     __slots__ = ("axes", "choices")
     AXES_FIELD_NUMBER: _ClassVar[int]
     CHOICES_FIELD_NUMBER: _ClassVar[int]
@@ -313,16 +313,16 @@ class Snapshot(_message.Message):
     def __init__(self, parts: _Optional[_Mapping[str, bytes]] = ...) -> None: ...
 
 class Step(_message.Message):
-    __slots__ = ("behaviours", "pictures", "simulate_seconds")
-    BEHAVIOURS_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("behaviors", "pictures", "simulate_seconds")
+    BEHAVIORS_FIELD_NUMBER: _ClassVar[int]
     PICTURES_FIELD_NUMBER: _ClassVar[int]
     SIMULATE_SECONDS_FIELD_NUMBER: _ClassVar[int]
-    behaviours: _containers.RepeatedCompositeFieldContainer[BehaviourStep]
+    behaviors: _containers.RepeatedCompositeFieldContainer[BehaviorStep]
     pictures: _containers.RepeatedCompositeFieldContainer[Tensor]
     simulate_seconds: float
-    def __init__(self, behaviours: _Optional[_Iterable[_Union[BehaviourStep, _Mapping]]] = ..., pictures: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., simulate_seconds: _Optional[float] = ...) -> None: ...
+    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorStep, _Mapping]]] = ..., pictures: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., simulate_seconds: _Optional[float] = ...) -> None: ...
 
-class BehaviourStep(_message.Message):
+class BehaviorStep(_message.Message):
     __slots__ = ("observations", "rewards", "terminated", "truncated", "masks", "deciding", "ended")
     OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
     REWARDS_FIELD_NUMBER: _ClassVar[int]

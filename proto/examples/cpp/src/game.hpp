@@ -1,0 +1,80 @@
+/// What a game is to the server: a spec, and arenas with one agent each. To serve one of your own, write it as
+/// paddle.cpp is written and name it in main.cpp; the rest of the server knows no game.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "joybridge/v1/bridge.pb.h"
+
+namespace simulator {
+
+namespace pb = joybridge::v1;
+
+using Options = std::map<std::string, std::string>;  // a choice for every option
+using Parameters = std::map<std::string, double>;    // a value for every parameter
+
+/// What one agent does in one decision. Ranges and masks have been checked.
+struct Action {
+  std::span<const float> axes;            // a value per axis
+  std::span<const std::int32_t> choices;  // the index of a choice per branch
+};
+
+enum class End { none, terminated, truncated };
+
+/// What a decision brought.
+struct Turn {
+  std::vector<float> rewards;  // per channel
+  End end = End::none;
+  std::vector<float> metrics;  // per metric; sent where the episode ended
+};
+
+/// One copy of a game.
+class Arena {
+ public:
+  virtual ~Arena() = default;
+
+  /// Begins a new episode, which is played with these parameters.
+  virtual void begin(const Parameters& parameters) = 0;
+
+  /// Plays one decision. After an end the last observation still stands, until `begin`.
+  virtual Turn step(const Action& action) = 0;
+
+  /// Returns the numbers of each sensor, row-major.
+  virtual std::vector<std::vector<float>> observe() const = 0;
+
+  /// Returns which choices are allowed now, per branch.
+  virtual std::vector<std::vector<bool>> masks() const = 0;
+
+  /// Returns a picture: height * width * 3 bytes, red, green and blue.
+  virtual std::string draw() const = 0;
+
+  /// Returns everything that changes, always as many bytes.
+  virtual std::string save() const = 0;
+
+  /// Takes back as many bytes as `save` returns. Throws std::invalid_argument for what it cannot have returned.
+  virtual void restore(const std::string& state) = 0;
+};
+
+/// A game of one behavior, with one agent per arena and sensors of FLOAT32.
+class Game {
+ public:
+  virtual ~Game() = default;
+
+  /// Returns the spec under the given choices; an option that is left out has its default.
+  virtual pb::GameSpec describe(const Options& options) const = 0;
+
+  /// Makes an arena, which is to `begin`. All its randomness comes from the seed and its number.
+  virtual std::unique_ptr<Arena> open(const Options& options, std::uint64_t seed, std::uint64_t number) const = 0;
+};
+
+/// The most that a session itself adds to a snapshot. It counts for every arena, since there may be only one.
+constexpr std::uint32_t SESSION_BYTES = 512;
+
+using Games = std::map<std::string, std::unique_ptr<Game>>;  // by name
+
+}  // namespace simulator

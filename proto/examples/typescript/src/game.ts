@@ -1,0 +1,41 @@
+/** What a game is to this server. To serve one of your own, write it like meteors.ts and name it in main.ts. */
+
+import type { Action } from "./tensors.js";
+import type { GameSpec } from "./types/joybridge/v1/GameSpec.js";
+
+export type Options = Record<string, string>; // a choice for every option
+export type Parameters = Record<string, number>; // a value for every parameter
+
+/** A game of one behavior with one agent per arena, whose sensors are FLOAT32. */
+export interface Game {
+  /** Return the spec under some choices; without them, under the defaults. */
+  describe(options?: Options): GameSpec;
+
+  /** Begin an arena. All its randomness comes from the seed and its number; `parameters` may change at a reset. */
+  open(options: Options, parameters: Parameters, seed: bigint, arena: number): Arena;
+}
+
+/** One copy of a game. Actions have been checked before they get here. */
+export interface Arena {
+  /** Begin a new episode. */
+  begin(): void;
+
+  /** Play one decision. After an end the last observation stands until `begin`. */
+  step(action: Action): Turn;
+
+  /** Return the numbers of each sensor, row-major. */
+  observe(): number[][];
+
+  /** Return which choices are allowed now, per branch. */
+  masks(): boolean[][];
+
+  /** Return a picture: rows of pixels from the top, three bytes each. */
+  draw(): Uint8Array;
+}
+
+/** What came of one decision. */
+export interface Turn {
+  rewards: number[]; // per channel
+  end: "terminated" | "truncated" | null; // the game is over, was merely cut short, or goes on
+  metrics: number[]; // counts where the episode ended
+}

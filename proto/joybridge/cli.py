@@ -1,0 +1,71 @@
+"""The command `joybridge`: every command of every part that is installed.
+
+A command is a line in COMMANDS. Its module is imported only when the command is given, so a machine that runs games
+needs nothing that learns, and the other way round.
+"""
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NamedTuple
+
+
+class Command(NamedTuple):
+    """Where a command lives and what it does."""
+
+    module: str  # its `main` takes the arguments, the command first, and returns the exit status
+    extra: str  # the optional part of the package that it needs; "": none
+    help: str
+
+
+COMMANDS = {
+    "serve": Command("joybridge.simulator.__main__", "simulator", "run games for trainers, over gRPC"),
+    "list": Command("joybridge.simulator.__main__", "simulator", "list the games and their options"),
+    "new": Command("joybridge.simulator.__main__", "simulator", "write a small game of your own to start from"),
+    "check": Command("joybridge.conformance.__main__", "", "test a server, in any language, against the contract"),
+    "train": Command("joybridge.trainer.__main__", "train", "train a configuration"),
+    "evaluate": Command("joybridge.trainer.__main__", "train", "measure how well the policy of a run plays"),
+    "record": Command("joybridge.trainer.__main__", "train", "record a video of the policy of a run"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit status: 2 where it is unknown or cannot be imported."""
+    name, *rest = sys.argv[1:] if arguments is None else arguments or ["--help"]
+    if name in ("-h", "--help"):
+        print(usage())
+        return 0
+    if name not in COMMANDS:
+        print(f"error: unknown command {name!r}; expected one of {', '.join(COMMANDS)}", file=sys.stderr)
+        return 2
+    command = COMMANDS[name]
+    try:
+        module = import_module(command.module)
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("joybridge") or not command.extra:
+            raise
+        print(
+            f"error: `joybridge {name}` needs the module {error.name}; install it with "
+            f"`pip install 'joybridge[{command.extra}]'`",
+            file=sys.stderr,
+        )
+        return 2
+    return int(module.main([name, *rest], prog="joybridge"))
+
+
+def usage() -> str:
+    """Return the list of commands."""
+    lines = [f"  {name:<10}{command.help}" for name, command in COMMANDS.items()]
+    return "\n".join([
+        "usage: joybridge COMMAND ...",
+        "",
+        "Train agents that play with a pointer and buttons, over a gRPC bridge.",
+        "",
+        *lines,
+        "",
+        "`joybridge COMMAND --help` describes one.",
+    ])  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())

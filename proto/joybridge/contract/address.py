@@ -1,0 +1,15 @@
+"""Addresses of simulators, as command lines take them."""
+
+import argparse
+
+DEFAULT_ADDRESS = "127.0.0.1:5005"
+HIGHEST_PORT = 65535
+
+
+def address(text: str) -> str:
+    """Return an address, HOST:PORT or unix:PATH, unchanged. Raises ArgumentTypeError for a malformed one."""
+    host, _, port = text.rpartition(":")
+    if text.startswith("unix:") or (host and port.isdecimal() and int(port) <= HIGHEST_PORT):
+        return text
+    wanted = f"HOST:PORT with a port from 0 to {HIGHEST_PORT}, as in {DEFAULT_ADDRESS}, or unix:PATH"
+    raise argparse.ArgumentTypeError(f"got {text!r}, expected {wanted}")

@@ -1,0 +1,203 @@
+"""Actions and steps as arrays, and their way into messages and back.
+
+`ActArrays` and `StepArrays` are one BehaviorAct and one BehaviorStep as arrays. A `Codec` unpacks the messages
+of one behavior and checks everything the contract says about them; packing trusts its caller.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from joybridge.contract.tensors import Array, Format, TensorError, fill
+from joybridge.v1 import bridge_pb2 as pb
+
+NOBODY = np.empty(0, np.int32)
+
+
+@dataclass
+class ActArrays:
+    """The actions of all lanes of one behavior."""
+
+    axes: Array  # float32 [lanes, axes]
+    choices: Array  # int32 [lanes, branches]
+
+
+@dataclass
+class StepArrays:
+    """What happened to all lanes of one behavior in one decision; see BehaviorStep in bridge.proto."""
+
+    observations: list[Array]  # per sensor [lanes, *shape]
+    rewards: Array  # float32 [lanes, channels]
+    terminated: Array  # bool [lanes]
+    truncated: Array  # bool [lanes]
+    masks: list[Array] | None = None  # per branch bool [lanes, choices]; None: all allowed
+    deciding: Array | None = None  # bool [lanes]; None: every lane decides
+    ended: Array = field(default_factory=lambda: NOBODY)  # int32 [ended], ascending
+    final_observations: list[Array] | None = None  # per sensor [ended, *shape]; None if nothing ended
+    metrics: Array | None = None  # float32 [ended, metrics]; None if nothing ended or there are none
+
+
+def lane_count(behavior: pb.Behavior, arenas: int) -> int:
+    """Return the number of lanes of a behavior in a session of `arenas`."""
+    return arenas * behavior.agents_per_arena
+
+
+def pack_act(act: ActArrays) -> pb.BehaviorAct:
+    """Return the message of one behavior's actions."""
+    message = pb.BehaviorAct()
+    fill_act(message, act)
+    return message
+
+
+def fill_act(message: pb.BehaviorAct, act: ActArrays) -> None:
+    """Put actions into an empty message: in place within a larger one, which saves copies."""
+    if act.axes.shape[1]:
+        fill(message.axes, act.axes)
+    if act.choices.shape[1]:
+        fill(message.choices, act.choices)
+
+
+def fill_step(message: pb.BehaviorStep, step: StepArrays) -> None:
+    """Put a step into an empty message: in place within a larger one, which saves copies."""
+    for observation in step.observations:
+        fill(message.observations.add(), observation)
+    fill(message.rewards, step.rewards)
+    fill(message.terminated, step.terminated)
+    fill(message.truncated, step.truncated)
+    for mask in step.masks or ():
+        fill(message.masks.add(), mask)
+    if step.deciding is not None:
+        fill(message.deciding, step.deciding)
+    if len(step.ended):
+        fill(message.ended.lanes, step.ended)
+        for observation in step.final_observations or ():
+            fill(message.ended.final_observations.add(), observation)
+        if step.metrics is not None:
+            fill(message.ended.metrics, step.metrics)
+
+
+class Codec:
+    """Unpacks the acts and steps of one behavior in a session of so many arenas."""
+
+    def __init__(self, behavior: pb.Behavior, arenas: int) -> None:
+        """Work out once what every tensor must be."""
+        self.name = name = behavior.name
+        self.lanes = lanes = lane_count(behavior, arenas)
+        self.metrics = len(behavior.metrics)
+        device = behavior.device
+        self._axis_names = [axis.name for axis in device.axes]
+        self._low = np.array([axis.low for axis in device.axes], np.float32)
+        self._high = np.array([axis.high for axis in device.axes], np.float32)
+        self._branches = [(branch.name, list(branch.choices)) for branch in device.branches]
+        self._counts = np.array([len(choices) for _, choices in self._branches], np.int32)
+        self._axes = Format(pb.FLOAT32, (lanes, len(device.axes)), f"{name}.axes")
+        self._choices = Format(pb.INT32, (lanes, len(device.branches)), f"{name}.choices")
+        self._sensors = [(sensor.name, sensor.dtype, tuple(sensor.shape)) for sensor in behavior.sensors]
+        self._observations = self._sensor_formats(lanes, "observations")
+        self._rewards = Format(pb.FLOAT32, (lanes, len(behavior.channels)), f"{name}.rewards")
+        self._terminated = Format(pb.BOOL, (lanes,), f"{name}.terminated")
+        self._truncated = Format(pb.BOOL, (lanes,), f"{name}.truncated")
+        self._deciding = Format(pb.BOOL, (lanes,), f"{name}.deciding")
+        self._masks = [
+            Format(pb.BOOL, (lanes, len(choices)), f"{name}.masks[{branch}]") for branch, choices in self._branches
+        ]
+
+    def _sensor_formats(self, lanes: int, field: str) -> list[Format]:
+        return [
+            Format(dtype, (lanes, *shape), f"{self.name}.{field}[{sensor}]") for sensor, dtype, shape in self._sensors
+        ]
+
+    def unpack_act(self, message: pb.BehaviorAct, previous: StepArrays) -> ActArrays:
+        """Return the actions, checked against the device and the masks of the previous step.
+
+        Raises TensorError naming the lane and the axis or branch that is out of range or masked. Lanes that
+        do not decide must be well-formed and are otherwise ignored.
+        """
+        axes = np.empty(self._axes.shape, np.float32)
+        choices = np.empty(self._choices.shape, np.int32)
+        if self._axis_names or message.HasField("axes"):
+            axes = self._axes.unpack(message.axes)
+        if self._branches or message.HasField("choices"):
+            choices = self._choices.unpack(message.choices)
+        if previous.deciding is not None:  # what the other lanes do must not matter: give them any valid action
+            axes = np.where(previous.deciding[:, None], axes, self._low)
+            choices = np.where(previous.deciding[:, None], choices, np.int32(0))
+        if not ((axes >= self._low) & (axes <= self._high)).all():
+            self._refuse_axes(axes)
+        if not (choices.view(np.uint32) < self._counts).all():  # as unsigned numbers negative ones are huge
+            self._refuse_choices(choices)
+        if previous.masks is not None:
+            self._refuse_masked(choices, previous.masks, previous.deciding)
+        return ActArrays(axes, choices)
+
+    def _refuse_axes(self, axes: Array) -> None:
+        for axis, low, high, column in zip(self._axis_names, self._low, self._high, axes.T, strict=True):
+            for lane in np.flatnonzero((column < low) | (column > high)):
+                where = f"{self.name}.axes: axis {axis!r}"
+                raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected {low:g}..{high:g}")
+
+    def _refuse_choices(self, choices: Array) -> None:
+        for (branch, names), column in zip(self._branches, choices.T, strict=True):
+            for lane in np.flatnonzero((column < 0) | (column >= len(names))):
+                where = f"{self.name}.choices: branch {branch!r}"
+                raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected 0..{len(names) - 1}")
+
+    def _refuse_masked(self, choices: Array, masks: list[Array], deciding: Array | None) -> None:
+        for (branch, names), mask, column in zip(self._branches, masks, choices.T, strict=True):
+            forbidden = ~mask[np.arange(self.lanes), column]
+            if deciding is not None:
+                forbidden &= deciding
+            for lane in np.flatnonzero(forbidden):
+                where = f"{self.name}.choices: branch {branch!r}"
+                raise TensorError(
+                    f"{where} got {names[column[lane]]!r} in lane {lane}, which its mask forbids in this step"
+                )
+
+    def unpack_step(self, message: pb.BehaviorStep) -> StepArrays:
+        """Return the step, checked against the spec. Raises TensorError naming the field."""
+        step = StepArrays(
+            observations=self._unpack_sensors(message.observations, self._observations, "observations"),
+            rewards=self._rewards.unpack(message.rewards),
+            terminated=self._terminated.unpack(message.terminated),
+            truncated=self._truncated.unpack(message.truncated),
+        )
+        if message.masks:
+            step.masks = self._unpack_masks(message.masks)
+        if message.HasField("deciding"):
+            step.deciding = self._deciding.unpack(message.deciding)
+        ended = np.flatnonzero(step.terminated | step.truncated)
+        if len(ended) or message.HasField("ended"):
+            self._unpack_ended(message.ended, step, ended)
+        return step
+
+    def _unpack_ended(self, message: pb.Ended, step: StepArrays, ended: Array) -> None:
+        for lane in np.flatnonzero(step.terminated & step.truncated):
+            raise TensorError(f"{self.name}: lane {lane} is both terminated and truncated, expected at most one")
+        where = f"{self.name}.ended"
+        step.ended = Format(pb.INT32, (len(ended),), f"{where}.lanes").unpack(message.lanes)
+        if (step.ended != ended).any():
+            came, wanted = step.ended.tolist(), ended.tolist()
+            raise TensorError(f"{where}.lanes: {came}, expected the terminated or truncated {wanted}")
+        formats = self._sensor_formats(len(ended), "ended.final_observations")
+        step.final_observations = self._unpack_sensors(
+            message.final_observations, formats, "ended.final_observations"
+        )  # fmt: skip
+        if self.metrics:
+            step.metrics = Format(pb.FLOAT32, (len(ended), self.metrics), f"{where}.metrics").unpack(message.metrics)
+
+    def _unpack_sensors(self, tensors: Sequence[pb.Tensor], formats: list[Format], field: str) -> list[Array]:
+        if len(tensors) != len(formats):
+            where = f"{self.name}.{field}"
+            raise TensorError(f"{where}: {len(tensors)} tensors, expected {len(formats)}, one per sensor")
+        return [form.unpack(tensor) for form, tensor in zip(formats, tensors, strict=True)]
+
+    def _unpack_masks(self, tensors: Sequence[pb.Tensor]) -> list[Array]:
+        if len(tensors) != len(self._masks):
+            where = f"{self.name}.masks"
+            raise TensorError(f"{where}: {len(tensors)} tensors, expected {len(self._masks)}, one per branch, or none")
+        masks = [form.unpack(tensor) for form, tensor in zip(self._masks, tensors, strict=True)]
+        for form, mask in zip(self._masks, masks, strict=True):
+            for lane in np.flatnonzero(~mask.any(axis=1)):
+                raise TensorError(f"{form.field}: lane {lane} allows no choice, expected at least one")
+        return masks

@@ -1,0 +1,135 @@
+"""What a well-formed spec is, and what follows from one: chosen options, parameters and message sizes."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from typing import Protocol
+
+from joybridge.contract.codec import lane_count
+from joybridge.contract.tensors import NUMPY_TYPES
+from joybridge.v1 import bridge_pb2 as pb
+
+MAX_PICTURES = 64  # pictures one Act may ask for
+MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
+
+
+class SpecError(ValueError):
+    """A spec, option or parameter that breaks the contract; the text names it and what was wanted."""
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+def choose_options(options: Sequence[pb.Option], chosen: Mapping[str, str], game: str) -> dict[str, str]:
+    """Return a choice for every option, defaults filled in. Raises SpecError for an unknown name or choice."""
+    known = {option.name: option for option in options}
+    for name, choice in chosen.items():
+        if name not in known:
+            raise SpecError(f"{game}: unknown option {name!r}, expected one of {_list(known)}")
+        if choice not in known[name].choices:
+            raise SpecError(f"{game}: option {name!r} got {choice!r}, expected one of {_list(known[name].choices)}")
+    return {name: chosen.get(name, option.default_choice) for name, option in known.items()}
+
+
+def choose_parameters(parameters: Sequence[pb.Parameter], chosen: Mapping[str, float], game: str) -> dict[str, float]:
+    """Return the given parameters, checked. Raises SpecError for an unknown name or a value out of range."""
+    known = {parameter.name: parameter for parameter in parameters}
+    for name, value in chosen.items():
+        if name not in known:
+            raise SpecError(f"{game}: unknown parameter {name!r}, expected one of {_list(known)}")
+        low, high = known[name].low, known[name].high
+        if not low <= value <= high:
+            raise SpecError(f"{game}: parameter {name!r} got {value:g}, expected {low:g}..{high:g}")
+    return dict(chosen)
+
+
+def check_spec(spec: pb.GameSpec) -> None:
+    """Raise SpecError naming the first rule of bridge.proto that `spec` breaks."""
+    game = spec.name or "a game without a name"
+    _require(bool(spec.name), f"{game}: name is empty")
+    _require(spec.decision_interval >= 1, f"{game}: decision_interval is 0, expected at least 1")
+    _require(spec.max_arenas >= 1, f"{game}: max_arenas is 0, expected at least 1")
+    _check_names(spec.options, f"{game}: options")
+    for option in spec.options:
+        ok = option.default_choice in option.choices
+        _require(ok, f"{game}: option {option.name!r} has default {option.default_choice!r}, not one of its choices")
+    _check_names(spec.parameters, f"{game}: parameters")
+    for parameter in spec.parameters:
+        ok = parameter.low <= parameter.default_value <= parameter.high
+        _require(ok, f"{game}: parameter {parameter.name!r} has its default outside low..high")
+    _require(len(spec.behaviors) >= 1, f"{game}: no behaviors, expected at least one")
+    _check_names(spec.behaviors, f"{game}: behaviors")
+    for behavior in spec.behaviors:
+        _check_behavior(behavior, f"{game}.{behavior.name}")
+
+
+def _check_behavior(behavior: pb.Behavior, where: str) -> None:
+    device = behavior.device
+    _require(behavior.agents_per_arena >= 1, f"{where}: agents_per_arena is 0, expected at least 1")
+    _require(len(behavior.sensors) >= 1, f"{where}: no sensors, expected at least one")
+    _require(len(behavior.channels) >= 1, f"{where}: no reward channels, expected at least one")
+    _require(len(device.axes) + len(device.branches) >= 1, f"{where}: a device needs an axis or a branch")
+    for things, kind in (
+        (behavior.sensors, "sensors"),
+        (device.axes, "axes"),
+        (device.branches, "branches"),
+        (behavior.channels, "channels"),
+        (behavior.metrics, "metrics"),
+    ):
+        _check_names(things, f"{where}: {kind}")
+    for axis in device.axes:
+        _require(isfinite(axis.low) and isfinite(axis.high), f"{where}: axis {axis.name!r} has no finite low and high")
+        _require(axis.low < axis.high, f"{where}: axis {axis.name!r} has low {axis.low:g} not below high {axis.high:g}")
+    for branch in device.branches:
+        _require(len(branch.choices) >= 2, f"{where}: branch {branch.name!r} needs at least two choices")
+        _require(len(set(branch.choices)) == len(branch.choices), f"{where}: branch {branch.name!r} repeats a choice")
+    for sensor in behavior.sensors:
+        what = f"{where}: sensor {sensor.name!r}"
+        size = element_count(sensor)
+        _require(sensor.dtype in NUMPY_TYPES, f"{what} has no valid dtype")
+        _require(size >= 1 and len(sensor.shape) >= 1, f"{what} has shape {list(sensor.shape)}, expected sizes >= 1")
+        _require(len(sensor.elements) in (0, size), f"{what} names {len(sensor.elements)} elements of {size}")
+        for bounds in (sensor.low, sensor.high):
+            _require(len(bounds) in (0, 1, size), f"{what} has {len(bounds)} bounds, expected 0, 1 or {size}")
+
+
+def element_count(sensor: pb.Sensor) -> int:
+    """Return how many numbers one observation of a sensor holds."""
+    count = 1
+    for size in sensor.shape:
+        count *= size
+    return count
+
+
+def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
+    """Return an upper bound of the size of a PlayResponse, for message limits on both ends."""
+    total = (1 << 16) + spec.ByteSize()  # names, shapes and tags, generously
+    for behavior in spec.behaviors:
+        row = 16 + 4 * (len(behavior.channels) + len(behavior.metrics))
+        row += sum(2 * element_count(s) * NUMPY_TYPES[s.dtype].itemsize for s in behavior.sensors)
+        row += sum(len(branch.choices) for branch in behavior.device.branches)
+        total += row * lane_count(behavior, arenas)
+    total += pictures * (64 + 3 * spec.picture.width * spec.picture.height)
+    return min(max(total, (1 << 16) + arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
+
+
+def request_bytes(spec: pb.GameSpec, arenas: int) -> int:
+    """Return an upper bound of the size of a PlayRequest: an Act, or a Start with a snapshot."""
+    rows = sum(lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches)) for b in spec.behaviors)
+    return min((1 << 16) + max(rows, arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
+
+
+def _check_names(things: Sequence[_Named], where: str) -> None:
+    names = [thing.name for thing in things]
+    _require(all(names), f"{where}: a name is empty")
+    _require(len(set(names)) == len(names), f"{where}: a name stands twice in {names}")
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise SpecError(message)
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"

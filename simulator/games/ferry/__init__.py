@@ -1,1 +1,0 @@
-"""Ferry: a small game of two behaviours, for teaching and tests."""

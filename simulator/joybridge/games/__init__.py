@@ -1,0 +1,11 @@
+"""The built-in games, one folder each. A new game is a new folder and a line in `BUILT_IN`."""
+
+BUILT_IN = {
+    "beastly_rivals": "joybridge.games.beastly_rivals.game:BeastlyRivals",
+    "shooting_birds": "joybridge.games.shooting_birds.game:ShootingBirds",
+    "ferry": "joybridge.games.ferry.game:Ferry",
+    "orchard": "joybridge.games.orchard.game:Orchard",
+    "marble": "joybridge.games.marble.game:Marble",
+    "archer": "joybridge.games.archer.game:Archer",
+    "noughts": "joybridge.games.noughts.game:Noughts",
+}

@@ -1,0 +1,331 @@
+"""The rules of Beastly Rivals Onslaught: one tick, and one decision, of every arena.
+
+Follows the game of the paper as its trained networks know it. Each quirk of the original is one switch in
+`Rules`; everything else is the same under both sets of rules.
+
+The ground is the plane x-z with the pitch's centre at (0, 0). Nothing moves vertically, but the bodies
+stand at different heights, and some distances of the original count those.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from joybridge.contract.tensors import Array
+from joybridge.simulator.compiled import compiled
+from joybridge.simulator.randomness import Streams, reserve, uniform
+from joybridge.simulator.trigonometry import cosine, sine
+
+TICK = 0.02  # s
+DECISION_TICKS = 6
+CLOCK_TICKS = 12000  # all arenas start over together after so many
+TOP_SPEED = 20.0  # of the cursor, units/s
+
+PITCH_RADIUS = 7.5
+BOUNDARY_RADIUS = 7.125  # of the sphere around the pitch's centre that confines cursor and slow sphere
+CURSOR_HEIGHT, CHARACTER_HEIGHT, BEAST_HEIGHT = 1.0, 0.3, 0.175
+BEAST_BELOW = CHARACTER_HEIGHT - BEAST_HEIGHT
+
+CHARACTER_SPEED = 4.0
+CHARACTER_RADIUS = 0.28125
+COOLDOWN_TICKS = 200  # between two blinks
+
+START_SPEED, SPEED_GROWTH, SPEED_LIMIT = 0.8, 0.001, 8.5  # of the beast; growth per tick
+START_ACCURACY, ACCURACY_GROWTH, ACCURACY_LIMIT = 0.01, 0.000055, 0.75
+BOX_AHEAD, BOX_HALF, BOX_HALF_UP = 0.275, 0.1925, 1.1  # its box: the centre's distance in front, half sizes
+KILL_DISTANCE = BOX_AHEAD + BOX_HALF + CHARACTER_RADIUS  # in 3D: the box always faces the character
+
+SPHERE_RADIUS, SPHERE_SPEED = 3.0, 0.75
+SPHERE_TURN_SECONDS, SPHERE_PULL, SPHERE_INERTIA = 3.0, 0.8, 0.2
+SLOWEST, BEAST_EASE = 0.5, 0.1  # least share of speed left in the sphere; what the beast's share has on top
+
+CHANNELS = ("survival", "death", "early_blink")
+SURVIVAL, DEATH, EARLY_BLINK = range(3)
+SURVIVAL_REWARD, DEATH_REWARD, EARLY_BLINK_REWARD = 0.01, -1.0, -0.025
+
+METRICS = ("survival", "blinks", "clicks", "slow_share")
+
+
+class Rules(NamedTuple):
+    """The quirks of the original, and what an option and a parameter set."""
+
+    blink_repeats: bool  # blink is tried in each tick of its decision: a success pays for five early ones
+    never_arrives: bool  # the goal's depth below the character counts: it slows down near it and never stops
+    velocities_survive: bool  # cursor, character and beast begin an episode with their last velocities
+    overlaps_survive: bool  # what overlapped before a new episode must part before it is noticed again
+    slow_character: bool  # the sphere slows the character; it does not in the original's two-agent game
+    beast_speed: float  # factor on the beast's speed
+
+
+ORIGINAL = Rules(True, True, True, True, True, 1.0)
+CORRECTED = Rules(False, False, False, False, True, 1.0)
+
+BODY = np.dtype([("x", "f8"), ("z", "f8"), ("vx", "f8"), ("vz", "f8")])
+ARENA = np.dtype(
+    [
+        ("cursor", BODY), ("character", BODY), ("beast", BODY), ("sphere", BODY),
+        ("heading", "f8"),  # rad; only the locomotion "steer" turns it
+        ("goal_x", "f8"), ("goal_z", "f8"), ("moving", "?"),  # where the character goes, and whether it does
+        ("cooldown", "i8"),  # ticks until the character may blink
+        ("speed", "f8"), ("accuracy", "f8"),  # of the beast
+        ("timer", "f4"),  # s since the sphere turned; single precision sets how many ticks a turn takes
+        ("character_slow", "?"), ("beast_slow", "?"), ("dead", "?"),
+        ("character_inside", "?"), ("beast_inside", "?"), ("touching", "?"),  # overlaps as last noticed
+        ("blinks", "i8"), ("clicks", "i8"), ("slow_ticks", "i8"),  # of this episode
+        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since all arenas started over
+    ]
+)  # fmt: skip
+
+# The most random numbers one arena may draw in one call: the sphere turns once, and a new episode.
+MOST_DRAWS = 2 + 6
+
+
+def begin(arenas: Array, streams: Streams, rules: Rules) -> None:
+    """Fill arenas as at the start of the program: everything at rest, and a first episode."""
+    arenas[:] = np.zeros((), ARENA)
+    reserve(streams, MOST_DRAWS)
+    begin_episodes(arenas, streams, rules, np.ones(len(arenas), bool))
+
+
+@compiled
+def begin_episodes(arenas, streams, rules, which):
+    """Begin a new episode in the arenas of `which` [arenas]; a clock that has run out starts over."""
+    for i in range(len(arenas)):
+        if which[i]:
+            begin_episode(arenas[i], streams, i, rules)
+
+
+@compiled
+def begin_episode(arena, streams, i, rules):
+    """Put the bodies of arena i at new places. The sphere's velocity and timer go on under all rules."""
+    _put_on_pitch(arena.character, streams, i)
+    _put_on_pitch(arena.cursor, streams, i)
+    _put_on_pitch(arena.sphere, streams, i)
+    arena.beast.x = arena.beast.z = 0.0
+    arena.speed = START_SPEED * rules.beast_speed
+    arena.accuracy = START_ACCURACY
+    arena.cooldown = 0
+    arena.moving = arena.character_slow = arena.beast_slow = arena.dead = False
+    if not rules.velocities_survive:
+        _stop(arena.cursor)
+        _stop(arena.character)
+        _stop(arena.beast)
+    if not rules.overlaps_survive:
+        arena.character_inside = arena.beast_inside = arena.touching = False
+    arena.blinks = arena.clicks = arena.slow_ticks = arena.tick = 0
+    if arena.clock >= CLOCK_TICKS:
+        arena.clock = 0
+
+
+@compiled
+def _draw_place(streams, i):
+    """Draw (x, z) uniformly from the pitch."""
+    radius = PITCH_RADIUS * math.sqrt(uniform(streams, i, 0.0, 1.0))
+    angle = uniform(streams, i, 0.0, 2.0 * np.pi)
+    return radius * cosine(angle), radius * sine(angle)
+
+
+@compiled
+def _put_on_pitch(body, streams, i):
+    body.x, body.z = _draw_place(streams, i)
+
+
+@compiled
+def _stop(body):
+    body.vx = body.vz = 0.0
+
+
+@compiled
+def decide(arenas, streams, rules, velocity, move, blink, rewards):
+    """Advance every arena by one decision: its action in each of the ticks, death or not. See `tick`."""
+    for number in range(DECISION_TICKS):
+        tick(arenas, streams, rules, number, velocity, move, blink, rewards)
+    for i in range(len(arenas)):
+        arenas[i].clicks += 1 if move[i] or blink[i] else 0
+
+
+@compiled
+def tick(arenas, streams, rules, number, velocity, move, blink, rewards):
+    """Advance every arena by tick `number` of a decision and add to `rewards` [arenas, channels].
+
+    velocity is the commanded one of the cursor [arenas, 2], move and blink are [arenas] of 0 or 1. Episodes
+    that end are left as they are: the caller observes them, then begins new ones.
+    """
+    for i in range(len(arenas)):
+        arena = arenas[i]
+        _move_or_blink(arena, move[i], blink[i] and (number == 0 or rules.blink_repeats), rewards[i])
+        arena.cursor.vx, arena.cursor.vz = velocity[i, 0], velocity[i, 1]
+        _confine(arena.cursor, CURSOR_HEIGHT)
+        arena.cooldown = max(arena.cooldown - 1, 0)
+        _drive_character(arena, rules)
+        _steer_beast(arena)
+        _grow_beast(arena, rules)
+        _confine(arena.sphere, 0.0)
+        _turn_sphere(arena, streams, i)
+        _meet(arena, rules, rewards[i])  # before the bodies move, as in the original engine
+        for body in (arena.cursor, arena.character, arena.beast, arena.sphere):
+            body.x += body.vx * TICK
+            body.z += body.vz * TICK
+        rewards[i, SURVIVAL] += SURVIVAL_REWARD
+        arena.tick += 1
+        arena.clock += 1
+
+
+@compiled
+def _move_or_blink(arena, move, blink, rewards):
+    """Send the character to the cursor, then put it there if it may blink, which ends the walk."""
+    if move:
+        arena.goal_x, arena.goal_z = arena.cursor.x, arena.cursor.z
+        arena.moving = True
+    if not blink:
+        return
+    if arena.cooldown > 0:
+        rewards[EARLY_BLINK] += EARLY_BLINK_REWARD
+        return
+    arena.character.x, arena.character.z = arena.cursor.x, arena.cursor.z
+    arena.moving = False
+    arena.cooldown = COOLDOWN_TICKS
+    arena.blinks += 1
+
+
+@compiled
+def _confine(body, height):
+    """Pull a body back towards the centre onto the boundary sphere; then it is set to its height again.
+
+    So above the ground one pull does not bring it all the way. Its velocity stays.
+    """
+    distance = math.sqrt(body.x * body.x + body.z * body.z + height * height)
+    if distance > BOUNDARY_RADIUS:
+        body.x *= BOUNDARY_RADIUS / distance
+        body.z *= BOUNDARY_RADIUS / distance
+
+
+@compiled
+def _drive_character(arena, rules):
+    """Set the character's velocity: towards its goal, slower in the sphere; at rest while it does not move."""
+    character = arena.character
+    share = _slow_share(character, arena.sphere, 0.0) if arena.character_slow else 1.0
+    arena.slow_ticks += 1 if share < 1.0 else 0
+    dx, dz = arena.goal_x - character.x, arena.goal_z - character.z
+    square = dx * dx + dz * dz
+    if not arena.moving or square == 0.0:
+        _stop(character)
+        return
+    if rules.never_arrives:
+        per_unit = CHARACTER_SPEED / math.sqrt(square + CHARACTER_HEIGHT * CHARACTER_HEIGHT)
+    else:
+        per_unit = min(CHARACTER_SPEED / math.sqrt(square), 1.0 / TICK)  # at most as far as the goal
+    character.vx, character.vz = dx * per_unit * share, dz * per_unit * share
+
+
+@compiled
+def _slow_share(body, sphere, ease):
+    """Return the share of its speed that the slow sphere leaves a body; the centre slows most."""
+    dx, dz = body.x - sphere.x, body.z - sphere.z
+    return min(max(math.sqrt(dx * dx + dz * dz) / SPHERE_RADIUS + ease, SLOWEST), 1.0)
+
+
+@compiled
+def _steer_beast(arena):
+    """Turn the beast's velocity a little towards the character: the less accurate and the faster, the less.
+
+    The pull is a unit vector in 3D, slightly upwards; the upward part of the velocity is lost each tick.
+    """
+    beast = arena.beast
+    dx, dz = arena.character.x - beast.x, arena.character.z - beast.z
+    distance = math.sqrt(dx * dx + dz * dz + BEAST_BELOW * BEAST_BELOW)
+    speed = math.sqrt(beast.vx * beast.vx + beast.vz * beast.vz)
+    ahead_x = beast.vx / speed if speed > 0.0 else 0.0
+    ahead_z = beast.vz / speed if speed > 0.0 else 0.0
+    wx = beast.vx + arena.accuracy * (dx / distance - ahead_x)
+    wz = beast.vz + arena.accuracy * (dz / distance - ahead_z)
+    wy = arena.accuracy * BEAST_BELOW / distance
+    per_unit = arena.speed / math.sqrt(wx * wx + wy * wy + wz * wz)
+    if arena.beast_slow:
+        per_unit *= _slow_share(beast, arena.sphere, BEAST_EASE)
+    beast.vx, beast.vz = wx * per_unit, wz * per_unit
+
+
+@compiled
+def _grow_beast(arena, rules):
+    """Make the beast a little faster and more accurate."""
+    arena.speed = min(arena.speed + SPEED_GROWTH * rules.beast_speed, SPEED_LIMIT * rules.beast_speed)
+    arena.accuracy = min(arena.accuracy + ACCURACY_GROWTH, ACCURACY_LIMIT)
+
+
+@compiled
+def _turn_sphere(arena, streams, i):
+    """Every three seconds, turn the slow sphere towards a random place on the pitch.
+
+    The timer is compared before it grows, and its rounded sum passes 3 late: the first turn is in tick
+    152, then there is one every 151 ticks.
+    """
+    if arena.timer >= SPHERE_TURN_SECONDS:
+        arena.timer = 0.0
+        sphere = arena.sphere
+        x, z = _draw_place(streams, i)
+        dx, dz = x - sphere.x, z - sphere.z
+        distance = math.sqrt(dx * dx + dz * dz)
+        pull = SPHERE_PULL / distance if distance > 0.0 else 0.0
+        wx = pull * dx + SPHERE_INERTIA * sphere.vx
+        wz = pull * dz + SPHERE_INERTIA * sphere.vz
+        length = math.sqrt(wx * wx + wz * wz)
+        per_unit = SPHERE_SPEED / length if length > 0.0 else 0.0
+        sphere.vx, sphere.vz = wx * per_unit, wz * per_unit
+    arena.timer += np.float32(TICK)
+
+
+@compiled
+def _meet(arena, rules, rewards):
+    """Notice which overlaps began or ended since the last tick; only these changes have an effect."""
+    touching = _touching(arena.beast, arena.character)
+    if touching and not arena.touching:
+        arena.dead = True
+        rewards[DEATH] += DEATH_REWARD
+    arena.touching = touching
+    inside = _character_inside(arena.character, arena.sphere)
+    if inside != arena.character_inside:
+        arena.character_inside = inside
+        arena.character_slow = inside and rules.slow_character
+    inside = _beast_inside(arena.beast, arena.character, arena.sphere)
+    if inside != arena.beast_inside:
+        arena.beast_inside = arena.beast_slow = inside
+
+
+@compiled
+def _touching(beast, character):
+    """Return whether the beast's box overlaps the character."""
+    dx, dz = character.x - beast.x, character.z - beast.z
+    return dx * dx + dz * dz + BEAST_BELOW * BEAST_BELOW <= KILL_DISTANCE * KILL_DISTANCE
+
+
+@compiled
+def _character_inside(character, sphere):
+    """Return whether the character overlaps the slow sphere, which lies on the ground."""
+    dx, dz = character.x - sphere.x, character.z - sphere.z
+    reach = SPHERE_RADIUS + CHARACTER_RADIUS
+    return dx * dx + dz * dz + CHARACTER_HEIGHT * CHARACTER_HEIGHT <= reach * reach
+
+
+@compiled
+def _beast_inside(beast, character, sphere):
+    """Return whether the beast's box, turned and tilted towards the character, overlaps the slow sphere."""
+    dx, dz = character.x - beast.x, character.z - beast.z
+    planar = math.sqrt(dx * dx + dz * dz)
+    distance = math.sqrt(planar * planar + BEAST_BELOW * BEAST_BELOW)
+    facing_x = dx / planar if planar > 0.0 else 1.0
+    facing_z = dz / planar if planar > 0.0 else 0.0
+    # The sphere's centre in the box's frame: first turned, then tilted.
+    dx, dz = sphere.x - beast.x, sphere.z - beast.z
+    forward = dx * facing_x + dz * facing_z
+    sideways = dx * facing_z - dz * facing_x
+    upward = -BEAST_HEIGHT
+    tilt_cosine, tilt_sine = planar / distance, BEAST_BELOW / distance
+    ahead = forward * tilt_cosine + upward * tilt_sine - BOX_AHEAD
+    above = upward * tilt_cosine - forward * tilt_sine
+    gap_ahead = max(abs(ahead) - BOX_HALF, 0.0)
+    gap_sideways = max(abs(sideways) - BOX_HALF, 0.0)
+    gap_above = max(abs(above) - BOX_HALF_UP, 0.0)
+    square = gap_ahead * gap_ahead + gap_sideways * gap_sideways + gap_above * gap_above
+    return square <= SPHERE_RADIUS * SPHERE_RADIUS

@@ -1,0 +1,113 @@
+"""Marble: tilt a board in both directions to roll a marble into a ring, and keep it off the edge.
+
+Axes only: two at once, on something that is slow to start and slow to stop.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from joybridge.contract.tensors import Array
+from joybridge.simulator.game import (
+    Action,
+    Game,
+    Turn,
+    axis,
+    behavior,
+    sensor,
+    spec,
+    termination,
+    transition,
+    truncation,
+)
+from joybridge.v1 import bridge_pb2 as pb
+
+DECISIONS = 120  # per episode
+RING_DECISIONS = 30  # until the ring is somewhere else
+RING, MARBLE = 0.22, 0.08  # radii; the board reaches from -1 to 1
+PULL = 0.02  # what full tilt adds to the speed in a decision
+ROLLS = 0.95  # share of its speed that the marble keeps in a decision
+FASTEST = PULL / (1 - ROLLS)  # the speed that full tilt leads to
+SIZE = 280
+
+
+class Marble(Game):
+    """One board with one marble."""
+
+    name = "marble"
+    description = "Tilt the board until the marble lies in the ring: two axes."
+
+    @classmethod
+    def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
+        """Return the spec: two tilts."""
+        hand = behavior(
+            "hand",
+            description="paid for being near the middle of the ring, at most 1 per decision, until the marble falls",
+            sensors=[
+                sensor("marble", [2], -1, 1, "x, y"),
+                sensor("speed", [2], -1, 1, "x, y, as a share of the fastest"),
+                sensor("ring", [2], -2, 2, "x, y from the marble"),
+            ],
+            axes=[axis("tilt_x"), axis("tilt_y")],
+            metrics=["inside", "lost"],
+        )
+        return spec(cls, [hand], max_episode_decisions=DECISIONS, tick_seconds=0.05, picture=(SIZE, SIZE))
+
+    def reset(self) -> Turn:
+        """Begin at rest in the middle."""
+        self.decisions, self.inside = 0, 0
+        self.place, self.speed, self.tilt = np.zeros(2), np.zeros(2), np.zeros(2)
+        self._move_ring()
+        return transition(self._observe())
+
+    def step(self, action: Action) -> Turn:
+        """Tilt and let the marble roll."""
+        self.tilt = np.array([action["tilt_x"], action["tilt_y"]])
+        self.speed = ROLLS * self.speed + PULL * self.tilt
+        self.place = self.place + self.speed
+        lost = bool((np.abs(self.place) > 1).any())
+        self.place = self.place.clip(-1, 1)
+        distance = float(np.linalg.norm(self.ring - self.place))
+        self.inside += distance < RING
+        self.decisions += 1
+        if self.decisions % RING_DECISIONS == 0:
+            self._move_ring()
+        rewards = {"reward": max(0.0, 1 - distance)}
+        if not lost and self.decisions < DECISIONS:
+            return transition(self._observe(), rewards)
+        metrics = {"inside": self.inside / DECISIONS, "lost": float(lost)}
+        return (termination if lost else truncation)(self._observe(), rewards, metrics)
+
+    def _move_ring(self) -> None:
+        self.ring = self.rng.uniform(-0.75, 0.75, 2)
+
+    def _observe(self) -> dict[str, Array]:
+        return {"marble": self.place, "speed": self.speed / FASTEST, "ring": self.ring - self.place}
+
+    def draw(self) -> Array:
+        """Return a picture: the board from above, its raised sides showing, with the ring and the marble."""
+        import pygame  # stays off the stepping path
+
+        from joybridge.simulator.render import FINE, disc, fade, fit, picture
+
+        canvas = pygame.Surface((SIZE * FINE, SIZE * FINE))
+        frame = fit(*canvas.get_size(), 1.25, 1.25)
+        fade(canvas, canvas.get_rect(), (74, 90, 112), (46, 56, 74))
+        for layer in range(16):  # its shadow, then from its foot to its top
+            x, y = self.tilt * (layer - 15) / 160
+            edge = 1.08 if layer else 1.12
+            colour = (128 + layer, 84 + layer, 48 + layer) if layer else (40, 48, 64)
+            pygame.draw.rect(canvas, colour, frame.box(x - edge, y - edge, x + edge, y + edge), border_radius=28)
+        pygame.draw.rect(canvas, (210, 168, 112), frame.box(-1.06, -1.06, 1.06, 1.06), border_radius=24)
+        for grain in range(-9, 10):
+            along = np.linspace(-1.04, 1.04, 22)
+            line = np.stack([along, grain / 9.2 + 0.02 * np.sin(8 * along + 1.7 * grain)], axis=1)
+            pygame.draw.lines(canvas, (196, 152, 98), False, frame.points(line).tolist(), 3)
+        ring, marble = frame.points([self.ring, self.place])
+        disc(canvas, ring, frame.length(RING), (246, 230, 186))
+        disc(canvas, ring, frame.length(RING), (190, 60, 50), 8)
+        disc(canvas, ring, frame.length(0.03), (190, 60, 50))
+        disc(canvas, marble + np.array([6, 10]), frame.length(MARBLE), (120, 84, 54))
+        for layer, colour in enumerate(((32, 84, 150), (54, 120, 196), (110, 172, 232), (226, 242, 255))):
+            disc(canvas, marble - 3 * layer, frame.length(MARBLE) * (1 - 0.29 * layer), colour)
+        return picture(canvas)

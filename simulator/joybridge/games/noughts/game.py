@@ -1,0 +1,131 @@
+"""Noughts and crosses: three in a row wins. Two agents of one behavior play against each other by turns.
+
+Turn-based: one agent decides while the other waits, taken fields are masked, and only the end pays. As both learn
+alike, their rewards cancel out; how good they are shows in the share of moves that give nothing away.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+
+import numpy as np
+
+from joybridge.contract.tensors import Array
+from joybridge.simulator.game import (
+    Action,
+    Game,
+    Turn,
+    behavior,
+    branch,
+    sensor,
+    spec,
+    termination,
+    transition,
+    waiting,
+)
+from joybridge.v1 import bridge_pb2 as pb
+
+FIELDS = range(9)  # row by row; a player's marks are a number whose bits are the fields
+FULL = 0b111_111_111
+ROWS = (0b111, 0b111_000, 0b111_000_000, 0b1_001_001, 0b10_010_010, 0b100_100_100, 0b100_010_001, 0b1_010_100)
+SIZE = 280
+
+
+class Noughts(Game):
+    """One board with two players."""
+
+    name = "noughts"
+    description = "Three in a row wins: two agents of one behavior take turns, and one of them always waits."
+    last = (0, 0)  # the marks at the end of the game before, for the picture
+
+    @classmethod
+    def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
+        """Return the spec: two players that choose a field."""
+        player = behavior(
+            "player",
+            description="paid at the end: 1 for a win, -1 for a loss, 0 for a draw",
+            sensors=[sensor("own", [9], 0, 1, "marks, row by row"), sensor("other", [9], 0, 1, "the other's marks")],
+            branches=[branch("field", [f"{column}{row}" for row in "123" for column in "abc"])],
+            metrics=["sound", "drawn"],
+            agents=2,
+        )
+        return spec(cls, [player], picture=(SIZE, SIZE))
+
+    def reset(self) -> list[Turn]:
+        """Begin with an empty board; chance says who."""
+        self.mover = int(self.rng.integers(2))
+        self.marks, self.moves, self.sound = [0, 0], [0, 0], [0, 0]
+        return self._take_turns()
+
+    def step(self, action: list[Action]) -> list[Turn]:
+        """Mark the mover's field; the other one is next."""
+        mover, other = self.mover, 1 - self.mover
+        before, theirs = self.marks[mover], self.marks[other]
+        after = before | 1 << int(action[mover]["field"])
+        self.moves[mover] += 1
+        self.sound[mover] += -outcome(theirs, after) == outcome(before, theirs)
+        self.marks[mover], self.mover = after, other
+        if not wins(after) and after | theirs != FULL:
+            return self._take_turns()
+        self.last = (self.marks[0], self.marks[1])
+        won, turns = float(wins(after)), []
+        for agent in (0, 1):
+            metrics = {"sound": self.sound[agent] / self.moves[agent], "drawn": 1 - won}
+            turns.append(termination(self._observe(agent), {"reward": won if agent == mover else -won}, metrics))
+        return turns
+
+    def _take_turns(self) -> list[Turn]:
+        free = [not (self.marks[0] | self.marks[1]) >> field & 1 for field in FIELDS]
+        turns = [waiting(self._observe(agent)) for agent in (0, 1)]
+        turns[self.mover] = transition(self._observe(self.mover), masks={"field": free})
+        return turns
+
+    def _observe(self, agent: int) -> dict[str, list[int]]:
+        own, other = ([marks >> field & 1 for field in FIELDS] for marks in (self.marks[agent], self.marks[1 - agent]))
+        return {"own": own, "other": other}
+
+    def draw(self) -> Array:
+        """Return a picture: the board; an empty one shows in faint ink how the game before ended."""
+        import pygame  # stays off the stepping path
+
+        from joybridge.simulator.render import FINE, disc, fit, picture, shape
+
+        canvas = pygame.Surface((SIZE * FINE, SIZE * FINE))
+        frame = fit(*canvas.get_size(), 1.7, 1.7)
+        canvas.fill((248, 242, 228))
+
+        def bar(place: Array, half: float, turn: float, colour: tuple[int, int, int], thick: float = 0.06) -> None:
+            corners = [(-half, -thick), (half, -thick), (half, thick), (-half, thick)]
+            shape(canvas, frame.placed(place[0], place[1], turn=turn), corners, colour)
+
+        for line in (-0.5, 0.5):
+            bar(np.array([0, line]), 1.45, 0, (96, 88, 84), 0.02)
+            bar(np.array([line, 0]), 1.45, np.pi / 2, (96, 88, 84), 0.02)
+        new = not any(self.marks)
+        noughts, crosses = self.last if new else self.marks
+        red, blue = ((238, 190, 178), (178, 202, 216)) if new else ((214, 68, 60), (47, 111, 180))
+        places = [np.array([field % 3 - 1.0, 1.0 - field // 3]) for field in FIELDS]
+        for field, place in enumerate(places):
+            if noughts >> field & 1:
+                disc(canvas, frame.points([place])[0], frame.length(0.33), blue, frame.length(0.12))
+            for turn in (-np.pi / 4, np.pi / 4) if crosses >> field & 1 else ():
+                bar(place, 0.4, turn, red)
+        for row in ROWS:
+            if row in (noughts & row, crosses & row):
+                begin, middle, end = (place for field, place in enumerate(places) if row >> field & 1)
+                way = end - begin
+                bar(middle, 0.65 * float(np.hypot(*way)), float(np.arctan2(way[1], way[0])), (96, 88, 84), 0.03)
+        return picture(canvas)
+
+
+def wins(marks: int) -> bool:
+    """Return whether a player has three in a row."""
+    return any(marks & row == row for row in ROWS)
+
+
+@cache
+def outcome(own: int, other: int) -> int:
+    """Return what the player to move reaches if both play perfectly: 1 a win, 0 a draw, -1 a loss."""
+    if wins(other):
+        return -1
+    free = [1 << field for field in FIELDS if not (own | other) >> field & 1]
+    return max((-outcome(other, own | field) for field in free), default=0)

@@ -1,0 +1,214 @@
+"""The rules of Shooting Birds: one tick of every arena.
+
+Follows the game of the paper as its trained networks know it. Each quirk of the original is one switch in
+`Rules`; everything else is the same under both sets of rules.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from joybridge.games.shooting_birds.levels import LEVELS
+from joybridge.games.shooting_birds.sensing import front
+from joybridge.simulator.compiled import compiled
+from joybridge.simulator.randomness import Streams, integer, reserve, uniform
+from joybridge.simulator.trigonometry import sine
+
+TICK = 0.02  # s
+EPISODE_TICKS = 2000
+BIRDS = 10
+MAGAZINE = 8
+TOP_SPEED = 50.0  # of the crosshair, units/s
+
+# The crosshair is a disc among four walls. Skin and slop are the original engine's contact tolerances.
+RADIUS, SKIN, SLOP, FRICTION = 1.28, 0.01, 0.005, 0.4
+TOUCH = RADIUS + SKIN  # centre to wall at which the contact begins
+WALL_X, WALL_Y = 19.0, 11.5
+PUSH_PASSES, PUSH_SHARE, PUSH_MOST = 3, 0.2, 0.2  # the contact solver's corrections of position per tick
+
+SPAWN_LEFT, SPAWN_RIGHT, SPAWN_LOW, SPAWN_HIGH = -19.7, 19.6, -8.48, 8.26
+SLOWEST, FASTEST, BIRD_LIMIT_X = 1.5, 6.0, 20.0
+
+CHANNELS = ("hit", "miss", "dry_shot", "reload", "aimed_hit", "aimed_miss")
+HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
+SIZE_REWARD = np.array([0.25, 0.75, 2.0])  # large, medium, small
+MISS_REWARD, DRY_SHOT_REWARD = -0.1, -1.0
+
+
+class Rules(NamedTuple):
+    """The quirks of the original, and the speed of the birds."""
+
+    hit_pays_replacement: bool  # a hit pays by the size of the bird that takes the place of the one hit
+    whole_magazines: bool  # the ammo sensor counts whole magazines: 1 at eight shots, else 0
+    dry_shots_are_aimed: bool  # the aiming channels are paid for shots of an empty gun, too
+    origin_x: float  # the observed position counts from here; the original's is not the arena's centre
+    bird_speed: float  # factor on the speed of new birds
+
+
+ORIGINAL = Rules(True, True, True, -1.1, 1.0)
+CORRECTED = Rules(False, False, False, 0.0, 1.0)
+
+BIRD = np.dtype(
+    [
+        ("x", "f8"), ("y", "f8"), ("z", "f8"), ("vx", "f8"), ("vy", "f8"), ("phase", "f8"),
+        ("kind", "i8"),  # its size: 0 large, 1 medium, 2 small
+    ]
+)  # fmt: skip
+ARENA = np.dtype(
+    [
+        ("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"),  # the crosshair
+        ("heading", "f8"),  # rad; only the locomotion "steer" turns it
+        ("ammo", "i8"), ("level", "i8"), ("fixed_level", "i8"),  # fixed_level -1: a random one each episode
+        ("shots", "i8"), ("hits", "i8"), ("reloads", "i8"),  # of this episode; shots are those with ammo
+        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks ever, which drive the birds' flight
+        ("birds", BIRD, (BIRDS,)),
+    ]
+)  # fmt: skip
+
+# The most random numbers one arena may draw in one call: ten new birds and a hit one, a new episode, phases.
+MOST_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
+
+
+def begin(arenas: "np.recarray[Any, Any]", streams: Streams, rules: Rules, fixed_level: int) -> None:
+    """Fill arenas as at the start of the program: ten new birds each, and a first episode."""
+    arenas[:] = np.zeros((), ARENA)
+    arenas.fixed_level = fixed_level
+    reserve(streams, MOST_DRAWS)
+    _populate(arenas, streams, rules)
+    begin_episodes(arenas, streams)
+
+
+@compiled
+def _populate(arenas, streams, rules):
+    for i in range(len(arenas)):
+        for bird in arenas[i].birds:
+            bird.phase = uniform(streams, i, -45.0, 45.0)  # once: a bird that comes back keeps it
+            spawn(bird, streams, i, rules)
+
+
+@compiled
+def begin_episodes(arenas, streams):
+    """Reset crosshair, gun and level of every arena. Birds and the clock of their flight go on."""
+    for i in range(len(arenas)):
+        begin_episode(arenas[i], streams, i)
+
+
+@compiled
+def begin_episode(arena, streams, i):
+    """Reset crosshair, gun and level of arena i. Its velocity stays until the first action."""
+    arena.x = uniform(streams, i, -11.1, 8.9)
+    arena.y = uniform(streams, i, -10.0, 10.0)
+    arena.ammo = 1 + integer(streams, i, MAGAZINE - 1)  # 1..7: never a full magazine
+    level = integer(streams, i, LEVELS)
+    arena.level = level if arena.fixed_level < 0 else arena.fixed_level
+    arena.shots = arena.hits = arena.reloads = arena.tick = 0
+
+
+@compiled
+def spawn(bird, streams, i, rules):
+    """Send a bird in from the left or the right edge, with a new height, kind, depth and speed."""
+    from_left = uniform(streams, i, 0.0, 1.0) < 0.5
+    bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
+    bird.y = uniform(streams, i, SPAWN_LOW, SPAWN_HIGH)
+    bird.kind = integer(streams, i, 3)
+    bird.z = bird.kind - uniform(streams, i, 0.1, 0.2)
+    speed = uniform(streams, i, SLOWEST, FASTEST) * rules.bird_speed
+    bird.vx = speed if from_left else -speed
+    bird.vy = 0.0
+
+
+@compiled
+def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
+    """Advance every arena by one tick under its action and add to `rewards` [arenas, channels].
+
+    velocity is the commanded one [arenas, 2], shoot and reload are [arenas] of 0 or 1. Episodes that reach
+    their length are left as they are: the caller observes them, then begins new ones.
+    """
+    for i in range(len(arenas)):
+        arena = arenas[i]
+        arena.vx, arena.vy = velocity[i, 0], velocity[i, 1]
+        if shoot[i]:
+            _shoot(arena, streams, i, rules, obstacles, rewards[i])
+        if reload[i]:
+            rewards[i, RELOAD] -= arena.ammo / MAGAZINE
+            arena.ammo = MAGAZINE
+            arena.reloads += 1
+        _fly(arena, streams, i, rules)
+        _move_crosshair(arena)
+        for bird in arena.birds:
+            bird.x += bird.vx * TICK
+            bird.y += bird.vy * TICK
+        arena.tick += 1
+        arena.clock += 1
+
+
+@compiled
+def _shoot(arena, streams, i, rules, obstacles, rewards):
+    """Shoot at what is in front under the crosshair, as it was observed for this decision."""
+    target = front(arena, obstacles)
+    loaded = arena.ammo > 0
+    if loaded or rules.dry_shots_are_aimed:
+        if target >= 0:
+            rewards[AIMED_HIT] += SIZE_REWARD[arena.birds[target].kind]
+        else:
+            rewards[AIMED_MISS] += MISS_REWARD
+    if not loaded:
+        rewards[DRY_SHOT] += DRY_SHOT_REWARD
+        return
+    arena.ammo -= 1
+    arena.shots += 1
+    if target < 0:
+        rewards[MISS] += MISS_REWARD
+        return
+    arena.hits += 1
+    bird = arena.birds[target]
+    true_size = bird.kind
+    spawn(bird, streams, i, rules)
+    rewards[HIT] += SIZE_REWARD[bird.kind if rules.hit_pays_replacement else true_size]
+
+
+@compiled
+def _fly(arena, streams, i, rules):
+    """Set the vertical speed of every bird and replace those that have left."""
+    time = arena.clock * TICK
+    for bird in arena.birds:
+        bird.vy = sine(2.0 * time + bird.phase)
+        if abs(bird.x) > BIRD_LIMIT_X:
+            spawn(bird, streams, i, rules)
+
+
+@compiled
+def _move_crosshair(arena):
+    """Move the crosshair by one tick among the walls, as the original's contact solver does.
+
+    A wall acts only if it was touched at the start of the tick, so a fast crosshair first sinks into it and is
+    then pushed out over several ticks. The axes are independent but for friction.
+    """
+    touch_x, touch_y = _gap(arena.x, WALL_X) <= TOUCH, _gap(arena.y, WALL_Y) <= TOUCH
+    into_x = arena.vx if touch_x and (arena.vx > 0.0) == (arena.x > 0.0) else 0.0
+    into_y = arena.vy if touch_y and (arena.vy > 0.0) == (arena.y > 0.0) else 0.0
+    arena.vx -= into_x
+    arena.vy -= into_y
+    arena.vx -= min(max(arena.vx, -FRICTION * abs(into_y)), FRICTION * abs(into_y))
+    arena.vy -= min(max(arena.vy, -FRICTION * abs(into_x)), FRICTION * abs(into_x))
+    arena.x += arena.vx * TICK
+    arena.y += arena.vy * TICK
+    for _ in range(PUSH_PASSES):
+        if touch_x:
+            arena.x -= _push(arena.x, WALL_X)
+        if touch_y:
+            arena.y -= _push(arena.y, WALL_Y)
+
+
+@compiled
+def _gap(position, wall):
+    """Return the distance from the centre to the nearer of the two walls at +wall and -wall."""
+    return wall - abs(position)
+
+
+@compiled
+def _push(position, wall):
+    """Return how far one correction moves the centre back from the wall it has sunk into, with its sign."""
+    depth = TOUCH - _gap(position, wall)
+    push = min(max(PUSH_SHARE * (depth - SLOP), 0.0), PUSH_MOST)
+    return push if position > 0.0 else -push

@@ -1,0 +1,106 @@
+"""What the pictures of the built-in games share: fine canvases, frames of reference, shapes and text.
+
+Only pictures need pygame, so nothing on the path of a step imports this module.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import pygame
+
+from joybridge.contract.tensors import Array
+
+FINE = 2  # pictures are painted this much larger, then scaled down, which smooths every edge
+
+Colour = tuple[int, int, int] | tuple[int, int, int, int]
+Box = tuple[float, float, float, float]  # left, bottom, right, top
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame of reference on a canvas: its point p lies at pixel `origin + axes @ p`."""
+
+    origin: Array  # float64 [2], px
+    axes: Array  # float64 [2, 2], px per unit: the columns are the directions of x and y
+
+    def placed(self, x: float, y: float, scale_x: float = 1.0, scale_y: float = 1.0, turn: float = 0.0) -> "Frame":
+        """Return the frame of a thing at (x, y) of this one, scaled, then turned counter-clockwise by rad."""
+        cosine, sine = np.cos(turn), np.sin(turn)
+        own = np.array([[cosine * scale_x, -sine * scale_y], [sine * scale_x, cosine * scale_y]])
+        return Frame(self.origin + self.axes @ (x, y), self.axes @ own)
+
+    def points(self, points: npt.ArrayLike) -> Array:
+        """Return the pixels, float64 [n, 2], of points [n, 2]."""
+        pixels: Array = self.origin + np.asarray(points) @ self.axes.T
+        return pixels
+
+    def box(self, left: float, bottom: float, right: float, top: float) -> pygame.Rect:
+        """Return the pixels of a box; the frame must not be turned."""
+        corners = np.rint(self.points([(left, bottom), (right, top)])).astype(int)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        return pygame.Rect(*map(int, low), *map(int, high - low))
+
+    def length(self, units: float) -> float:
+        """Return a length in px, along the axis with the larger scale: how a disc that stays round is scaled."""
+        return units * float(np.hypot(*self.axes).max())
+
+
+def fit(width: int, height: int, half_width: float, half_height: float) -> Frame:
+    """Return the frame, y up and (0, 0) in the middle, that shows a box of the world on a canvas, as large as fits."""
+    scale = min(width / (2 * half_width), height / (2 * half_height))
+    return Frame(np.array([width / 2, height / 2]), np.array([[scale, 0.0], [0.0, -scale]]))
+
+
+def shape(
+    canvas: pygame.Surface, frame: Frame, points: npt.ArrayLike, fill: Colour, edge: Colour | None = None
+) -> None:
+    """Fill a polygon [n, 2] of a frame and, if it has a colour, draw its edge with a thin line."""
+    pixels = frame.points(points).tolist()
+    pygame.draw.polygon(canvas, fill, pixels)
+    if edge is not None:
+        pygame.draw.polygon(canvas, edge, pixels, FINE)
+
+
+def block(canvas: pygame.Surface, frame: Frame, box: Box, fill: Colour) -> None:
+    """Fill a box of a frame that is not turned."""
+    pygame.draw.rect(canvas, fill, frame.box(*box))  # Surface.fill misplaces what begins above the canvas
+
+
+def disc(canvas: pygame.Surface, centre: Array, radius: float, fill: Colour, line: float = 0.0) -> None:
+    """Fill a disc around a pixel [2] of a canvas, or draw a ring with a line inwards of its radius; all in px."""
+    pygame.draw.circle(canvas, fill, np.rint(centre).tolist(), round(radius), round(line))
+
+
+def ellipse(x: float, y: float, radius_x: float, radius_y: float, corners: int = 24) -> Array:
+    """Return an ellipse as a polygon, float64 [corners, 2]."""
+    angle = np.linspace(0.0, 2 * np.pi, corners, endpoint=False)
+    return np.stack([x + radius_x * np.cos(angle), y + radius_y * np.sin(angle)], axis=1)
+
+
+def fade(canvas: pygame.Surface, box: pygame.Rect, top: Colour, bottom: Colour) -> None:
+    """Fill a box of a canvas with a gradient from its top to its bottom."""
+    for row in range(box.height):
+        colour = pygame.Color(top).lerp(bottom, row / box.height)
+        pygame.draw.line(canvas, colour, (box.left, box.top + row), (box.right - 1, box.top + row))
+
+
+def write(
+    canvas: pygame.Surface, text: str, size: float, colour: Colour, x: float, y: float, align: float = 0.0
+) -> None:
+    """Write a line `size` px high around height y; `align` 0, 0.5 or 1 puts its left, middle or right at x."""
+    line = _font(round(size)).render(text, True, colour)
+    canvas.blit(line, (x - align * line.get_width(), y - line.get_height() / 2))
+
+
+@lru_cache
+def _font(size: int) -> pygame.font.Font:
+    pygame.font.init()  # works without a display
+    return pygame.font.Font(None, size)
+
+
+def picture(canvas: pygame.Surface) -> Array:
+    """Return a fine canvas scaled down to its picture, uint8 [height, width, 3]."""
+    small = pygame.transform.smoothscale(canvas, (canvas.get_width() // FINE, canvas.get_height() // FINE))
+    return np.ascontiguousarray(pygame.surfarray.pixels3d(small).swapaxes(0, 1))

@@ -1,0 +1,245 @@
+"""One session: requests in, responses out, and every rule of bridge.proto about their order and content.
+
+Knows nothing of gRPC beyond status codes, so it is tested without a socket.
+"""
+
+import hashlib
+import json
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import grpc
+import numpy as np
+from google.protobuf.message import Message
+from google.protobuf.unknown_fields import UnknownFieldSet
+
+from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
+from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
+from joybridge.contract.tensors import Array, TensorError, fill
+from joybridge.simulator.batched_game import BatchedGame, GameError
+from joybridge.simulator.catalogue import Catalogue
+from joybridge.v1 import bridge_pb2 as pb
+
+log = logging.getLogger("simulator")
+
+HEAD, TAIL = 400, 200  # characters of a long text that are kept: gRPC gives a status 8 KiB, a character up to 12 bytes
+
+
+class Refusal(Exception):
+    """An error that ends the session with a status; the text says what came, what was wanted and what to do."""
+
+    def __init__(self, code: grpc.StatusCode, text: str) -> None:
+        text = text.encode(errors="backslashreplace").decode()  # a lone surrogate cannot travel
+        super().__init__(text if len(text) <= HEAD + TAIL else f"{text[:HEAD]} … {text[-TAIL:]}")
+        self.code = code
+
+
+@contextmanager
+def checking() -> Iterator[None]:
+    """Blame the request for what is found wrong in here. Everything else that fails is the game's fault."""
+    try:
+        yield
+    except (TensorError, SpecError) as error:
+        raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, str(error)) from error
+
+
+def refuse_unknown(request: Message) -> None:
+    """Raise Refusal if a request has fields that this contract does not: ignored, they would be broken promises."""
+    data = request.SerializeToString()
+    request.DiscardUnknownFields()
+    if request.ByteSize() != len(data):
+        path = _unknown_field(type(request).FromString(data), request.DESCRIPTOR.name)
+        text = f"{path} is unknown to this server or of another type; send what its bridge.proto has"
+        raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, text)
+
+
+def _unknown_field(message: Message, path: str) -> str:
+    """Return the path of the first unknown field of a message, or nothing."""
+    unknown = UnknownFieldSet(message)
+    if len(unknown):
+        return f"{path}: field {unknown[0].field_number}"
+    for field, value in message.ListFields():
+        if field.message_type and not field.message_type.GetOptions().map_entry:
+            for part in [value] if isinstance(value, Message) else value:
+                if found := _unknown_field(part, f"{path}.{field.name}"):
+                    return found
+    return ""
+
+
+def failure(game: str, moment: str, error: BaseException) -> Refusal:
+    """Log an exception of a game, present in the caller, and return what its client is told."""
+    log.exception("game %s failed in %s", game, moment)
+    place = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
+    text = f"{game} failed in {moment}: {place}; the traceback is in the server's log"
+    return Refusal(grpc.StatusCode.INTERNAL, text)
+
+
+def describe(games: Catalogue, name: str, options: Mapping[str, str]) -> pb.GameSpec:
+    """Return the spec of a game. Raises Refusal for an unknown game, option or choice, and for a broken spec."""
+    if name not in games:
+        known = ", ".join(games)
+        raise Refusal(
+            grpc.StatusCode.NOT_FOUND,
+            f"no game named {name!r}; this server has {known}; `--game MODULE:CLASS` adds one",
+        )
+    with checking():
+        chosen = choose_options(games[name].options(), options, name)
+    try:
+        spec = games[name].describe(chosen)
+        check_spec(spec)
+    except (Exception, SystemExit) as error:
+        raise failure(name, "describe", error) from error
+    return spec
+
+
+class Session:
+    """The arenas of one Play stream."""
+
+    def __init__(self, games: Catalogue) -> None:
+        """Begin a session that has not been started yet."""
+        self.games = games
+        self.game: BatchedGame | None = None
+        self.spec = pb.GameSpec()
+        self.codecs: list[Codec] = []
+        self.origin = b""  # stands for how the session was started, in its snapshots
+        self.previous: list[StepArrays] = []  # what the client decides on now
+        self.steps = 0
+
+    def answer(self, request: pb.PlayRequest) -> pb.PlayResponse:
+        """Return the response to one request. Raises Refusal; the session must then end."""
+        refuse_unknown(request)
+        kind = request.WhichOneof("request")
+        if kind is None:
+            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "an empty PlayRequest; send start, act, reset or save")
+        if (kind == "start") == (self.game is not None):
+            wanted = "start comes once, first" if kind == "start" else f"{kind} came before start"
+            raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, f"{wanted}; open a new stream and begin with start")
+        try:
+            return getattr(self, f"_{kind}")(getattr(request, kind))  # type: ignore[no-any-return]
+        except Refusal:
+            raise
+        except (Exception, SystemExit) as error:  # an author's bug, or call of exit, must not take the server with it
+            raise failure(self.spec.name, f"step {self.steps}", error) from error
+
+    def _start(self, start: pb.Start) -> pb.PlayResponse:
+        spec = describe(self.games, start.game, start.options)
+        self.spec = spec
+        if not 1 <= start.arenas <= spec.max_arenas:
+            code = grpc.StatusCode.INVALID_ARGUMENT if start.arenas == 0 else grpc.StatusCode.RESOURCE_EXHAUSTED
+            raise Refusal(code, f"{spec.name}: arenas is {start.arenas}, expected 1..{spec.max_arenas}")
+        with checking():
+            options = choose_options(spec.options, start.options, spec.name)
+            parameters = choose_parameters(spec.parameters, start.parameters, spec.name)
+        game = self.games[start.game](options, parameters, start.arenas, start.first_arena, start.seed)
+        parameters = {parameter.name: parameter.default_value for parameter in spec.parameters} | parameters
+        how = [spec.name, options, parameters, start.arenas, start.first_arena, start.seed]
+        self.origin = hashlib.blake2b(json.dumps(how, sort_keys=True).encode(), digest_size=16).digest()
+        if start.HasField("snapshot"):
+            self._require_snapshots()
+            with checking():
+                restore(game, start.snapshot, self.origin)
+        self.game = game
+        self.codecs = [Codec(behavior, start.arenas) for behavior in spec.behaviors]
+        response = pb.PlayResponse(started=pb.Started(spec=spec))
+        self._observe(response.started.step)
+        return response
+
+    def _act(self, act: pb.Act) -> pb.PlayResponse:
+        assert self.game is not None
+        with checking():
+            acts = self._unpack(act)
+            self._check_draw(act)
+        self.steps += 1
+        begin = time.perf_counter()
+        self.previous = self.game.step(acts)
+        seconds = time.perf_counter() - begin
+        response = pb.PlayResponse(step=pb.Step(simulate_seconds=seconds))
+        self._fill(response.step)
+        for arena in act.draw:
+            fill(response.step.pictures.add(), self._draw(arena))
+        return response
+
+    def _reset(self, reset: pb.Reset) -> pb.PlayResponse:
+        assert self.game is not None
+        with checking():
+            parameters = choose_parameters(self.spec.parameters, reset.parameters, self.spec.name)
+        self.game.reset(reset.seed if reset.HasField("seed") else None, parameters)
+        response = pb.PlayResponse()
+        self._observe(response.step)
+        return response
+
+    def _save(self, save: pb.Save) -> pb.PlayResponse:
+        assert self.game is not None
+        self._require_snapshots()
+        parts = {name: array.tobytes() for name, array in self.game.save().items()}
+        return pb.PlayResponse(snapshot=pb.Snapshot(parts=parts | {"origin": self.origin}))
+
+    def _observe(self, message: pb.Step) -> None:
+        assert self.game is not None
+        self.previous = self.game.observe()
+        self._fill(message)
+
+    def _fill(self, message: pb.Step) -> None:
+        for step in self.previous:
+            fill_step(message.behaviors.add(), step)
+
+    def _unpack(self, act: pb.Act) -> list[ActArrays]:
+        messages, codecs = act.behaviors, self.codecs
+        if len(messages) != len(codecs):
+            raise TensorError(f"act.behaviors has {len(messages)} entries, expected {len(codecs)}")
+        return [
+            codec.unpack_act(message, previous)
+            for codec, message, previous in zip(codecs, messages, self.previous, strict=True)
+        ]
+
+    def _check_draw(self, act: pb.Act) -> None:
+        if not act.draw:
+            return
+        if not self.spec.HasField("picture"):
+            raise Refusal(
+                grpc.StatusCode.FAILED_PRECONDITION, f"{self.spec.name} cannot be drawn; leave act.draw empty"
+            )
+        arenas = len(self.previous[0].rewards) // self.spec.behaviors[0].agents_per_arena
+        if len(act.draw) > MAX_PICTURES or max(act.draw) >= arenas:
+            raise TensorError(
+                f"act.draw asks for {len(act.draw)} pictures up to arena {max(act.draw)}, "
+                f"expected at most {MAX_PICTURES} of arenas 0..{arenas - 1}"
+            )
+
+    def _draw(self, arena: int) -> Array:
+        assert self.game is not None
+        picture, size = self.game.draw(arena), (self.spec.picture.height, self.spec.picture.width, 3)
+        if picture.dtype != np.uint8 or picture.shape != size:
+            came = f"{picture.dtype} {list(picture.shape)}"
+            raise GameError(f"arena {arena}: draw returned {came}, expected uint8 {list(size)}")
+        return picture
+
+    def _require_snapshots(self) -> None:
+        if not self.spec.snapshot_bytes_per_arena:
+            text = f"{self.spec.name} has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead"
+            raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, text)
+
+
+def restore(game: BatchedGame, snapshot: pb.Snapshot, origin: bytes) -> None:
+    """Put a game into a saved state. Raises TensorError where the snapshot is not of a session like this one."""
+    present = game.save()
+    wanted = {"origin", *present}
+    if set(snapshot.parts) != wanted:
+        raise TensorError(f"snapshot has parts {sorted(snapshot.parts)}, expected {sorted(wanted)}")
+    state = {}
+    for name, array in present.items():
+        data = snapshot.parts[name]
+        if len(data) != array.nbytes:
+            raise TensorError(f"snapshot part {name!r} has {len(data)} bytes, expected {array.nbytes} for this session")
+        state[name] = np.frombuffer(data, array.dtype).reshape(array.shape)
+    if snapshot.parts["origin"] != origin:
+        raise TensorError(
+            "snapshot is of a session that was started otherwise; repeat its game, options, parameters, arenas, "
+            "seed and first_arena"
+        )
+    try:
+        game.restore(state)
+    except ValueError as error:
+        raise TensorError(f"snapshot: {error}") from error

@@ -1,0 +1,1 @@
+"""What `joybridge new` writes, under the name that its author gives it."""

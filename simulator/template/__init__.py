@@ -1,1 +1,0 @@
-"""What `python -m simulator new` writes, under the name that its author gives it."""

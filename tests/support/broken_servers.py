@@ -1,0 +1,703 @@
+"""Servers that break the contract in one way each, and a game on which every rule can be tried.
+
+BROKEN lists them, each with the checks that must find it out, and no others.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import grpc
+import numpy as np
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from joybridge.contract.codec import StepArrays
+from joybridge.contract.tensors import pack
+from joybridge.simulator import session as sessions
+from joybridge.simulator.batched_game import BatchedGame
+from joybridge.simulator.game import axis, behavior, branch, button, channel, sensor
+from joybridge.simulator.session import Refusal, Session
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.v1 import bridge_pb2_grpc as rpc
+
+SERVICE = "joybridge.v1.Simulator"
+LENGTH, PRESSES, GEAR, DRAWS = range(4)  # columns of Gauntlet.counts
+LONGEST = 9
+
+
+class Gauntlet(BatchedGame):
+    """Well-behaved, with all that a game can have: three devices, masks, lanes that wait, pictures, snapshots."""
+
+    name = "gauntlet"
+    description = "Move a point, change gears, and be judged every other time."
+
+    @classmethod
+    def options(cls):
+        return [pb.Option(name="size", choices=["small", "large"], default_choice="small")]
+
+    @classmethod
+    def describe(cls, options):
+        sensors = [
+            sensor("place", [2], -9.0, 9.0),
+            pb.Sensor(name="count", dtype=pb.INT32, shape=[1]),
+            pb.Sensor(name="image", dtype=pb.UINT8, shape=[2, 2 if options["size"] == "small" else 5]),
+            pb.Sensor(name="lamps", dtype=pb.BOOL, shape=[3]),
+        ]
+        player = behavior(
+            "player", sensors=sensors, axes=[axis("x"), axis("force", 0.5, 2.0)],
+            branches=[branch("gear", ["low", "middle", "high"]), button("press")],
+            channels=[channel("gain"), channel("cost", 0.5)], metrics=["length", "presses"],
+        )  # fmt: skip
+        judge = behavior("judge", sensors=[sensor("lead", [1])], branches=[button("verdict")], agents=2)
+        runner = behavior("runner", sensors=[sensor("track", [1])], axes=[axis("pace")], metrics=["pace"])
+        return pb.GameSpec(
+            name=cls.name, description=cls.description, options=cls.options(), behaviors=[player, judge, runner],
+            parameters=[pb.Parameter(name="drift", low=0.0, high=2.0, default_value=1.0)], decision_interval=1,
+            tick_seconds=0.1, max_episode_decisions=LONGEST, max_arenas=16, snapshot_bytes_per_arena=80,
+            picture=pb.PictureSize(width=8, height=6),
+        )  # fmt: skip
+
+    def __init__(self, options, parameters, arenas, first_arena, seed):
+        self.cells = 2 if options["size"] == "small" else 5
+        self.arenas, self.first_arena = arenas, first_arena
+        self.drift = 1.0
+        self.reset(seed, parameters)
+
+    def reset(self, seed, parameters):
+        self.drift = parameters.get("drift", self.drift)
+        if seed is not None:
+            self.seed = seed
+            self.counts = np.zeros((self.arenas, 4), np.int64)
+        self.place = np.zeros((self.arenas, 2))
+        self.earned = np.zeros((self.arenas, 2), np.float32)
+        for arena in range(self.arenas):
+            self.begin(arena)
+
+    def begin(self, arena):
+        self.counts[arena, :DRAWS] = 0
+        self.place[arena] = self.draws(arena)
+
+    def draws(self, arena):
+        """Return two random numbers that depend on the seed, the arena and how many there were before."""
+        self.counts[arena, DRAWS] += 1
+        return np.random.default_rng([self.seed, self.first_arena + arena, self.counts[arena, DRAWS]]).normal(size=2)
+
+    def observe(self):
+        return [self.part(index, None) for index in range(3)]
+
+    def step(self, acts):
+        player, judge, runner = acts
+        self.counts[:, LENGTH] += 1
+        self.counts[:, PRESSES] += player.choices[:, 1]
+        self.counts[:, GEAR] = player.choices[:, 0]
+        moves = np.stack([self.draws(arena) for arena in range(self.arenas)])
+        self.place += moves * self.drift + player.axes[:, :1] * player.axes[:, 1:] + runner.axes
+        self.place = np.clip(self.place, -9.0, 9.0)
+        self.earned += judge.choices.reshape(self.arenas, 2)
+        far = np.abs(self.place).max(axis=1) > 5.0
+        late = ~far & (self.counts[:, LENGTH] == self.longest)
+        ended = np.flatnonzero(far | late)
+        last = [self.observations(index) for index in range(3)]
+        rewards = [
+            np.stack([self.place[:, 0], -0.25 * player.choices[:, 1]], axis=1).astype(np.float32),
+            self.earned.reshape(-1, 1).copy(), self.place[:, 1:].astype(np.float32),
+        ]  # fmt: skip
+        metrics = [self.counts[ended, :2].astype(np.float32), None, runner.axes[ended]]
+        for arena in ended:
+            self.begin(arena)
+        due = (far | late) | self.judging()
+        rewards[1][~np.repeat(due, 2)] = 0.0
+        self.earned[due] = 0.0
+        return [self.part(index, (rewards[index], far, late, ended, last[index], metrics[index])) for index in range(3)]
+
+    longest = LONGEST
+
+    def judging(self):
+        return self.counts[:, LENGTH] % 2 == 1
+
+    def observations(self, index):
+        gears = self.counts[:, GEAR : GEAR + 1]
+        if index == 1:
+            return [np.repeat(self.place[:, :1], 2, axis=0).astype(np.float32)]
+        if index == 2:
+            return [self.place[:, 1:].astype(np.float32)]
+        image = np.broadcast_to(gears.astype(np.uint8)[:, :, None], (self.arenas, 2, self.cells))
+        return [self.place.astype(np.float32), self.counts[:, :1].astype(np.int32), image, gears == np.arange(3)]
+
+    def part(self, index, happened):
+        agents = 2 if index == 1 else 1
+        lanes = self.arenas * agents
+        step = StepArrays(
+            self.observations(index), np.zeros((lanes, 2 if index == 0 else 1), np.float32), np.zeros(lanes, bool),
+            np.zeros(lanes, bool),
+        )  # fmt: skip
+        if index == 0:
+            gear = self.counts[:, GEAR : GEAR + 1]
+            step.masks = [abs(np.arange(3) - gear) <= 1, np.ones((lanes, 2), bool)]
+        if index == 1:
+            step.deciding = np.repeat(self.judging(), 2)
+        if happened:
+            rewards, far, late, ended, last, metrics = happened
+            step.rewards = rewards
+            step.terminated, step.truncated = np.repeat(far, agents), np.repeat(late, agents)
+            step.ended = (ended[:, None] * agents + np.arange(agents)).reshape(-1).astype(np.int32)
+            if len(ended):
+                step.final_observations, step.metrics = [values[step.ended] for values in last], metrics
+        return step
+
+    def draw(self, arena):
+        picture = np.zeros((6, 8, 3), np.uint8)
+        picture[:] = self.counts[arena, :3]
+        picture[0, 0] = list(np.float32(self.place[arena, 0]).tobytes()[:3])
+        return picture
+
+    def save(self):
+        set_by_reset = {"seed": np.array([self.seed], np.uint64), "drift": np.array([self.drift])}
+        return {"place": self.place, "counts": self.counts, "earned": self.earned, **set_by_reset}
+
+    def restore(self, state):
+        self.place, self.counts, self.earned = (state[name].copy() for name in ("place", "counts", "earned"))
+        self.seed, self.drift = int(state["seed"][0]), float(state["drift"][0])
+
+
+# ----------------------------------------------------------------------------------------------------- the server
+
+
+class Service(rpc.SimulatorServicer):  # type: ignore[misc]
+    """Answers the calls with a session, which knows all the rules."""
+
+    def __init__(self, broken):
+        self.games = {Gauntlet.name: broken.game}
+        self.session = broken.session
+
+    def ListGames(self, request, context):
+        return pb.ListGamesResponse(games=[pb.GameSummary(name=Gauntlet.name, description=Gauntlet.description)])
+
+    def DescribeGame(self, request, context):
+        try:
+            self.session.look(request)
+            return pb.DescribeGameResponse(spec=self.session.describe(self.games, request.game, request.options))
+        except Refusal as refusal:
+            return context.abort(refusal.code, str(refusal))
+
+    def Play(self, requests, context):
+        session = self.session(self.games)
+        try:
+            for request in requests:
+                yield session.answer(request)
+        except Refusal as refusal:
+            context.abort(refusal.code, str(refusal))
+
+
+class Honest(Session):
+    """A session like any other, with places for what is to be broken."""
+
+    @staticmethod
+    def look(request):
+        sessions.refuse_unknown(request)
+
+    @staticmethod
+    def describe(games, name, options):
+        return sessions.describe(games, name, options)
+
+    def answer(self, request):
+        response = super().answer(self.request(request))
+        kind = response.WhichOneof("response")
+        if kind == "snapshot":
+            self.saved(response.snapshot)
+        else:
+            first = kind == "started"
+            step = response.started.step if first else response.step
+            self.every(step)
+            (self.first if first else self.reset if request.HasField("reset") else self.later)(step)
+        return response
+
+    def request(self, request):
+        return request
+
+    def saved(self, snapshot):
+        """Change a snapshot."""
+
+    def every(self, step):
+        """Change any step."""
+
+    def first(self, step):
+        """Change the step in Started."""
+
+    def reset(self, step):
+        """Change the step after a Reset."""
+
+    def later(self, step):
+        """Change the step after an Act."""
+
+
+@dataclass
+class Broken:
+    """A server with a fault, and the checks that find it."""
+
+    checks: set[str]
+    game: type[BatchedGame] = Gauntlet
+    session: type[Honest] = Honest
+    health: tuple[str, ...] = ("", SERVICE)
+    reflection: tuple[str, ...] = (SERVICE, reflection.SERVICE_NAME)
+    service: type[Service] = Service
+    options: list[Any] = field(default_factory=list)
+
+
+@contextmanager
+def serving(broken) -> Iterator[str]:
+    """Serve in threads of this process and yield the address."""
+    with ThreadPoolExecutor(32) as threads:
+        server = grpc.server(threads, options=[("grpc.so_reuseport", 0), *broken.options])
+        rpc.add_SimulatorServicer_to_server(broken.service(broken), server)
+        if broken.health:
+            servicer = health.HealthServicer()
+            health_pb2_grpc.add_HealthServicer_to_server(servicer, server)
+            for name in broken.health:
+                servicer.set(name, health_pb2.HealthCheckResponse.SERVING)
+        if broken.reflection:
+            reflection.enable_server_reflection(broken.reflection, server)
+        port = server.add_insecure_port("127.0.0.1:0")
+        server.start()
+        try:
+            yield f"127.0.0.1:{port}"
+        finally:
+            server.stop(0)  # and no waiting for it: calls that were broken off may keep it for ever
+
+
+BROKEN: dict[str, Broken] = {}
+
+
+def broken(*checks, **fields):
+    """Keep a class as a broken server: a session, a game or a service, by its name."""
+
+    def keep(kind):
+        part = "game" if issubclass(kind, Gauntlet) else "session" if issubclass(kind, Honest) else "service"
+        BROKEN[kind.__name__] = Broken(set(checks), **{part: kind}, **fields)
+        return kind
+
+    return keep
+
+
+def change(tensor, array):
+    """Put an array in the place of a tensor."""
+    tensor.CopyFrom(pack(np.ascontiguousarray(array)))
+
+
+def floats(tensor):
+    return np.frombuffer(tensor.data, "<f4").reshape(tensor.shape).copy()
+
+
+BROKEN["NoHealth"] = Broken({"the_server_says_that_it_is_well", "the_service_says_that_it_is_well"}, health=())
+BROKEN["HealthOfTheServerOnly"] = Broken({"the_service_says_that_it_is_well"}, health=("",))
+BROKEN["NoReflection"] = Broken(
+    {
+        "reflection_lists_the_service",
+        "reflection_has_the_methods_of_the_service",
+        "reflection_has_every_field_of_the_contract",
+    },
+    reflection=(),
+)
+BROKEN["ReflectionOfNothing"] = Broken({"reflection_lists_the_service"}, reflection=(reflection.SERVICE_NAME,))
+
+# ------------------------------------------------------------------------------------------------ specs and starts
+
+
+@broken(
+    "two_descriptions_of_a_game_are_equal", "default_choices_spelled_out_describe_the_same_game",
+    "every_choice_is_described_the_same_twice", "a_session_starts_with_the_spec_that_was_described",
+    "a_choice_starts_with_the_spec_that_was_described_for_it",
+)  # fmt: skip
+class ChangingSpec(Gauntlet):
+    times = 0
+
+    @classmethod
+    def describe(cls, options):
+        ChangingSpec.times += 1
+        spec = super().describe(options)
+        spec.tick_seconds = ChangingSpec.times
+        return spec
+
+
+@broken("a_session_starts_with_the_spec_that_was_described", "a_choice_starts_with_the_spec_that_was_described_for_it")
+class OtherSpecInStarted(Honest):
+    def answer(self, request):
+        response = super().answer(request)
+        if response.HasField("started"):
+            response.started.spec.max_arenas += 1
+        return response
+
+
+@broken("the_default_of_a_parameter_lies_in_its_range", "every_choice_of_every_option_can_be_described")
+class DefaultOutOfRange(Honest):
+    @staticmethod
+    def describe(games, name, options):
+        spec = sessions.describe(games, name, options)
+        spec.parameters[0].default_value = 3.0
+        return spec
+
+
+@broken("first_observations_have_the_shape_of_their_sensors")
+class FirstShapeWrong(Honest):
+    def first(self, step):
+        change(step.behaviors[0].observations[0], floats(step.behaviors[0].observations[0]).reshape(-1))
+
+
+@broken("the_first_rewards_are_zero")
+class PaidAtTheStart(Honest):
+    def first(self, step):
+        change(step.behaviors[0].rewards, floats(step.behaviors[0].rewards) + 1)
+
+
+# -------------------------------------------------------------------------------------------- options, parameters
+
+
+@broken("an_unknown_option_is_refused_by_describe", "an_unknown_option_is_refused_by_start")
+class AnyOption(Honest):
+    @staticmethod
+    def forget(options):
+        for name in options.keys() - {"size"}:
+            del options[name]
+
+    @staticmethod
+    def look(request):
+        Honest.look(request)
+        AnyOption.forget(request.options)
+
+    def request(self, request):
+        if request.HasField("start"):
+            self.forget(request.start.options)
+        return request
+
+
+@broken(
+    "a_parameter_above_its_range_is_refused_by_start", "a_parameter_below_its_range_is_refused_by_start",
+    "a_parameter_that_is_infinite_is_refused_by_start",
+)  # fmt: skip
+class ClipsParameters(Honest):
+    def request(self, request):
+        if "drift" in request.start.parameters and not np.isnan(request.start.parameters["drift"]):
+            request.start.parameters["drift"] = min(max(request.start.parameters["drift"], 0.0), 2.0)
+        return request
+
+
+@broken("a_parameter_set_by_reset_plays_as_if_set_by_start")
+class ResetForgetsParameters(Gauntlet):
+    def reset(self, seed, parameters):
+        super().reset(seed, parameters if not hasattr(self, "seed") else {})
+
+
+# ----------------------------------------------------------------------------------------------------------- order
+
+
+@broken("an_act_before_start_is_refused", "a_reset_before_start_is_refused", "a_save_before_start_is_refused")
+class WrongStatusBeforeStart(Honest):
+    def answer(self, request):
+        if self.game is None and request.WhichOneof("request") in ("act", "reset", "save"):
+            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "start comes first")
+        return super().answer(request)
+
+
+@broken("a_second_start_is_refused", "a_start_in_the_middle_of_a_session_is_refused")
+class StartsAgain(Honest):
+    def answer(self, request):
+        if request.HasField("start"):
+            self.game = None
+        return super().answer(request)
+
+
+@broken("an_unknown_field_of_a_start_is_refused", "an_unknown_field_of_an_act_is_refused")
+class IgnoresWhatItDoesNotKnow(Honest):
+    def request(self, request):
+        request.DiscardUnknownFields()
+        return request
+
+
+@broken("describing_an_unknown_game_is_not_found", "describing_no_game_is_not_found")
+class UnknownGameIsInvalid(Honest):
+    @staticmethod
+    def describe(games, name, options):
+        if name not in games:
+            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, f"no game {name}")
+        return sessions.describe(games, name, options)
+
+
+# --------------------------------------------------------------------------------------------------------- actions
+
+
+def acts(request):
+    return [act for act in request.act.behaviors if act.axes.dtype == pb.FLOAT32 and act.axes.data]
+
+
+@broken("an_axis_that_is_nan_is_refused", "an_axis_that_is_infinite_is_refused")
+class NotANumberIsZero(Honest):
+    def request(self, request):
+        for act in acts(request):
+            if len(act.axes.data) == 4 * np.prod(act.axes.shape):
+                change(act.axes, np.where(np.isfinite(floats(act.axes)), floats(act.axes), np.float32(0.5)))
+        return request
+
+
+@broken(
+    "an_axis_above_its_range_is_refused", "an_axis_below_its_range_is_refused",
+    "an_axis_far_out_of_its_range_is_refused", "an_illegal_action_in_the_last_lane_is_refused",
+)  # fmt: skip
+class ClipsAxes(Honest):
+    def request(self, request):
+        for act in acts(request):
+            shape = list(act.axes.shape)
+            if len(shape) == 2 and shape[1] <= 2 and len(act.axes.data) == 4 * np.prod(shape):
+                values = floats(act.axes)
+                low = np.array([-1.0, 0.5][: shape[1]], np.float32)
+                high = np.array([1.0, 2.0][: shape[1]], np.float32)
+                change(act.axes, np.where(np.isfinite(values), np.clip(values, low, high), values))
+        return request
+
+
+@broken("a_masked_choice_is_refused")
+class ForgetsItsMasks(Honest):
+    def _unpack(self, act):
+        for previous in self.previous:
+            previous.masks = None
+        return super()._unpack(act)
+
+
+@broken("choices_of_another_dtype_are_refused")
+class AnyDtypeOfChoices(Honest):
+    def request(self, request):
+        for act in request.act.behaviors:
+            if act.choices.dtype == pb.FLOAT32:
+                act.choices.dtype = pb.INT32
+                act.choices.data = np.frombuffer(act.choices.data, "<f4").astype("<i4").tobytes()
+        return request
+
+
+@broken("an_extra_behavior_is_refused")
+class IgnoresExtraBehaviors(Honest):
+    def request(self, request):
+        if request.HasField("act"):
+            del request.act.behaviors[3:]
+        return request
+
+
+# ----------------------------------------------------------------------------------------------------------- seeds
+
+
+@broken("different_seeds_play_differently", "the_high_bits_of_a_seed_count", "the_largest_seeds_play_differently")
+class IgnoresTheSeed(Gauntlet):
+    def reset(self, seed, parameters):
+        super().reset(None if seed is None else 7, parameters)
+
+
+@broken("the_high_bits_of_a_seed_count")
+class HalfASeed(Gauntlet):
+    def reset(self, seed, parameters):
+        super().reset(None if seed is None else seed % 2**32, parameters)
+
+
+@broken("the_largest_seeds_play_differently")
+class SeedIsADouble(Gauntlet):
+    def reset(self, seed, parameters):
+        super().reset(None if seed is None else int(float(seed)), parameters)
+
+
+@broken(
+    "an_arena_plays_the_same_however_many_are_beside_it", "first_arena_continues_where_another_session_stops",
+    "the_largest_first_arena_is_an_arena_like_any_other",
+)  # fmt: skip
+class SeedsDependOnTheArenas(Gauntlet):
+    def draws(self, arena):
+        self.counts[arena, DRAWS] += 1
+        key = [self.seed, self.first_arena + arena, self.arenas, self.counts[arena, DRAWS]]
+        return np.random.default_rng(key).normal(size=2)
+
+
+@broken("first_arena_continues_where_another_session_stops")
+class IgnoresFirstArena(Gauntlet):
+    def __init__(self, options, parameters, arenas, first_arena, seed):
+        super().__init__(options, parameters, arenas, 0, seed)
+
+
+@broken("a_reset_without_a_seed_begins_other_episodes")
+class ResetsToTheBeginning(Gauntlet):
+    def reset(self, seed, parameters):
+        super().reset(self.seed if seed is None else seed, parameters)
+
+
+# ----------------------------------------------------------------------------------------------------------- steps
+
+
+@broken("observations_have_the_shape_of_their_sensors")
+class WrongShape(Honest):
+    def later(self, step):
+        change(step.behaviors[0].observations[0], floats(step.behaviors[0].observations[0]).reshape(-1))
+
+
+@broken("observations_lie_within_their_bounds")
+class OutOfBounds(Honest):
+    def later(self, step):
+        change(step.behaviors[0].observations[0], floats(step.behaviors[0].observations[0]) + 19)
+
+
+@broken("rewards_are_finite")
+class RewardIsNotANumber(Honest):
+    def later(self, step):
+        change(step.behaviors[2].rewards, floats(step.behaviors[2].rewards) * np.float32(np.nan))
+
+
+@broken("lanes_that_are_skipped_are_paid_nothing_yet")
+class PaysWhoWaits(Honest):
+    def later(self, step):
+        change(step.behaviors[1].rewards, floats(step.behaviors[1].rewards) + 1)
+
+
+@broken("no_lane_is_terminated_and_truncated_at_once")
+class BothEnds(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            part.truncated.data = bytes(a | b for a, b in zip(part.truncated.data, part.terminated.data, strict=True))
+            part.terminated.CopyFrom(part.truncated)
+
+
+@broken("final_observations_have_a_row_per_end")
+class NoFinalObservation(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            if part.HasField("ended"):
+                part.ended.ClearField("final_observations")
+
+
+@broken("ended_lists_exactly_the_lanes_that_ended")
+class EndsInAnotherOrder(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            if part.HasField("ended"):
+                change(part.ended.lanes, np.frombuffer(part.ended.lanes.data, "<i4")[::-1] + 1)
+
+
+@broken("metrics_have_a_row_per_end")
+class NoMetrics(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            part.ended.ClearField("metrics") if part.HasField("ended") else None
+
+
+@broken("no_episode_is_longer_than_the_spec_says")
+class EpisodesTooLong(Gauntlet):
+    longest = LONGEST + 1
+
+
+@broken("first_masks_are_well_formed", "masks_have_a_column_per_choice_and_allow_one")
+class AllowsNothing(Honest):
+    def every(self, step):
+        mask = step.behaviors[0].masks[1]
+        mask.data = bytes(len(mask.data))
+
+
+# ------------------------------------------------------------------------------------------ pictures and snapshots
+
+
+@broken("pictures_have_the_size_of_the_spec")
+class PicturesOnTheirSide(Honest):
+    def later(self, step):
+        for picture in step.pictures:
+            picture.shape[:2] = reversed(picture.shape[:2])
+
+
+@broken("pictures_come_in_the_order_of_the_request")
+class PicturesInOrderOfArenas(Honest):
+    def request(self, request):
+        if request.HasField("act"):
+            request.act.draw[:] = sorted(request.act.draw)
+        return request
+
+
+@broken("an_arena_that_does_not_exist_is_not_drawn")
+class DrawsAnyArena(Honest):
+    def request(self, request):
+        if request.HasField("act"):
+            request.act.draw[:] = [arena % 2 for arena in request.act.draw]
+        return request
+
+
+@broken("drawing_changes_nothing_of_the_play")
+class DrawingDraws(Gauntlet):
+    def draw(self, arena):
+        picture = super().draw(arena)
+        self.draws(arena)
+        return picture
+
+
+@broken("a_session_continues_from_a_snapshot_to_the_same_bytes", "a_snapshot_holds_what_a_reset_has_set")
+class SnapshotForgets(Gauntlet):
+    def restore(self, state):
+        super().restore(state)
+        self.counts[:, DRAWS] = 0
+
+
+@broken("a_snapshot_holds_what_a_reset_has_set")
+class SnapshotForgetsTheSeed(Gauntlet):
+    def restore(self, state):
+        seed = self.seed
+        super().restore(state)
+        self.seed = seed
+
+
+@broken("a_snapshot_holds_what_a_reset_has_set")
+class SnapshotForgetsParameters(Gauntlet):
+    def restore(self, state):
+        drift = self.drift
+        super().restore(state)
+        self.drift = drift
+
+
+@broken("a_snapshot_of_another_seed_is_refused")
+class SnapshotOfAnySeed(Honest):
+    def request(self, request):
+        if request.start.HasField("snapshot"):
+            request.start.seed = 1
+        return request
+
+
+@broken("a_snapshot_is_no_larger_than_the_spec_says")
+class LargeSnapshots(Gauntlet):
+    def save(self):
+        return {**super().save(), "padding": np.zeros(1000, np.uint8)}
+
+
+# ------------------------------------------------------------------------------------------- sessions and limits
+
+
+@broken(
+    "sessions_side_by_side_do_not_influence_each_other", "a_reset_in_one_session_is_none_in_another",
+    "a_session_that_is_cancelled_disturbs_no_other", "a_client_that_goes_away_disturbs_no_other",
+)  # fmt: skip
+class SessionsShareTheirSeed(Gauntlet):
+    newest = 0
+
+    def reset(self, seed, parameters):
+        SessionsShareTheirSeed.newest = self.newest if seed is None else seed
+        super().reset(seed, parameters)
+
+    def draws(self, arena):
+        self.seed = self.newest
+        return super().draws(arena)
+
+
+@broken("no_arenas_are_refused")
+class NoArenasIsOne(Honest):
+    def request(self, request):
+        if request.HasField("start"):
+            request.start.arenas = request.start.arenas or 1
+        return request
+
+
+@broken("more_arenas_than_the_spec_allows_are_refused", "very_many_arenas_are_refused")
+class TooManyArenasAreInvalid(Honest):
+    def answer(self, request):
+        if request.start.arenas > 16:
+            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "too many arenas")
+        return super().answer(request)

@@ -1,0 +1,355 @@
+"""Tiny games: what the tests let the real server run besides its own.
+
+A server gets them with `--game tests.support.games:CLASS`; PLACES lists all of them.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from joybridge.simulator.batched_game import BatchedGame, quiet_step
+from joybridge.simulator.game import (
+    Game,
+    axis,
+    behavior,
+    branch,
+    button,
+    channel,
+    sensor,
+    spec,
+    termination,
+    transition,
+    truncation,
+    waiting,
+)
+from joybridge.v1 import bridge_pb2 as pb
+
+PICTURE = (8, 6)  # width, height
+
+
+class Hybrid(Game):
+    """Well-behaved: every dtype, two axes, two branches, one of them masked, a picture, ends of both kinds."""
+
+    name = "hybrid"
+    description = "Move a point with two axes, pick a gear that the last one allows, and press the button."
+    options = (
+        pb.Option(name="size", choices=["small", "large"], default_choice="small"),
+        pb.Option(name="masks", choices=["on", "off"], default_choice="on"),
+    )
+
+    @classmethod
+    def describe(cls, options):
+        cells = 2 if options["size"] == "small" else 5
+        player = behavior(
+            "player",
+            sensors=[
+                sensor("place", [2], -9.0, 9.0),
+                pb.Sensor(name="count", dtype=pb.INT32, shape=[1]),
+                pb.Sensor(name="image", dtype=pb.UINT8, shape=[2, cells]),
+                pb.Sensor(name="lamps", dtype=pb.BOOL, shape=[3]),
+            ],
+            axes=[axis("x"), axis("force", 0.5, 2.0)],
+            branches=[branch("gear", ["low", "middle", "high"]), button("press")],
+            channels=[channel("gain"), channel("cost", 0.5)],
+            metrics=["length", "presses"],
+        )
+        drift = pb.Parameter(name="drift", low=0.0, high=2.0, default_value=1.0)
+        return spec(cls, [player], parameters=[drift], max_episode_decisions=9, tick_seconds=0.1, picture=PICTURE)
+
+    def reset(self):
+        self.place = self.rng.uniform(-1.0, 1.0, 2)
+        self.length = self.presses = self.gear = 0
+        return self.turn()
+
+    def step(self, action):
+        self.length += 1
+        self.presses += action["press"]
+        self.gear = action["gear"]
+        self.place = np.clip(
+            self.place + action["x"] * action["force"] + self.rng.normal(0.0, self.parameter["drift"], 2), -9.0, 9.0
+        )
+        rewards = {"gain": float(self.place[0]), "cost": -0.25 * action["press"]}
+        metrics = {"length": self.length, "presses": self.presses}
+        if np.abs(self.place).max() > 3.0:
+            return replace(self.turn(), rewards=rewards, metrics=metrics, terminated=True)
+        if self.length == 9:
+            return replace(self.turn(), rewards=rewards, metrics=metrics, truncated=True)
+        return replace(self.turn(), rewards=rewards)
+
+    def turn(self):
+        cells = 2 if self.option["size"] == "small" else 5
+        observation = {
+            "place": self.place,
+            "count": [self.length],
+            "image": np.full((2, cells), self.gear),
+            "lamps": [bit == self.gear for bit in range(3)],
+        }
+        gears = [abs(gear - self.gear) <= 1 for gear in range(3)]  # one gear at a time
+        return transition(observation, masks={"gear": gears} if self.option["masks"] == "on" else None)
+
+    def draw(self):
+        width, height = PICTURE
+        return np.full((height, width, 3), [self.length, self.presses, self.gear], np.uint8)
+
+
+class Duel(Game):
+    """Two behaviors that take turns: one of two runners decides, or the judge does, and the others wait."""
+
+    name = "duel"
+    description = "Two runners and a judge act one after the other."
+
+    @classmethod
+    def describe(cls, options):
+        runner = behavior("runner", sensors=[sensor("track", [2])], axes=[axis("pace")], agents=2, metrics=["distance"])
+        judge = behavior(
+            "judge", sensors=[sensor("lead", [1])], branches=[branch("verdict", ["none", "left", "right"])]
+        )
+        return spec(cls, [runner, judge])
+
+    def reset(self):
+        self.distance = [float(self.rng.random()) for _ in range(2)]
+        self.clock = 0
+        return self.turns([0.0, 0.0, 0.0])
+
+    def step(self, actions):
+        rewards = [0.0, 0.0, 0.0]
+        mover = self.clock % 3
+        if mover == 2:
+            lead = int(self.distance[1] > self.distance[0])
+            rewards[2] = float(actions[2]["verdict"] == lead + 1)
+        else:
+            self.distance[mover] += actions[mover]["pace"]
+            rewards = [-0.5, -0.5, -0.5]
+            rewards[mover] = actions[mover]["pace"]
+        self.clock += 1
+        return self.turns(rewards)
+
+    def turns(self, rewards):
+        observations = [{"track": [own, self.clock]} for own in self.distance]
+        observations.append({"lead": [self.distance[1] - self.distance[0]]})
+        paid = [{"reward": reward} for reward in rewards]
+        if self.clock == 10:
+            metrics = [{"distance": self.distance[0]}, {"distance": self.distance[1]}, {}]
+            return [truncation(*turn) for turn in zip(observations, paid, metrics, strict=True)]
+        return [
+            (transition if agent == self.clock % 3 else waiting)(observations[agent], paid[agent]) for agent in range(3)
+        ]
+
+
+class Ends(Game):
+    """Episodes of two decisions that end by turns terminated and truncated."""
+
+    name = "ends"
+    description = "Wait for the end, whichever it is."
+    episode = 0
+
+    @classmethod
+    def describe(cls, options):
+        return spec(cls, [behavior("player", sensors=[sensor("clock", [2])], branches=[button("press")])])
+
+    def reset(self):
+        self.clock = 0
+        self.episode += 1
+        return transition({"clock": [self.episode, 0.0]})
+
+    def step(self, action):
+        self.clock += 1
+        observation, rewards = {"clock": [self.episode, self.clock]}, {"reward": 1.0}
+        if self.clock < 2:
+            return transition(observation, rewards)
+        return (termination if self.episode % 2 else truncation)(observation, rewards)
+
+
+class Raises(Game):
+    """A bug in the third step of every episode."""
+
+    name = "raises"
+    description = "Divide by what is left."
+
+    @classmethod
+    def describe(cls, options):
+        return spec(cls, [behavior("player", sensors=[sensor("left", [1])], branches=[button("press")])])
+
+    def reset(self):
+        self.left = 3
+        return transition({"left": [self.left]})
+
+    def step(self, action):
+        self.left -= 1
+        return transition({"left": [1 / self.left]})
+
+
+# What a faulty game can do wrong in its first step, and a word that the error must hold.
+FAULTS = {
+    "NaN observation": "sight",
+    "infinite observation": "sight",
+    "NaN reward": "reward",
+    "NaN metric": "score",
+    "unknown channel": "bonus",
+    "unknown metric": "style",
+    "missing sensor": "sight",
+    "observation of another shape": "sight",
+    "no choice allowed": "press",
+    "mask of another length": "press",
+    "mask of an unknown branch": "jump",
+    "nothing returned": "None",
+    "two turns for one agent": "2 turns",
+    "exit": "SystemExit",
+    "words that no wire carries": "ValueError",
+    "picture of another size": "draw",
+    "picture of floats": "draw",
+    "exit while drawing": "SystemExit: 4",
+    "end at reset": "reset",
+    "start fails": "ZeroDivisionError",
+    "spec without sensors": "no sensors",
+    "describe fails": "ZeroDivisionError",
+}
+
+
+class Faulty(Game):
+    """Every mistake that an author can make, by option."""
+
+    name = "faulty"
+    description = "Make a mistake."
+    options = (
+        pb.Option(name="fault", choices=["none", *FAULTS], default_choice="none"),
+        pb.Option(name="armed", choices=["no", "yes"], default_choice="no"),  # a spec alone is checked at load
+    )
+
+    @classmethod
+    def describe(cls, options):
+        fault = options["fault"] if options["armed"] == "yes" else "none"
+        if fault == "describe fails":
+            raise ZeroDivisionError
+        sensors = [] if fault == "spec without sensors" else [sensor("sight", [2])]
+        player = behavior("player", sensors=sensors, branches=[button("press")], metrics=["score"])
+        return spec(cls, [player], picture=PICTURE)
+
+    def reset(self):
+        if self.option["fault"] == "start fails":
+            raise ZeroDivisionError
+        first = {"sight": [0.0, 0.0]}
+        return termination(first) if self.option["fault"] == "end at reset" else transition(first)
+
+    def step(self, action):
+        observation = {"sight": [0.0, 0.0]}
+        match self.option["fault"]:
+            case "NaN observation":
+                return transition({"sight": [0.0, np.nan]})
+            case "infinite observation":
+                return transition({"sight": [0.0, 1e39]})  # finite until it is a float32
+            case "NaN reward":
+                return transition(observation, {"reward": np.nan})
+            case "NaN metric":
+                return termination(observation, metrics={"score": np.nan})
+            case "unknown channel":
+                return transition(observation, {"bonus": 1.0})
+            case "unknown metric":
+                return termination(observation, metrics={"style": 1.0})
+            case "missing sensor":
+                return transition({})
+            case "observation of another shape":
+                return transition({"sight": [1.0, 2.0, 3.0]})
+            case "no choice allowed":
+                return transition(observation, masks={"press": [False, False]})
+            case "mask of another length":
+                return transition(observation, masks={"press": [True, True, True]})
+            case "mask of an unknown branch":
+                return transition(observation, masks={"jump": [True, True]})
+            case "nothing returned":
+                return None
+            case "two turns for one agent":
+                return [transition(observation)] * 2
+            case "exit":
+                raise SystemExit(3)
+            case "words that no wire carries":
+                raise ValueError("\udcff" + "ü" * 100_000)
+        return transition(observation)
+
+    def draw(self):
+        width, height = PICTURE
+        match self.option["fault"]:
+            case "picture of another size":
+                return np.zeros((width, height, 3), np.uint8)
+            case "exit while drawing":
+                raise SystemExit(4)
+            case "picture of floats":
+                return np.zeros((height, width, 3))
+        return np.zeros((height, width, 3), np.uint8)
+
+
+class Batch(BatchedGame):
+    """A game over all arenas at once, which may break what a service expects of it."""
+
+    name = "batch"
+    description = "Wait; and sometimes fail."
+
+    @classmethod
+    def options(cls):
+        return [pb.Option(name="fault", choices=["none", "exit", "doubles"], default_choice="none")]
+
+    @classmethod
+    def describe(cls, options):
+        return pb.GameSpec(
+            name=cls.name,
+            description=cls.description,
+            options=cls.options(),
+            behaviors=[behavior("player", sensors=[sensor("sight", [2])], branches=[button("press")])],
+            decision_interval=1,
+            max_arenas=8,
+        )
+
+    def __init__(self, options, parameters, arenas, first_arena, seed):
+        self.fault, self.arenas = options["fault"], arenas
+
+    def reset(self, seed, parameters):
+        pass
+
+    def observe(self):
+        return [quiet_step([np.zeros((self.arenas, 2), np.float32)], 1)]
+
+    def step(self, acts):
+        if self.fault == "exit":
+            raise SystemExit(5)
+        return [quiet_step([np.zeros((self.arenas, 2), float if self.fault == "doubles" else np.float32)], 1)]
+
+
+# ------------------------------------------------------------------------ games that no server can begin to serve
+
+
+class Unnamed(Game):
+    """A game that somebody forgot to name."""
+
+    description = "nothing"
+
+    @classmethod
+    def describe(cls, options):
+        return spec(cls, [behavior("player", sensors=[sensor("sight", [1])], branches=[button("press")])])
+
+    def reset(self):
+        raise NotImplementedError
+
+    def step(self, action):
+        raise NotImplementedError
+
+
+class Namesake(Unnamed):
+    """A game with another one's name."""
+
+    name = "hybrid"
+
+
+class BrokenChoice(Unnamed):
+    """A game whose spec breaks the contract under one choice of an option."""
+
+    name = "broken_choice"
+    options = (pb.Option(name="agents", choices=["one", "none"], default_choice="one"),)
+
+    @classmethod
+    def describe(cls, options):
+        agents = int(options["agents"] == "one")
+        player = behavior("player", sensors=[sensor("sight", [1])], branches=[button("press")], agents=agents)
+        return spec(cls, [player])
+
+
+PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Raises, Faulty, Batch)]

@@ -1,0 +1,77 @@
+"""Games with known answers: what was shown is what pays."""
+
+from joybridge.simulator.game import Game, Turn, axis, behavior, branch, button, sensor, spec, transition, truncation
+
+LENGTH = 8
+
+
+class Identity(Game):
+    """Every step shows a target; the nearer the action, the more it pays, 1 at most."""
+
+    description = "Do what you see."
+    axes: tuple[str, ...] = ()
+    buttons: tuple[str, ...] = ()
+    choices = 0
+
+    @classmethod
+    def describe(cls, options):
+        player = behavior(
+            "player",
+            sensors=[sensor("target", [cls.size()], -1, 1)],
+            axes=[axis(name) for name in cls.axes],
+            branches=[button(name) for name in cls.buttons]
+            + ([branch("choice", [f"c{i}" for i in range(cls.choices)])] if cls.choices else []),
+            metrics=["length"],
+        )
+        return spec(cls, [player], max_episode_decisions=LENGTH)
+
+    @classmethod
+    def size(cls) -> int:
+        """Return the numbers in a target: one per axis and button, and one per choice."""
+        return len(cls.axes) + len(cls.buttons) + cls.choices
+
+    def reset(self) -> Turn:
+        self.steps = 0
+        return transition(self.show())
+
+    def show(self):
+        self.aims = self.rng.uniform(-0.8, 0.8, len(self.axes))
+        self.presses = self.rng.integers(0, 2, len(self.buttons))
+        self.choice = self.rng.integers(self.choices) if self.choices else 0
+        lamps = [1.0 if self.choice == i else 0.0 for i in range(self.choices)]
+        return {"target": [*self.aims, *self.presses, *lamps]}
+
+    def step(self, action) -> Turn:
+        score = [1 - min(1.0, abs(action[name] - aim)) for name, aim in zip(self.axes, self.aims, strict=True)]
+        score += [float(action[n] == press) for n, press in zip(self.buttons, self.presses, strict=True)]
+        if self.choices:
+            score.append(float(action["choice"] == self.choice))
+        self.steps += 1
+        rewards = {"reward": sum(score) / len(score)}
+        if self.steps < LENGTH:
+            return transition(self.show(), rewards)
+        return truncation(self.show(), rewards, {"length": self.steps})
+
+
+class Discrete(Identity):
+    """Branches only."""
+
+    name = "identity_discrete"
+    buttons = ("a", "b")
+    choices = 4
+
+
+class Continuous(Identity):
+    """Axes only."""
+
+    name = "identity_continuous"
+    axes = ("x", "y")
+
+
+class Hybrid(Identity):
+    """Both at once."""
+
+    name = "identity_hybrid"
+    axes = ("x",)
+    buttons = ("a",)
+    choices = 3

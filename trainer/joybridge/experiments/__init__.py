@@ -1,0 +1,1 @@
+"""Grids of training runs: configurations times seeds, on this machine or on a Ray cluster."""

@@ -1,0 +1,175 @@
+"""Runs of the grid on a Ray cluster: each trainer is a process on whatever machine has room.
+
+No file system need be shared. A run's files travel: to the machine when the run begins, and back whenever there is
+a new row of metrics or a new checkpoint, so the grid's own folder of runs is all that a restart needs. TensorBoard's
+events stay where the run was. What Ray moves, and pickles, is a job and the bytes of files.
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import joybridge
+from joybridge.experiments.grid import Job, lifeline, take
+from joybridge.trainer.config import dump_config, load_config
+
+CORES = 2  # a run keeps two busy
+# Of a cluster on this machine: everything on loopback, and nothing reported to Ray's makers.
+PRIVATE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
+
+Files = dict[str, bytes]  # path in a run's folder -> content
+
+
+class Cluster:
+    """A Ray cluster and how to start runs on it."""
+
+    def __init__(self, address: str | None, parallel: int) -> None:
+        """Connect to the cluster at `address`, or start one on this machine with room for `parallel` runs."""
+        if address is None or address.startswith("127.0.0.1:"):
+            os.environ.update(PRIVATE)  # read when Ray is imported
+        try:
+            import ray
+        except ImportError as error:
+            raise SystemExit(f'{error}; install it with: pip install --editable ".[cluster]"') from error
+        self.ray = ray
+        if address is None:
+            ray.init("local", num_cpus=CORES * parallel, include_dashboard=False, log_to_driver=False)
+        else:
+            packages = {"py_modules": list(joybridge.__path__)}  # the parts of the namespace package
+            try:
+                ray.init(address, runtime_env=packages, log_to_driver=False)
+            except ConnectionError as error:
+                raise SystemExit(f"{error}; if it asks for a token, set RAY_AUTH_MODE=token") from error
+
+    def room(self) -> int:
+        """Return how many runs the cluster can take at a time, at least one."""
+        return max(1, int(self.ray.cluster_resources().get("CPU", 0)) // CORES)
+
+    def start(self, job: Job) -> "RemoteRun":
+        """Start or go on with a run on the cluster."""
+        return RemoteRun(self.ray, job)
+
+
+class RemoteRun:
+    """A run on the cluster, which looks like a process."""
+
+    def __init__(self, ray: Any, job: Job) -> None:
+        """Start it with the files that the run's folder holds. Raises BlockingIOError, see `grid.take`."""
+        self.ray, self.job = ray, job
+        job.run.mkdir(parents=True, exist_ok=True)
+        self.lock = (job.run / "lock").open("w")
+        take(self.lock.fileno(), job)
+        worker = ray.remote(num_cpus=CORES)(Worker)
+        self.worker = worker.remote(job, dump_config(load_config(job.config)), read_files(job.run))
+        self.answer = self.worker.poll.remote()
+        self.status: int | None = None
+
+    def poll(self) -> int | None:
+        """Bring back what is new; return the exit status, or None while it runs."""
+        if self.status is not None or not self.ray.wait([self.answer], timeout=0)[0]:
+            return self.status
+        try:
+            self.status, files = self.ray.get(self.answer)
+            write_files(self.job.run, files)
+        except self.ray.exceptions.RayError as error:  # the machine is gone, or the trainer could not be started
+            self.status = 1
+            with (self.job.run / "log.txt").open("a") as log:
+                log.write(f"\nlost on the cluster: {str(error).splitlines()[-1]}\n")
+        if self.status is None:
+            self.answer = self.worker.poll.remote()
+        else:
+            self.ray.kill(self.worker)
+            self.lock.close()
+        return self.status
+
+    def terminate(self) -> None:
+        """Ask it to save and end."""
+        self.worker.terminate.remote()
+
+    def wait(self) -> int:
+        """Wait for the exit status."""
+        while (status := self.poll()) is None:
+            time.sleep(0.1)
+        return status
+
+
+class Worker:
+    """The cluster's end of a run: a trainer process in a folder of its own."""
+
+    def __init__(self, job: Job, config: str, files: Files) -> None:
+        """Start the trainer. config: the whole configuration; files: of the run so far."""
+        self.folder = tempfile.TemporaryDirectory(prefix="joybridge-")
+        self.run, path = Path(self.folder.name, "run"), Path(self.folder.name, "config.yaml")
+        path.write_text(config, encoding="utf-8")
+        write_files(self.run, files)
+        self.sent = _stamp(self.run)
+        with (self.run / "log.txt").open("ab") as log:
+            self.process = subprocess.Popen(
+                job.command(path, self.run), stdin=lifeline(), stdout=log, stderr=subprocess.STDOUT
+            )
+
+    def poll(self) -> tuple[int | None, Files]:
+        """Return the exit status, None while the trainer runs, and the run's files where they have changed."""
+        status, stamp = self.process.poll(), _stamp(self.run)
+        if status is None and stamp == self.sent:
+            time.sleep(0.5)
+            return None, {}
+        self.sent, files = stamp, read_files(self.run)
+        if status is not None:
+            self.folder.cleanup()
+        return status, files
+
+    def terminate(self) -> None:
+        """Ask the trainer to save and end."""
+        self.process.terminate()
+
+
+def read_files(run: Path) -> Files:
+    """Return the checkpoints, metrics, log and configuration of a run, which may be going on.
+
+    Checkpoints are read first: metrics may be ahead of them, and never behind.
+    """
+    paths = [path for path in (*run.glob("checkpoints/[0-9]*/*"), *run.glob("*")) if path.is_file()]
+    files: Files = {}
+    for path in paths:
+        try:
+            files[path.relative_to(run).as_posix()] = path.read_bytes()
+        except FileNotFoundError:  # an old checkpoint that has just been dropped
+            continue
+    files.pop("lock", None)
+    return files
+
+
+def write_files(run: Path, files: Mapping[str, bytes]) -> None:
+    """Bring a run's folder up to date, so that whatever interrupts it, metrics are not behind checkpoints.
+
+    A checkpoint appears whole or not at all; those that `files` lacks are dropped. Nothing happens without files.
+    """
+    fresh = run / ".fresh"
+    shutil.rmtree(fresh, ignore_errors=True)
+    for name, data in files.items():
+        path = fresh / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    (run / "checkpoints").mkdir(parents=True, exist_ok=True)
+    for path in fresh.glob("*"):
+        if path.is_file():
+            path.replace(run / path.name)
+    for path in fresh.glob("checkpoints/*"):
+        if not (run / "checkpoints" / path.name).exists():
+            path.rename(run / "checkpoints" / path.name)
+    for path in run.glob("checkpoints/[0-9]*"):
+        if files and not any(name.startswith(f"checkpoints/{path.name}/") for name in files):
+            shutil.rmtree(path)
+    shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _stamp(run: Path) -> tuple[tuple[str, int], ...]:
+    """Return what tells whether there is a new row of metrics or a new checkpoint."""
+    sizes = [(path.name, path.stat().st_size) for path in sorted(run.glob("metrics-*.csv"))]
+    return *sizes, *((path.name, 0) for path in sorted(run.glob("checkpoints/[0-9]*")))

@@ -1,0 +1,97 @@
+"""The gradient of the PPO loss in closed form: what autograd would compute, without its bookkeeping.
+
+Matrix products are torch's, what lies between them is compiled (`kernels.py`). A test holds the result to
+autograd's within 1e-6.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from joybridge.contract.tensors import Array
+from joybridge.trainer.ppo.fast.kernels import differentiate
+from joybridge.trainer.ppo.loss import Batch, Coefficients
+from joybridge.trainer.ppo.networks import Network, Tower
+
+
+class ClosedFormGradient:
+    """Sets a network's gradient on minibatches; a `Gradient` as `ppo.Update` takes it."""
+
+    def __init__(self, network: Network) -> None:
+        """Work on `network`, whose parameters must have gradients to write to (see flatten_parameters)."""
+        self.network = network
+        self.actor = TowerPass(network.actor)
+        self.critic = TowerPass(network.critic) if network.critic is not None else None
+        self.sizes = np.array(network.space.branches, np.int64)
+        self.mean_bias, self.log_variance = network.mean_bias.detach().numpy(), network.log_variance.detach().numpy()
+
+    @torch.no_grad()
+    def __call__(self, batch: Batch, coefficients: Coefficients) -> Tensor:
+        """Set the gradient of the loss on `batch`; return [policy loss, value loss, entropy]."""
+        network = self.network
+        outputs = self.actor.forward(batch.observations)
+        values = (outputs if self.critic is None else self.critic.forward(batch.observations))[:, -1]
+        slope = torch.empty_like(outputs)  # d loss / d outputs
+        value_slope = slope[:, -1] if self.critic is None else torch.empty_like(values)
+        parts = differentiate(
+            outputs.numpy(), (values + network.value_bias).numpy(), self.mean_bias, self.log_variance, self.sizes,
+            None if batch.masks is None else batch.masks.numpy(), batch.continuous.numpy(), batch.discrete.numpy(),
+            batch.log_probs.numpy(), batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy(),
+            coefficients.clip, coefficients.entropy, slope.numpy(), value_slope.numpy(),
+            _gradient(network.mean_bias), _gradient(network.log_variance),
+        )  # fmt: skip
+        _into(network.value_bias, value_slope.sum())
+        if self.critic is not None:
+            self.critic.backward(value_slope.unsqueeze(-1))
+        self.actor.backward(slope)
+        return torch.tensor(parts)
+
+
+class TowerPass:
+    """Forward and backward pass of one tower, with its intermediate results kept between the two."""
+
+    def __init__(self, tower: Tower) -> None:
+        self.layers = [(layer.weight, layer.bias) for layer in tower.layers]
+        self.head = tower.head.weight
+        self.inputs: list[Tensor] = []  # of each layer, and of the head last
+        self.slopes: list[Tensor] = []  # of each layer's activation
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Return the head's outputs [n, outputs]."""
+        self.inputs, self.slopes = [features], []
+        for weight, bias in self.layers:
+            z = torch.addmm(bias, features, weight.t())
+            gate = torch.sigmoid(z)
+            features = z.mul_(gate)
+            # d swish / dz = gate + swish (1 - gate)
+            self.slopes.append(torch.addcmul(gate, features, 1.0 - gate))
+            self.inputs.append(features)
+        return torch.mm(features, self.head.t())
+
+    def backward(self, slope: Tensor) -> None:
+        """Set the gradients of all parameters from d loss / d outputs [n, outputs]."""
+        _product_into(self.head, slope, self.inputs[-1])
+        slope = torch.mm(slope, self.head)
+        for index in reversed(range(len(self.layers))):
+            weight, bias = self.layers[index]
+            slope.mul_(self.slopes[index])
+            _product_into(weight, slope, self.inputs[index])
+            _into(bias, slope.sum(0))
+            if index:
+                slope = torch.mm(slope, weight)
+
+
+def _gradient(parameter: Tensor) -> Array:
+    """Return a parameter's gradient as an array to write to."""
+    assert parameter.grad is not None
+    return parameter.grad.numpy()
+
+
+def _product_into(parameter: Tensor, slope: Tensor, features: Tensor) -> None:
+    assert parameter.grad is not None
+    torch.mm(slope.t(), features, out=parameter.grad)
+
+
+def _into(parameter: Tensor, gradient: Tensor) -> None:
+    assert parameter.grad is not None
+    parameter.grad.copy_(gradient)

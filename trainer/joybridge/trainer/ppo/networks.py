@@ -1,0 +1,119 @@
+"""The network of one policy: swish bodies under linear heads for branches, means and the value."""
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.ppo.distributions import FORBIDDEN
+
+
+class Outputs(NamedTuple):
+    """What the network says of a batch of observations."""
+
+    logits: Tensor  # [lanes, branches, widest]
+    mean: Tensor  # [lanes, continuous]
+    value: Tensor  # [lanes]
+
+
+class Tower(nn.Module):
+    """Hidden layers and a linear head without bias."""
+
+    def __init__(self, sizes: list[int], outputs: int) -> None:
+        """Make layers between the given sizes, input first, and a head of `outputs`."""
+        super().__init__()
+        self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
+        self.head = nn.Linear(sizes[-1], outputs, bias=False)
+
+    @property
+    def layers(self) -> list[nn.Linear]:
+        """Return the hidden layers, input first."""
+        return [layer for layer in self.hidden if isinstance(layer, nn.Linear)]
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Return the head's outputs [lanes, outputs]; the activation is swish, x · sigmoid(x)."""
+        for layer in self.hidden:
+            features = nn.functional.silu(layer(features))
+        return self.head(features)  # type: ignore[no-any-return]
+
+
+class Network(nn.Module):
+    """Actor and critic over flat observations: one tower for both, or one each.
+
+    The actor's outputs are the logits of all branches, each padded to the widest, then the means; the value
+    comes last, or alone from the critic's tower. Only means and value have a bias. Initialised as the
+    original (ML-Agents 0.7): hidden kernels from a truncated normal with variance 1/fan-in, policy heads a
+    hundredth of that, the value head Glorot uniform, biases zero. One log-variance per continuous action,
+    independent of the state, begins at 0.
+    """
+
+    pad: Tensor
+
+    def __init__(self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int) -> None:
+        """Make a network for observations of `observation` numbers; `shared`: one tower for both."""
+        super().__init__()
+        self.space = space
+        pad = torch.zeros(len(space.branches), max(space.branches, default=0))
+        for branch, size in enumerate(space.branches):
+            pad[branch, size:] = FORBIDDEN
+        self.register_buffer("pad", pad, persistent=False)
+        sizes = [observation, *hidden]
+        self.actor = Tower(sizes, pad.numel() + space.continuous + shared)
+        self.critic = None if shared else Tower(sizes, 1)
+        self.mean_bias = nn.Parameter(torch.zeros(space.continuous))
+        self.value_bias = nn.Parameter(torch.zeros(1))
+        self.log_variance = nn.Parameter(torch.zeros(space.continuous))
+        self._initialise(torch.Generator().manual_seed(seed))
+
+    def _initialise(self, generator: torch.Generator) -> None:
+        for tower in (self.actor, self.critic):
+            for layer in tower.layers if tower else ():
+                _variance_scaling(layer.weight, 1.0, generator)
+                nn.init.zeros_(layer.bias)
+        policy = self.actor.head.weight[: self.pad.numel() + self.space.continuous]
+        _variance_scaling(policy, 0.01, generator)
+        value = (self.critic or self.actor).head.weight[-1:]
+        nn.init.xavier_uniform_(value, generator=generator)
+
+    def heads(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the actor's outputs [lanes, columns], without mask and bias, and the values [lanes]."""
+        outputs = self.actor(observations)
+        value = outputs if self.critic is None else self.critic(observations)
+        return outputs, value[:, -1] + self.value_bias
+
+    def forward(self, observations: Tensor) -> Outputs:
+        """Return what `heads` does, taken apart."""
+        outputs, value = self.heads(observations)
+        logits = outputs[:, : self.pad.numel()].view(len(outputs), *self.pad.shape) + self.pad
+        mean = outputs[:, self.pad.numel() : self.pad.numel() + self.space.continuous] + self.mean_bias
+        return Outputs(logits, mean, value)
+
+    def value(self, observations: Tensor) -> Tensor:
+        """Return the values [lanes] alone."""
+        return (self.critic or self.actor)(observations)[:, -1] + self.value_bias  # type: ignore[no-any-return]
+
+
+def flatten_parameters(network: nn.Module) -> Tensor:
+    """Move all parameters and their gradients into two flat tensors; return the one with the parameters.
+
+    The optimizer then steps one tensor instead of a dozen, and copying a network is copying one array.
+    """
+    parameters = list(network.parameters())
+    flat = torch.cat([parameter.detach().reshape(-1) for parameter in parameters]).requires_grad_()
+    flat.grad = torch.zeros_like(flat)
+    begin = 0
+    for parameter in parameters:
+        end = begin + parameter.numel()
+        parameter.data = flat.data[begin:end].view_as(parameter)
+        parameter.grad = flat.grad[begin:end].view_as(parameter)
+        begin = end
+    return flat
+
+
+def _variance_scaling(weight: Tensor, factor: float, generator: torch.Generator) -> None:
+    # 1.3 makes up for what cutting the normal at two standard deviations takes from its variance.
+    std = math.sqrt(1.3 * factor / weight.shape[1])
+    nn.init.trunc_normal_(weight, 0.0, std, -2 * std, 2 * std, generator=generator)

@@ -1,0 +1,48 @@
+"""What a person sees of a run: a live line in a terminal, and a line per row of metrics everywhere."""
+
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from joybridge.trainer.metrics import ACTIVITIES, OF_EVERY_GAME, Row
+
+
+class Display:
+    """Shows the progress of one run; `report` is given to `train`."""
+
+    def __init__(self, name: str, end: int, begin: int) -> None:
+        """Show a run that goes from `begin` to `end` transitions."""
+        self.console = Console(highlight=False)
+        self.bar = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.percentage:3.0f} %  {task.fields[text]}"),
+            TimeRemainingColumn(),
+            console=self.console,
+            disable=not self.console.is_terminal,
+        )
+        self.task = self.bar.add_task(name, total=end, completed=begin, text="")
+        self.reward = ""
+
+    def report(self, transitions: int, live: Row, row: Row | None) -> None:
+        """Show where the run is: live figures, and now and then a new row of metrics."""
+        shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
+        speed = f"{live['transitions_per_second'] / 1000:.1f} k transitions/s"
+        if row is not None and "reward" in row:
+            self.reward = f"reward {row['reward']:.1f}"
+            metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if name not in OF_EVERY_GAME)
+            text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {speed}  ({shares})"
+            text = f"{transitions:>11,}  {text}"
+            self.console.print(text, soft_wrap=True, markup=False)
+        self.bar.update(self.task, completed=transitions, text=f"{self.reward}  {speed}  ({shares})")
+
+    def __enter__(self) -> Self:
+        self.bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bar.stop()
