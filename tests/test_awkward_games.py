@@ -105,7 +105,7 @@ def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved(over
     with pytest.raises(DivergedError, match=r"the network of player is no longer finite .*smaller learning_rate"):
         train(config("generous", 600, overlap=overlap), tmp_path, [awkward], resume=False, report=lambda *_: None)
     arrays, manifest = load_checkpoint(tmp_path)
-    assert 150 < manifest["transitions"] < 200
+    assert 150 < manifest["timesteps"] < 200
     assert all(np.isfinite(array).all() for name, array in arrays.items() if "/network." in name)
 
 
@@ -124,12 +124,12 @@ def test_simulators_that_play_different_games_are_refused(simulator):
 
 
 def test_what_evaluation_cannot_balance_is_refused_before_training(simulator, tmp_path):
-    chosen = config("hybrid", 60).model_copy(update={"balance": "levle"})
-    with pytest.raises(ConfigError, match="balance: hybrid has no option 'levle'"):
+    chosen = config("hybrid", 60).model_copy(update={"evaluate_over": "levle"})
+    with pytest.raises(ConfigError, match="evaluate_over: hybrid has no option 'levle'"):
         train(chosen, tmp_path, [simulator], resume=False, report=lambda *_: None)
 
 
 def test_an_option_without_alternatives_cannot_be_balanced():
     spec = pb.GameSpec(name="one", options=[pb.Option(name="rules", choices=["all"], default_choice="all")])
     with pytest.raises(ConfigError, match="option 'rules' of one has no choice but its default"):
-        balanced_choices(config("one", 60).model_copy(update={"balance": "rules"}), spec)
+        balanced_choices(config("one", 60).model_copy(update={"evaluate_over": "rules"}), spec)

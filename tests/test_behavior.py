@@ -19,7 +19,7 @@ from tools import behavior, videos
 from tools.behavior import Trace, add_measures, beastly_rivals, lap_radius, measure, shooting_birds
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-SMALL = ["arenas=6", "transitions=60", "summary=60", "policy.rollout=10", "policy.horizon=10"]
+SMALL = ["arenas=6", "total_timesteps=60", "log_interval=60", "policy.rollout_steps=10", "policy.time_horizon=10"]
 
 
 def trace(ended, seconds=0.1, sensors=None, pressed=None, metrics=None, groups=1) -> Trace:
@@ -181,11 +181,11 @@ def test_hits_are_told_apart_by_the_level_of_the_lanes():
 
 def test_the_run_that_trained_longer_stays_in_the_file(tmp_path, capsys):
     path = tmp_path / "deep" / "behavior.json"
-    add_measures(path, "ferry/hybrid-s0", {"transitions": 30, "x": 1})
-    assert add_measures(path, "ferry/hybrid-s0", {"transitions": 20, "x": 2})["ferry/hybrid-s0"]["x"] == 1
-    assert "ferry/hybrid-s0: kept as it was, after 30 transitions" in capsys.readouterr().err
-    add_measures(path, "ferry/hybrid-s0", {"transitions": 30, "x": 3})
-    add_measures(path, "ferry/hybrid-s1", {"transitions": 1, "x": 4})
+    add_measures(path, "ferry/hybrid-s0", {"timesteps": 30, "x": 1})
+    assert add_measures(path, "ferry/hybrid-s0", {"timesteps": 20, "x": 2})["ferry/hybrid-s0"]["x"] == 1
+    assert "ferry/hybrid-s0: kept as it was, after 30 timesteps" in capsys.readouterr().err
+    add_measures(path, "ferry/hybrid-s0", {"timesteps": 30, "x": 3})
+    add_measures(path, "ferry/hybrid-s1", {"timesteps": 1, "x": 4})
     assert {name: entry["x"] for name, entry in json.loads(path.read_text()).items()} == {
         "ferry/hybrid-s0": 3, "ferry/hybrid-s1": 4,
     }  # fmt: skip
@@ -206,14 +206,14 @@ def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, ca
     config = run_config(runs["shooting_birds"])
     assert balanced_choices(config, describe(simulator, config.game, {})) == list("0123456")
     monkeypatch.setattr(
-        behavior, "balanced_choices", lambda config, _: ["2", "6"] if config.balance else [""]
+        behavior, "balanced_choices", lambda config, _: ["2", "6"] if config.evaluate_over else [""]
     )  # faster
     output = tmp_path / "behavior.json"
     assert behavior.main([*map(str, runs.values()), "--episodes", "4", "--output", str(output)]) == 0
     found = json.loads(output.read_text())
     assert list(found) == ["beastly_rivals/bucket-3-s0", "shooting_birds/bucket-3-s0"]
     rivals, birds = found.values()
-    assert birds["episodes"] == 4 and birds["transitions"] == rivals["transitions"] == 60
+    assert birds["episodes"] == 4 and birds["timesteps"] == rivals["timesteps"] == 60
     assert len(birds["hits_per_level"]) == 2
     # Untrained, 3 values per axis: speed is 50 in two of three, its angle -90°, 0° or 90°.
     assert birds["abs_vx"] == pytest.approx(50 * 2 / 3 / 3, rel=0.15)
@@ -257,7 +257,7 @@ def test_the_best_of_several_runs_is_the_one_with_most_reward_in_the_end(tmp_pat
         run.mkdir()
         (run / "config.yaml").write_text(f"{{game: ferry, layout: {layout}}}")
         late = [rewards[1]] * videos.ROWS
-        (run / "metrics-x.csv").write_text("transitions,reward\n" + "".join(f"1,{r}\n" for r in (rewards[0], *late)))
+        (run / "metrics-x.csv").write_text("timesteps,reward\n" + "".join(f"1,{r}\n" for r in (rewards[0], *late)))
     found = [tmp_path / name for name in "abc"]
     assert videos.best(found, "game", "layout") == {("ferry", "hybrid"): found[1], ("ferry", "bucket-3"): found[2]}
     assert videos.best(found, "game") == {("ferry",): found[1]}

@@ -125,7 +125,7 @@ def test_relative_imports_are_read_as_what_they_mean():
     assert Import("joybridge.games.birds.rules", False) in imports("from .rules import f", "joybridge.games.birds")
     assert Import("joybridge.games.render", False) in imports("from .. import render", "joybridge.games.birds")
     assert Import("joybridge.simulator.render.fit", True) in imports(
-        "def f():\n  from ...render import fit", "joybridge.games.birds"
+        "def f():\n  from ...simulator.render import fit", "joybridge.games.birds"
     )
 
 

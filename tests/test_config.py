@@ -39,7 +39,7 @@ def test_there_is_a_file_for_each_experiment():
         ("game: g\nzzzz: 1", "known keys are game, options"),
         ("game: g\narenas: 0", "arenas: got 0"),
         ("game: g\narenas: many", "arenas: got 'many'"),
-        ("game: g\npolicy: {clip: .nan}", "policy.clip: got nan"),
+        ("game: g\npolicy: {clip_range: .nan}", "policy.clip_range: got nan"),
         ("game: g\nseed: -1", "seed: got -1"),
         ("layout: hybrid", "game: "),
         ("- a", "holds list"),
@@ -54,9 +54,9 @@ def test_a_wrong_file_is_refused_naming_the_key(text, message, tmp_path):
 
 
 def test_files_that_extend_others_merge_mappings_and_replace_the_rest(tmp_path):
-    write(tmp_path, "game: g\npolicy: {epochs: 9, hidden: [5, 5]}\nseed: 3", "base.yaml")
-    config = load_config(write(tmp_path, "extends: base.yaml\npolicy: {hidden: [7]}"))
-    assert (config.policy.epochs, config.policy.hidden, config.seed) == (9, [7], 3)
+    write(tmp_path, "game: g\npolicy: {epochs: 9, hidden_sizes: [5, 5]}\nseed: 3", "base.yaml")
+    config = load_config(write(tmp_path, "extends: base.yaml\npolicy: {hidden_sizes: [7]}"))
+    assert (config.policy.epochs, config.policy.hidden_sizes, config.seed) == (9, [7], 3)
 
 
 def test_any_key_can_be_overridden_on_the_command_line():
@@ -70,5 +70,5 @@ def test_any_key_can_be_overridden_on_the_command_line():
 
 def test_what_differs_for_one_policy_lies_on_top_of_what_all_share():
     config = load_config(BUCKET.with_name("multiagent.yaml"))
-    assert (config.policy_config("axes").minibatch, config.policy_config("buttons").minibatch) == (512, 256)
-    assert config.policy_config("axes").entropy == config.policy.entropy
+    assert (config.policy_config("axes").minibatch_size, config.policy_config("buttons").minibatch_size) == (512, 256)
+    assert config.policy_config("axes").entropy_coef == config.policy.entropy_coef

@@ -72,7 +72,7 @@ def raw_actions(space, actions):
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals", "brief"])
 def test_playing_is_stepping_a_session(simulator, make, game, layout):
-    envs = make(BridgeVectorEnv, game, 3, layout, stack=2, seed=7)
+    envs = make(BridgeVectorEnv, game, 3, layout, frame_stack=2, seed=7)
     with Session(simulator, game, arenas=3, seed=7) as session:
         (behavior,) = session.spec.behaviors
         (mapping,) = make_layouts(layout, behavior.device).values()
@@ -124,14 +124,14 @@ def test_spaces_follow_layout_and_spec(make):
     assert spaces["bucket-11"] == MultiDiscrete([11, 3, 2])
     assert spaces["threshold-0.5"] == Box(-1, 1, (3,))
     assert spaces["hybrid"] == Dict(continuous=Box(-1, 1, (1,)), discrete=MultiDiscrete([2, 3]))
-    space = make(BridgeVectorEnv, "brief", 2, stack=3).single_observation_space
+    space = make(BridgeVectorEnv, "brief", 2, frame_stack=3).single_observation_space
     assert space.low.tolist() == [0.0, -1.0, -1.0] * 2 + [10.0, -1.0, -1.0]  # only earlier frames may be zero
     assert space.high.tolist() == [20.0, np.inf, np.inf] * 3
-    assert make(BridgeVectorEnv, "brief", 2, stack=1).single_observation_space.low[0] == 10.0
+    assert make(BridgeVectorEnv, "brief", 2, frame_stack=1).single_observation_space.low[0] == 10.0
 
 
 def test_continuous_actions_span_the_axis_and_are_clipped(make):
-    envs = make(BridgeVectorEnv, "brief", 5, "hybrid", channels={"press": 0.0})
+    envs = make(BridgeVectorEnv, "brief", 5, "hybrid", reward_weights={"press": 0.0})
     envs.reset()
     lever = np.array([[-1.0], [-0.5], [0.0], [1.0], [7.0]])  # of an axis that reaches from -2 to 4
     rewards = envs.step({"continuous": lever, "discrete": np.zeros((5, 2), int)})[1]
@@ -139,14 +139,14 @@ def test_continuous_actions_span_the_axis_and_are_clipped(make):
 
 
 def test_channels_are_weighted_as_asked(make):
-    envs = make(BridgeVectorEnv, "brief", 2, channels={"press": -3.0, "gear": 0.25})
+    envs = make(BridgeVectorEnv, "brief", 2, reward_weights={"press": -3.0, "gear": 0.25})
     envs.reset()
     rewards = envs.step(np.array([[10, 2, 0], [0, 1, 1]]))[1]  # lever 4, gear 2, pressed; lever -2, gear 1, nothing
     assert rewards.tolist() == [4.0 - 3.0 + 0.5, -2.0 + 0.25]
 
 
 def test_an_episode_that_ends_is_followed_by_the_next_in_the_same_step(make):
-    envs = make(BridgeVectorEnv, "brief", 6, "hybrid", stack=3, seed=2)
+    envs = make(BridgeVectorEnv, "brief", 6, "hybrid", frame_stack=3, seed=2)
     observations, infos = envs.reset()
     assert infos == {}
     press = {"continuous": np.zeros((6, 1)), "discrete": np.tile([1, 0], (6, 1))}
@@ -232,7 +232,7 @@ def test_other_seeds_are_refused(make, seed):
 
 
 def test_parameters_change_at_a_reset(make):
-    envs = make(BridgeVectorEnv, "brief", 2, stack=1, parameters={"shift": 2.0})
+    envs = make(BridgeVectorEnv, "brief", 2, frame_stack=1, parameters={"shift": 2.0})
     assert envs.reset()[0][:, 0].tolist() == [12.0, 12.0]
     assert envs.reset(options={"parameters": {"shift": 4}})[0][:, 0].tolist() == [14.0, 14.0]
     assert envs.reset(seed=1, options={})[0][:, 0].tolist() == [14.0, 14.0]
@@ -256,7 +256,7 @@ def test_pictures_of_all_arenas_come_with_each_step(make):
 
 
 def test_lanes_that_wait_are_named_and_masks_given(make):
-    envs = make(BridgeVectorEnv, "turns", 2, "hybrid", stack=2)  # lanes: two agents of each arena
+    envs = make(BridgeVectorEnv, "turns", 2, "hybrid", frame_stack=2)  # lanes: two agents of each arena
     observations, infos = envs.reset()
     assert envs.num_envs == 4 and infos["deciding"].tolist() == [True, False] * 2 and infos["_deciding"].all()
     for count in range(1, 9):
@@ -326,7 +326,7 @@ def test_one_arenas_picture(make):
 
 def test_two_policies_hold_one_device_together(simulator, make):
     channels = {"axes": {"hit": 0, "miss": 0, "dry_shot": 0, "reload": 0, "aimed_hit": 1, "aimed_miss": 1}}
-    env = make(BridgeParallelEnv, "shooting_birds", layout="multiagent", channels=channels, seed=9)
+    env = make(BridgeParallelEnv, "shooting_birds", layout="multiagent", reward_weights=channels, seed=9)
     assert env.possible_agents == ["axes", "buttons"]
     assert env.action_space("axes") == Box(-1, 1, (2,)) and env.action_space("buttons") == MultiDiscrete([3])
     env.reset()
@@ -350,9 +350,9 @@ def test_each_agent_of_each_behavior_plays(make):
         BridgeParallelEnv,
         "chase",
         layout="hybrid",
-        stack=2,
+        frame_stack=2,
         render_mode="rgb_array",
-        channels={"runner_1": {"fled": 10}},
+        reward_weights={"runner_1": {"fled": 10}},
     )
     assert env.possible_agents == ["hunter", "runner_0", "runner_1"]
     begun, infos = env.reset(seed=1)
@@ -490,13 +490,13 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
         (BridgeVectorEnv, "brief", {"layout": "multiagent"}, r"by 2 \(axes, buttons\).*use joybridge.gym.BridgePar"),
         (BridgeEnv, "turns", {}, r"by 2 \(player_0, player_1\).*use joybridge.gym.BridgePar"),
         (BridgeEnv, "brief", {"layout": "hybrids"}, "unknown layout 'hybrids', expected hybrid,"),
-        (BridgeEnv, "brief", {"stack": 0}, "stack is 0, expected at least 1"),
+        (BridgeEnv, "brief", {"frame_stack": 0}, "frame_stack is 0, expected at least 1"),
         (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
         (BridgeEnv, "brief", {"render_mode": "human"}, "render_mode is 'human', expected None or 'rgb_array'"),
-        (BridgeEnv, "brief", {"channels": {"pres": 1}}, "channels: player has no 'pres'; it has lever, press, gear"),
+        (BridgeEnv, "brief", {"reward_weights": {"pres": 1}}, "reward_weights: player has no 'pres'; it has lever, press"),
         (BridgeVectorEnv, "turns", {"render_mode": "rgb_array"}, "turns cannot be drawn"),
         (BridgeVectorEnv, "brief", {"arenas": 65, "render_mode": "rgb_array"}, "65 arenas, at most 64 can be drawn"),
-        (BridgeParallelEnv, "chase", {"channels": {"runner": {}}}, "no agent 'runner'; there are hunter, runner_0"),
+        (BridgeParallelEnv, "chase", {"reward_weights": {"runner": {}}}, "no agent 'runner'; there are hunter"),
     ],
 )  # fmt: skip
 def test_wrong_arguments_are_named(make, kind, game, settings, text):

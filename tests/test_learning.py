@@ -11,7 +11,14 @@ from joybridge.trainer.wire.launch import simulator_process
 from tests.support.learning_games import LENGTH
 
 FAST = PolicyConfig(
-    stack=1, hidden=[32, 32], rollout=16, horizon=16, minibatch=128, epochs=6, learning_rate=5e-3, entropy=0.001
+    frame_stack=1,
+    hidden_sizes=[32, 32],
+    rollout_steps=16,
+    time_horizon=16,
+    minibatch_size=128,
+    epochs=6,
+    learning_rate=5e-3,
+    entropy_coef=0.001,
 )
 
 
@@ -22,11 +29,11 @@ def address():
         yield bound
 
 
-def learn(address: str, run: Path, game: str, layout: str, transitions: int, **more) -> float:
+def learn(address: str, run: Path, game: str, layout: str, timesteps: int, **more) -> float:
     """Return the share of the highest possible reward that the trained policy reaches."""
     policies = more.pop("policies", {})
     config = Config(
-        game=game, layout=layout, arenas=32, transitions=transitions, summary=transitions,
+        game=game, layout=layout, arenas=32, total_timesteps=timesteps, log_interval=timesteps,
         policy=FAST.model_copy(update=more), policies=policies,
     )  # fmt: skip
     train(config, run, [address], resume=False, report=lambda *_: None)

@@ -20,8 +20,8 @@ from joybridge.trainer.checkpoint import has_checkpoint
 from tools.paper import main
 
 ROOT = Path(__file__).parents[1]
-TRANSITIONS = 12_000
-TIMING = {"transitions_per_second", "simulate", "wire", "act", "learn"}
+TIMESTEPS = 12_000
+TIMING = {"timesteps_per_second", "simulate", "wire", "act", "learn"}
 
 
 @pytest.fixture(scope="module")
@@ -29,22 +29,22 @@ def configs(tmp_path_factory) -> Path:
     """Return a folder of two configurations, one of which fails."""
     folder = tmp_path_factory.mktemp("configs")
     base = ROOT / "configs" / "beastly_rivals" / "bucket-3.yaml"
-    policy = "{hidden: [32, 32], rollout: 50, horizon: 50, minibatch: 100}"
+    policy = "{hidden_sizes: [32, 32], rollout_steps: 50, time_horizon: 50, minibatch_size: 100}"
     (folder / "survive.yaml").write_text(
-        f"{{extends: {base}, arenas: 8, summary: 3000, checkpoint: 2000, policy: {policy}}}"
+        f"{{extends: {base}, arenas: 8, log_interval: 3000, checkpoint_interval: 2000, policy: {policy}}}"
     )
     (folder / "fail.yaml").write_text(f"{{extends: {base}, arenaz: 4}}")
     return folder
 
 
 def job(configs: Path, runs: Path, experiment: str = "survive", seed: int = 0) -> Job:
-    return Job(experiment, seed, TRANSITIONS, configs, runs)
+    return Job(experiment, seed, TIMESTEPS, configs, runs)
 
 
 def command(configs: Path, runs: Path, *more: str) -> list[str]:
     return [
         sys.executable, str(ROOT / "tools" / "paper.py"), "run", "--configs", str(configs), "--runs", str(runs),
-        "--results", str(runs / "results"), "--transitions", str(TRANSITIONS), "--jobs", "2", *more,
+        "--results", str(runs / "results"), "--timesteps", str(TIMESTEPS), "--jobs", "2", *more,
     ]  # fmt: skip
 
 
@@ -129,7 +129,7 @@ def test_a_run_that_is_killed_is_said_to_be(configs, tmp_path):
 def test_every_finished_run_leaves_its_rows_and_different_seeds_different_ones(whole):
     tables = figures(whole.results)
     rows = tables["survive-s0.csv"]
-    assert [int(row["transitions"]) // 3000 for row in rows] == [1, 2, 3, 4]
+    assert [int(row["timesteps"]) // 3000 for row in rows] == [1, 2, 3, 4]
     assert all(float(row["episodes"]) > 0 for row in rows)
     assert rows != tables["survive-s1.csv"]
 
@@ -205,7 +205,7 @@ def test_an_interruption_asks_every_running_process_to_save_and_waits_for_it(con
 
 
 def test_time_left_follows_from_speed_and_is_not_guessed_before_there_is_any():
-    assert time_left(9_000_000, 1000.0) == "1.0 k transitions/s, 2 h 30 min left"
+    assert time_left(9_000_000, 1000.0) == "1.0 k timesteps/s, 2 h 30 min left"
     assert time_left(9_000_000, 0.0) == "measuring"
 
 
@@ -213,29 +213,29 @@ def test_what_failed_no_longer_counts_for_the_time_left(configs, tmp_path):
     jobs = [job(configs, tmp_path, seed=seed) for seed in (0, 1)]
     display = Display(jobs, finished=0)
     display.update([])
-    assert display.bars.tasks[display.all].total == 2 * TRANSITIONS
+    assert display.bars.tasks[display.all].total == 2 * TIMESTEPS
     display.end(jobs[0], "error: it failed")
     display.update([])
-    assert display.bars.tasks[display.all].total == TRANSITIONS
+    assert display.bars.tasks[display.all].total == TIMESTEPS
 
 
 def test_results_are_named_by_length_experiment_seed_and_policy(tmp_path):
     birds = Job("shooting_birds/bucket-11", 3, 3_000_000, ROOT / "configs", tmp_path / "runs")
     birds.run.mkdir(parents=True)
-    (birds.run / "metrics-hunter.csv").write_text("transitions\n300000\n")
+    (birds.run / "metrics-hunter.csv").write_text("timesteps\n300000\n")
     keep_results(birds, tmp_path / "results")
-    assert (tmp_path / "results/3M/shooting_birds/bucket-11-s3.csv").read_text() == "transitions\n300000\n"
+    assert (tmp_path / "results/3M/shooting_birds/bucket-11-s3.csv").read_text() == "timesteps\n300000\n"
 
 
 def test_of_a_longer_run_only_what_was_asked_for_is_kept_and_another_run_is_never_replaced(tmp_path):
     birds = Job("shooting_birds/bucket-11", 0, 700_000, ROOT / "configs", tmp_path / "runs")
     birds.run.mkdir(parents=True)
     metrics, kept = birds.run / "metrics-hunter.csv", tmp_path / "results/0.7M/shooting_birds/bucket-11-s0.csv"
-    metrics.write_text("transitions,reward\n300024,1.5\n600021,2.5\n900018,3.5\n")
+    metrics.write_text("timesteps,reward\n300024,1.5\n600021,2.5\n900018,3.5\n")
     for _ in range(2):
         keep_results(birds, tmp_path / "results")
-        assert kept.read_text() == "transitions,reward\n300024,1.5\n600021,2.5\n"
-    metrics.write_text("transitions,reward\n300024,1.5\n600021,9.5\n")
+        assert kept.read_text() == "timesteps,reward\n300024,1.5\n600021,2.5\n"
+    metrics.write_text("timesteps,reward\n300024,1.5\n600021,9.5\n")
     with pytest.raises(FileExistsError, match="holds another run; move it away"):
         keep_results(birds, tmp_path / "results")
     assert [path.name for path in kept.parent.iterdir()] == [kept.name]
@@ -274,7 +274,7 @@ def test_a_finished_run_of_another_configuration_is_not_passed_off_as_finished(w
     assert "policy changed" in run_grid([other], 1, whole.results)[other]
 
 
-@pytest.mark.parametrize(("setting", "option"), [("seed=3", "--seeds"), ("stop=9", "--transitions")])
+@pytest.mark.parametrize(("setting", "option"), [("seed=3", "--seeds"), ("stop=9", "--timesteps")])
 def test_what_has_an_option_of_its_own_is_not_set(setting, option, configs, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", command(configs, tmp_path, "--experiments", "survive", "--set", setting)[1:])
     with pytest.raises(SystemExit):

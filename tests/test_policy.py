@@ -18,8 +18,10 @@ cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no 
 
 def weights_after_an_update(layout: str, device: str, *, autograd: bool) -> dict[str, np.ndarray]:
     """Return the weights of all policies after a rollout of Ferry, played in this process, and its update."""
-    shared = PolicyConfig(hidden=[16], rollout=20, horizon=20, minibatch=16, epochs=2, autograd=autograd)
-    config = Config(game="ferry", layout=layout, arenas=ARENAS, device=device, policy=shared)
+    shared = PolicyConfig(
+        hidden_sizes=[16], rollout_steps=20, time_horizon=20, minibatch_size=16, epochs=2, autograd=autograd
+    )
+    config = Config(game="ferry", layout=layout, arenas=ARENAS, accelerator=device, policy=shared)
     session = Session(load_games())
     started = session.answer(pb.PlayRequest(start=pb.Start(game="ferry", arenas=ARENAS))).started
     codecs = [Codec(behavior, ARENAS) for behavior in started.spec.behaviors]
@@ -34,7 +36,7 @@ def weights_after_an_update(layout: str, device: str, *, autograd: bool) -> dict
     )
     for policy in policies:
         policy.begin(steps)
-    for _ in range(shared.rollout):
+    for _ in range(shared.rollout_steps):
         for policy in policies:
             policy.act(steps, acts)
         request = pb.PlayRequest(act=pb.Act(behaviors=[pack_act(act) for act in acts]))
@@ -65,4 +67,4 @@ def test_autograd_learns_on_any_device_what_the_closed_form_does(layout, device)
 def test_a_device_that_is_not_there_is_refused_by_its_name():
     spec = load_games()["ferry"].describe({})
     with pytest.raises(ConfigError, match="device is cuda, but torch finds no such device"):
-        make_policies(Config(game="ferry", device="cuda"), spec, ARENAS)
+        make_policies(Config(game="ferry", accelerator="cuda"), spec, ARENAS)

@@ -46,12 +46,12 @@ def write_run(folder: Path, length: str, name: str, rewards: Sequence[float], **
     """Write the metrics of a run: a reward per mark, and other figures that never change."""
     path = folder / length / f"{name}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
-    columns = {"episodes": 150.0, "length": 1000.0, "click_accuracy": 0.9, "transitions_per_second": 30_000.0} | more
+    columns = {"episodes": 150.0, "length": 1000.0, "click_accuracy": 0.9, "timesteps_per_second": 30_000.0} | more
     with path.open("w", newline="") as file:
-        table = csv.DictWriter(file, ["transitions", "reward", *columns])
+        table = csv.DictWriter(file, ["timesteps", "reward", *columns])
         table.writeheader()
         for number, reward in enumerate(rewards, 1):
-            table.writerow({"transitions": f"{number * MARK + 24:.6g}", "reward": reward, **columns})
+            table.writerow({"timesteps": f"{number * MARK + 24:.6g}", "reward": reward, **columns})
 
 
 def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPLETE, **more: float) -> Results:
@@ -59,7 +59,7 @@ def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPL
     results = {}
     for layout, values in rewards.items():
         key = (game, layout, "buttons" if layout == "multiagent" else "")
-        figures = {"click_accuracy": 0.9, "transitions_per_second": 30_000.0} | more
+        figures = {"click_accuracy": 0.9, "timesteps_per_second": 30_000.0} | more
         runs = [Run(seed, {mark: {"reward": value, **figures}}) for seed, value in enumerate(values)]
         results[key] = Experiment(*key, tuple(runs), tuple(runs))
     return results
@@ -106,7 +106,7 @@ def test_the_two_agents_are_told_apart_and_rounded_transitions_find_their_mark(t
 
 def test_runs_alone_count_for_speed_and_for_nothing_else(tmp_path):
     write_run(tmp_path, "3M", "beastly_rivals/multiagent-s0-axes", [1.0] * 10)
-    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/multiagent-s0-axes", [2.0] * 2, transitions_per_second=40_000)
+    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/multiagent-s0-axes", [2.0] * 2, timesteps_per_second=40_000)
     write_run(tmp_path / "alone", "0.6M", "beastly_rivals/hybrid-s0", [2.0] * 2)
     ((key, axes),) = read_results(tmp_path).items()
     assert key == ("beastly_rivals", "multiagent", "axes")
@@ -295,9 +295,9 @@ def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
     results = made_up("shooting_birds", {"bucket-11": [1.0, 1.0]}, EARLY)
     slow = claim("The two agents cost extra", "shooting_birds")
     assert slow.judge(results, {}).word == UNTESTED
-    once = made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, transitions_per_second=speed)
+    once = made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, timesteps_per_second=speed)
     assert slow.judge(results | once, {}).word == UNTESTED
-    results |= made_up("shooting_birds", {"multiagent": [1.0, 1.0]}, EARLY, transitions_per_second=speed)
+    results |= made_up("shooting_birds", {"multiagent": [1.0, 1.0]}, EARLY, timesteps_per_second=speed)
     verdict = slow.judge(results, {})
     assert verdict.word == word
     assert extra in verdict.evidence
@@ -305,7 +305,7 @@ def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
 
 def made_alone(layout: str, speeds: Sequence[float]) -> Results:
     """Return results with a run alone per turn."""
-    runs = [Run(turn, {MARK: {"reward": 1.0, "transitions_per_second": speed}}) for turn, speed in enumerate(speeds)]
+    runs = [Run(turn, {MARK: {"reward": 1.0, "timesteps_per_second": speed}}) for turn, speed in enumerate(speeds)]
     key = ("shooting_birds", layout, main_policy(layout))
     return {key: Experiment(*key, (), tuple(runs))}
 
@@ -324,7 +324,7 @@ def policy(**more: object) -> dict[str, object]:
     return {
         "lap_radius": [[seconds, 6.0 if seconds < 120 else 4.0] for seconds in range(0, 240, 10)],
         "blinks_per_episode": 0.5, "survival_seconds": 210.0, "slow_share": 0.12, "slow_share_by_chance": 0.13,
-        "transitions": COMPLETE + 75,
+        "timesteps": COMPLETE + 75,
     } | more  # fmt: skip
 
 
@@ -348,7 +348,7 @@ def test_behavior_holds_fails_or_differs_between_policies(text, changed):
     assert word(**{"bucket-3-s0": policy(), "threshold-0.0-s0": policy()}) == HOLDS
     assert word(**{"bucket-3-s0": policy(**changed)}) == FAILS
     assert word(**{"bucket-3-s0": policy(), "threshold-0.0-s0": policy(**changed)}) == UNDECIDED
-    assert word(**{"bucket-3-s0": policy(transitions=EARLY)}) == UNTESTED  # has not learned to behave yet
+    assert word(**{"bucket-3-s0": policy(timesteps=EARLY)}) == UNTESTED  # has not learned to behave yet
     assert word(**{"hybrid-s0": policy()}) == UNTESTED  # not an approach of the paper
 
 
@@ -372,10 +372,10 @@ def results(tmp_path_factory) -> Path:
     write_run(folder, "3M", "shooting_birds/bucket-11-s1", rising[:10])
     write_run(folder, "30M", "beastly_rivals/hybrid-s0", [80.0] * 100)
     write_run(folder, "30M", "beastly_rivals/threshold-0.0-s2", [150.0] * 100)
-    write_run(folder, "3M", "beastly_rivals/multiagent-s0-axes", [40.0] * 10, transitions_per_second=10_000.0)
-    write_run(folder, "3M", "beastly_rivals/multiagent-s0-buttons", [41.0] * 10, transitions_per_second=10_000.0)
-    write_run(folder / "alone", "0.6M", "shooting_birds/bucket-11-s0", rising[:2], transitions_per_second=40_000.0)
-    shooter = {"abs_vx": 12.5, "hits_per_level": [150.0, 151.0, 120.4], "transitions": COMPLETE}
+    write_run(folder, "3M", "beastly_rivals/multiagent-s0-axes", [40.0] * 10, timesteps_per_second=10_000.0)
+    write_run(folder, "3M", "beastly_rivals/multiagent-s0-buttons", [41.0] * 10, timesteps_per_second=10_000.0)
+    write_run(folder / "alone", "0.6M", "shooting_birds/bucket-11-s0", rising[:2], timesteps_per_second=40_000.0)
+    shooter = {"abs_vx": 12.5, "hits_per_level": [150.0, 151.0, 120.4], "timesteps": COMPLETE}
     known = {"beastly_rivals/threshold-0.0-s2": policy(), "shooting_birds/bucket-11-s0": shooter}
     (folder / "behavior.json").write_text(json.dumps(known))
     write_report(folder)
@@ -440,7 +440,7 @@ def test_the_mean_of_several_runs_must_be_nearer_than_that_of_one():
 
 def test_behavior_is_tabulated(page):
     assert "| threshold-0.0-s2 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |" in page
-    assert "| policy | abs vx | hits per level | transitions |" in page
+    assert "| policy | abs vx | hits per level | timesteps |" in page
     assert "| bucket-11-s0 | 12.5 | 150 151 120 | 30000000 |" in page
 
 

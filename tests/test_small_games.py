@@ -293,7 +293,7 @@ def test_how_a_game_ended_stays_in_sight_until_the_next_move():
 
 
 @pytest.mark.parametrize(
-    ("game", "metric", "transitions", "untrained", "trained"),
+    ("game", "metric", "timesteps", "untrained", "trained"),
     [
         ("orchard", "caught", 60_000, 0.15, 0.5),
         ("marble", "inside", 75_000, 0.1, 0.4),
@@ -301,7 +301,7 @@ def test_how_a_game_ended_stays_in_sight_until_the_next_move():
         ("noughts", "sound", 100_000, 0.65, 0.75),
     ],
 )
-def test_each_is_learned_as_configured(game, metric, transitions, untrained, trained, simulator, tmp_path):
+def test_each_is_learned_as_configured(game, metric, timesteps, untrained, trained, simulator, tmp_path):
     def score(name, *overrides):
         config = load_config(Path(__file__).parents[1] / f"configs/{game}/hybrid.yaml", overrides)
         train(config, tmp_path / name, [simulator], resume=False, report=lambda *_: None)
@@ -310,4 +310,4 @@ def test_each_is_learned_as_configured(game, metric, transitions, untrained, tra
         return means[metric]
 
     assert score("untrained", "stop=1", "policy.learning_rate=1e-9") < untrained
-    assert score("trained", f"transitions={transitions}") > trained
+    assert score("trained", f"total_timesteps={timesteps}") > trained

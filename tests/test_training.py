@@ -17,7 +17,13 @@ from joybridge.trainer.pipeline import share_out
 from joybridge.trainer.wire.launch import simulator_process
 
 CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.yaml"
-SMALL = ["arenas=4", "policy.rollout=20", "policy.minibatch=40", "summary=400", "checkpoint=400"]
+SMALL = [
+    "arenas=4",
+    "policy.rollout_steps=20",
+    "policy.minibatch_size=40",
+    "log_interval=400",
+    "checkpoint_interval=400",
+]
 
 
 def command(run: Path, *more: str, config: Path = CONFIG) -> list[str]:
@@ -58,14 +64,14 @@ def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
         "config.yaml", "metrics-hunter.csv", "tensorboard", "checkpoints",
     }  # fmt: skip
     rows = read_rows(whole / "metrics-hunter.csv")
-    assert [row["transitions"] for row in rows] == [400, 800, 1200, 1600]
+    assert [row["timesteps"] for row in rows] == [400, 800, 1200, 1600]
     for row in rows:
         assert all(row[activity] > 0 for activity in ("simulate", "wire", "act", "learn"))
         assert row["simulate"] + row["wire"] + row["act"] + row["learn"] <= 1.01
         assert 4.0 < row["entropy"] <= np.log(11 * 11 * 3)  # of a policy that has hardly begun
-        assert row["transitions_per_second"] > 0
+        assert row["timesteps_per_second"] > 0
     assert list((whole / "tensorboard" / "hunter").glob("events*"))
-    assert load_checkpoint(whole)[1]["transitions"] == 1920
+    assert load_checkpoint(whole)[1]["timesteps"] == 1920
 
 
 def test_the_same_seed_gives_the_same_weights_bit_for_bit_with_a_simulator_of_its_own(whole, tmp_path):
@@ -106,7 +112,7 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
         both = ["--simulator", address, "--simulator", other]
         assert train(run, *SMALL, "stop=1900", "--resume", *both).returncode == 0
     assert_same(weights(run), weights(whole))
-    figures = [{k: v for k, v in r.items() if k in ("transitions", "value", "entropy", "policy_loss")}
+    figures = [{k: v for k, v in r.items() if k in ("timesteps", "value", "entropy", "policy_loss")}
                for path in (run, whole) for r in read_rows(path / "metrics-hunter.csv")]  # fmt: skip
     assert len(figures) == 8
     assert figures[:4] == figures[4:]
@@ -136,7 +142,7 @@ def start_and_wait_for_a_row(run: Path, *more: str) -> subprocess.Popen[str]:
 
 def resume_and_compare(run: Path, tmp_path: Path, address: str) -> None:
     """Resume a run that was cut off; it must end like one that was not."""
-    done = load_checkpoint(run)[1]["transitions"]
+    done = load_checkpoint(run)[1]["timesteps"]
     end = f"stop={done + 300}"
     assert train(run, *SMALL, end, "--resume", "--simulator", address).returncode == 0
     assert train(tmp_path / "straight", *SMALL, end, "--simulator", address).returncode == 0
@@ -201,13 +207,13 @@ def test_a_killed_trainer_takes_its_simulator_with_it(tmp_path):
         (["parameters.wind=9"], "unknown parameter 'wind'"),
         (["layout=bukket-11"], "unknown layout 'bukket-11'"),
         (["policy.sensors=[gnu]"], "hunter: sensors: the game has no 'gnu'; it has gun, crosshair"),
-        (["policy.channels={hits: 1}"], "hunter: channels: the game has no 'hits'"),
+        (["policy.reward_weights={hits: 1}"], "hunter: reward_weights: the game has no 'hits'"),
         (["policies.hnter.epochs=1"], "there is no policy 'hnter'; this game and layout have hunter"),
         (["arenas=99999", "groups=1"], "arenas is 99999, expected 1..4096"),
         (["epocs=3"], "unknown key 'epocs'"),
         (["layout=bucket-²"], "unknown layout 'bucket-²'"),
-        (["policy.hidden=[0]"], "policy.hidden.0: got 0"),
-        (["policy.hidden=[100"], "override 'policy.hidden=[100': '[100' is not YAML"),
+        (["policy.hidden_sizes=[0]"], "policy.hidden_sizes.0: got 0"),
+        (["policy.hidden_sizes=[100"], "override 'policy.hidden_sizes=[100': '[100' is not YAML"),
         (["policy.sensors=[]"], "policy.sensors: got []"),
     ],
 )
@@ -278,12 +284,12 @@ def test_a_recording_is_a_video_of_the_length_asked_for(whole, address, tmp_path
 def test_multiagent_trains_two_policies_with_their_own_rollouts_on_the_same_lanes(address, tmp_path):
     run = tmp_path / "run"
     config = CONFIG.with_name("multiagent.yaml")
-    small = ["arenas=4", "policy.rollout=20", "policies.axes.rollout=40", "summary=800"]
+    small = ["arenas=4", "policy.rollout_steps=20", "policies.axes.rollout_steps=40", "log_interval=800"]
     result = train(run, *small, "stop=1600", "--simulator", address, config=config)
     assert result.returncode == 0, result.stderr
     arrays = weights(run)
     assert int(arrays["axes/policy/rollouts"]) * 2 == int(arrays["buttons/policy/rollouts"]) == 20
     rows = {name: read_rows(run / f"metrics-{name}.csv") for name in ("axes", "buttons")}
-    assert [row["transitions"] for row in rows["axes"]] == [row["transitions"] for row in rows["buttons"]]
+    assert [row["timesteps"] for row in rows["axes"]] == [row["timesteps"] for row in rows["buttons"]]
     assert arrays["axes/policy/observations"].shape == (4, 3 * 42)
     assert arrays["buttons/policy/observations"].shape == (4, 3 * 44)

@@ -160,8 +160,8 @@ def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, 
     config = run_config(run)
     if config.game not in GAMES:
         raise ConfigError(f"{run} plays {config.game}; behavior is measured in {' and '.join(GAMES)}")
-    trace, transitions = play(run, address, episodes=episodes, seed=seed)
-    measures = GAMES[config.game](trace) | {"transitions": transitions, "episodes": int(trace.ended.sum())}
+    trace, timesteps = play(run, address, episodes=episodes, seed=seed)
+    measures = GAMES[config.game](trace) | {"timesteps": timesteps, "episodes": int(trace.ended.sum())}
     return f"{config.game}/{run.resolve().name.removeprefix(f'{config.game}-')}", measures
 
 
@@ -175,7 +175,10 @@ def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, i
     spec = describe(address, config.game, config.options)
     choices = balanced_choices(config, spec)
     arenas = math.ceil(episodes / len(choices)) * len(choices)
-    options = [config.options | ({config.balance: choice} if config.balance and choice else {}) for choice in choices]
+    options = [
+        config.options | ({config.evaluate_over: choice} if config.evaluate_over and choice else {})
+        for choice in choices
+    ]
     behavior, decisions = spec.behaviors[0], spec.max_episode_decisions
     shape = (decisions, arenas)
     trace = Trace(
@@ -203,7 +206,7 @@ def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, i
                 _fill(trace.metrics.values(), (t, trace.ended[t]), steps[0].metrics.T)
     finally:
         simulators.close()
-    return trace, players.transitions
+    return trace, players.timesteps
 
 
 def _fill(arrays: Iterable[Array], index: Any, columns: Iterable[Array]) -> None:
@@ -217,10 +220,10 @@ def add_measures(path: Path, name: str, measures: Measures) -> dict[str, Measure
     Raises ValueError where the file is not JSON.
     """
     known: dict[str, Measures] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    if name not in known or known[name]["transitions"] <= measures["transitions"]:
+    if name not in known or known[name]["timesteps"] <= measures["timesteps"]:
         known[name] = measures
     else:
-        print(f"{name}: kept as it was, after {known[name]['transitions']:,} transitions", file=sys.stderr)
+        print(f"{name}: kept as it was, after {known[name]['timesteps']:,} timesteps", file=sys.stderr)
     lines = [f"{json.dumps(key)}: {json.dumps(known[key])}" for key in sorted(known)]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
@@ -269,9 +272,9 @@ def _longest(known: dict[str, Measures], game: str) -> dict[str, list[Measures]]
     for name, entry in known.items():
         if name.startswith(f"{game}/"):
             layouts.setdefault(re.sub(r"-s\d+$", "", name.removeprefix(f"{game}/")), []).append(entry)
-    ends = {layout: max(entry["transitions"] for entry in entries) for layout, entries in layouts.items()}
+    ends = {layout: max(entry["timesteps"] for entry in entries) for layout, entries in layouts.items()}
     return {
-        f"{name}, {ends[name] / 1e6:.2g} M": [entry for entry in layouts[name] if entry["transitions"] == ends[name]]
+        f"{name}, {ends[name] / 1e6:.2g} M": [entry for entry in layouts[name] if entry["timesteps"] == ends[name]]
         for name in sorted(layouts, key=_by_size)
     }
 

@@ -229,13 +229,13 @@ def _device() -> pb.Device:
     ).behaviors[0].device  # fmt: skip
 
 
-def bench_train(transitions: int = 1_500_000) -> Figures:
+def bench_train(timesteps: int = 1_500_000) -> Figures:
     """Transitions per second of whole training runs, simulator in its own process."""
     figures: Figures = {}
     for experiment in ("shooting_birds/bucket-11", "beastly_rivals/bucket-3"):
         rates: list[float] = []
         shares: list[dict[str, float]] = []
-        config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop={transitions}", "summary=150000"])
+        config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop={timesteps}", "log_interval=150000"])
         with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
 
             def report(
@@ -243,12 +243,12 @@ def bench_train(transitions: int = 1_500_000) -> Figures:
                 rates: list[float] = rates, shares: list[dict[str, float]] = shares,
             ) -> None:  # fmt: skip
                 if row is not None:
-                    rates.append(row["transitions_per_second"])
+                    rates.append(row["timesteps_per_second"])
                     shares.append(row)
 
             train(config, Path(folder) / "run", [address], resume=False, report=report)
         rates = rates[1:]
-        figures[f"{experiment}, transitions/s"] = {
+        figures[f"{experiment}, timesteps/s"] = {
             "median": statistics.median(rates), "low": min(rates), "high": max(rates)
         }  # fmt: skip
         for activity in ("simulate", "wire", "act", "learn"):
@@ -257,7 +257,7 @@ def bench_train(transitions: int = 1_500_000) -> Figures:
     return figures
 
 
-def bench_start(transitions: int = 1_500_000) -> Figures:
+def bench_start(timesteps: int = 1_500_000) -> Figures:
     """Seconds that a simulator and a run take to begin; memory of both in MB."""
     figures: Figures = {}
     experiment = CONFIGS / "shooting_birds" / "bucket-11.yaml"
@@ -280,7 +280,7 @@ def bench_start(transitions: int = 1_500_000) -> Figures:
             command = [sys.executable, "-m", "joybridge.trainer", "train", str(experiment), "--run", f"{folder}/run"]
             begin = time.perf_counter()
             silence = subprocess.DEVNULL
-            with subprocess.Popen([*command, "summary=4425"], stdout=silence, stderr=silence) as process:
+            with subprocess.Popen([*command, "log_interval=4425"], stdout=silence, stderr=silence) as process:
                 while process.poll() is None and not list(Path(folder).glob("run/metrics-*.csv")):
                     time.sleep(0.01)
                 seconds = time.perf_counter() - begin
@@ -294,7 +294,7 @@ def bench_start(transitions: int = 1_500_000) -> Figures:
     figures["first update of a run, s"] = {
         "median": statistics.median(updates), "low": min(updates), "high": max(updates)
     }  # fmt: skip
-    config = load_config(experiment, [f"stop={transitions}", "summary=150000"])
+    config = load_config(experiment, [f"stop={timesteps}", "log_interval=150000"])
     with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
         simulator, *_ = _children()
         held: dict[str, list[float]] = {"trainer": [], "simulator": []}
@@ -332,8 +332,8 @@ def bench_peers() -> Figures:
     from tools.sb3_example import make_model
 
     figures = bench_train(450_000)
-    ours = figures["shooting_birds/bucket-11, transitions/s"]["median"]
-    figures = {"Joybridge, trained, transitions/s": figures["shooting_birds/bucket-11, transitions/s"]}
+    ours = figures["shooting_birds/bucket-11, timesteps/s"]["median"]
+    figures = {"Joybridge, trained, timesteps/s": figures["shooting_birds/bucket-11, timesteps/s"]}
     for arenas in (15, 75):
         envs = BridgeVectorEnv("shooting_birds", arenas)
         model = make_model(envs, 0)
@@ -347,7 +347,7 @@ def bench_peers() -> Figures:
         rates = rates[1:]
         name = f"Stable-Baselines3 PPO, {arenas} arenas"
         median = statistics.median(rates)
-        figures[f"{name}, trained, transitions/s"] = {"median": median, "low": min(rates), "high": max(rates)}
+        figures[f"{name}, trained, timesteps/s"] = {"median": median, "low": min(rates), "high": max(rates)}
         figures[f"Joybridge / {name}"] = {"median": ours / median, "low": ours / max(rates), "high": ours / min(rates)}
     with simulator_process() as address:
         makers = [partial(BridgeEnv, "shooting_birds", simulator=address) for _ in range(4)]

@@ -249,7 +249,7 @@ def _trained(behavior: Behavior) -> dict[str, Mapping[str, Any]]:
 
 
 def _complete(policy: Mapping[str, Any]) -> bool:
-    return int(policy["transitions"]) >= COMPLETE
+    return int(policy["timesteps"]) >= COMPLETE
 
 
 def _judge_shown(shown: Shown) -> Verdict:

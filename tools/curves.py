@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def plot(runs: list[Path], output: Path) -> None:
-    """Draw reward, and click accuracy or episode length, over transitions for every policy of every run."""
+    """Draw reward, and click accuracy or episode length, over timesteps for every policy of every run."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     second = ""
     for run in runs:
@@ -42,12 +42,12 @@ def plot(runs: list[Path], output: Path) -> None:
             policy = path.stem.removeprefix("metrics-")
             label = f"{config.game} {config.layout}" + (f" {policy}" if config.layout == "multiagent" else "")
             second = "click_accuracy" if "click_accuracy" in rows[0] else "length"
-            millions = [row["transitions"] / 1e6 for row in rows]
+            millions = [row["timesteps"] / 1e6 for row in rows]
             (line,) = left.plot(millions, [row["reward"] for row in rows], label=label)
             right.plot(millions, [row[second] for row in rows], color=line.get_color())
             _add_original(left, config, policy, rows, line.get_color())
-    left.set(title="Reward per episode", xlabel="million transitions")
-    right.set(title=PERCENT.get(second, "episode length").capitalize(), xlabel="million transitions")
+    left.set(title="Reward per episode", xlabel="million timesteps")
+    right.set(title=PERCENT.get(second, "episode length").capitalize(), xlabel="million timesteps")
     if second in PERCENT:
         right.set_ylim(0, 1.02)
         right.yaxis.set_major_formatter(mpl.ticker.PercentFormatter(1.0))
@@ -62,11 +62,11 @@ def plot(runs: list[Path], output: Path) -> None:
 
 def _add_original(axes: Axes, config: Config, policy: str, rows: list[Row], colour: str) -> None:
     """Draw the original's mean and two standard deviations at the steps that the run has reached."""
-    end = rows[-1]["transitions"]
-    points = [p for p in original_curve(config.game, config.layout, policy) if p.transitions <= 1.05 * end]
+    end = rows[-1]["timesteps"]
+    points = [p for p in original_curve(config.game, config.layout, policy) if p.timesteps <= 1.05 * end]
     if points:
         axes.errorbar(
-            [p.transitions / 1e6 for p in points],
+            [p.timesteps / 1e6 for p in points],
             [p.reward for p in points],
             [2 * p.reward_std for p in points],
             fmt="o", markersize=4, capsize=2, color=colour, alpha=0.6, label="the original, ten runs ± 2 sd",

@@ -11,19 +11,19 @@ from pathlib import Path
 from tools.curves import plot
 
 CONFIG = Path("configs/shooting_birds/bucket-11.yaml")
-TRANSITIONS = 3_000_000
+TIMESTEPS = 3_000_000
 
 
 def main() -> int:
     """Run the demonstration and return its exit status."""
     parser = argparse.ArgumentParser(description="Train on Shooting Birds for a few minutes and show the result.")
-    parser.add_argument("--transitions", type=int, default=TRANSITIONS, help="default %(default)s")
+    parser.add_argument("--timesteps", type=int, default=TIMESTEPS, help="default %(default)s")
     parser.add_argument("--run", type=Path, default=Path("runs/demo"), help="default %(default)s")
     options = parser.parse_args()
     run, video, picture = options.run, options.run / "play.mp4", options.run / "curves.png"
     resume = ["--resume"] if (run / "checkpoints").exists() else []
     commands = (
-        ["train", str(CONFIG), "--run", str(run), f"stop={options.transitions}", *resume],
+        ["train", str(CONFIG), "--run", str(run), f"stop={options.timesteps}", *resume],
         ["evaluate", str(run), "--episodes", "70"],
         ["record", str(run), str(video), "--seconds", "40"],
     )

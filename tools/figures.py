@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 from PIL import Image
 
-from tools.original import TRANSITIONS_PER_STEP, original_curve, original_ends, paper_figures
+from tools.original import TIMESTEPS_PER_STEP, original_curve, original_ends, paper_figures
 from tools.results import COMPLETE, GAMES, LAYOUTS, MARK, Experiment, Results, main_policy
 
 TITLES = {"shooting_birds": "Shooting Birds", "beastly_rivals": "Beastly Rivals"}
@@ -58,7 +58,7 @@ def draw_figures(results: Results, folder: Path) -> list[Path]:
 
 
 def _draw_curves(results: Results, layouts: Mapping[str, tuple[str, ...]], path: Path) -> Path:
-    """Draw reward and a second figure of some layouts of each game over transitions."""
+    """Draw reward and a second figure of some layouts of each game over timesteps."""
     figure, panels = plt.subplots(2, 2, figsize=(11, 7.4), layout="constrained", sharex=True)
     for row, (game, chosen) in zip(panels, layouts.items(), strict=True):
         for axes, key in zip(row, ("reward", SECOND[game]), strict=True):
@@ -71,7 +71,7 @@ def _draw_curves(results: Results, layouts: Mapping[str, tuple[str, ...]], path:
     for axes in panels[0]:
         _add_steps(axes)
     for axes in panels[1]:
-        axes.set_xlabel("million transitions")
+        axes.set_xlabel("million timesteps")
     grey = "#555555"
     figure.legend(
         handles=[
@@ -90,7 +90,7 @@ def _add_original(axes: Axes, game: str, layout: str, key: str) -> None:
     """Draw the original's mean and two standard deviations, and the end that the paper prints."""
     points, colour = original_curve(game, layout, main_policy(layout)), COLOURS[layout]
     if points and key != "click_accuracy":  # of which there are no logs
-        millions = [point.transitions / 1e6 for point in points]
+        millions = [point.timesteps / 1e6 for point in points]
         means = np.array([getattr(point, key) for point in points])
         band = 2 * np.array([getattr(point, f"{key}_std") for point in points])
         axes.plot(millions, means, color=colour, lw=1.1, ls="--")
@@ -111,7 +111,7 @@ def _add_ours(axes: Axes, experiment: Experiment, key: str) -> None:
 
 
 def _set_axes(axes: Axes, game: str, key: str) -> None:
-    """Name and scale the axes; transitions on a logarithmic scale, as most runs are short."""
+    """Name and scale the axes; timesteps on a logarithmic scale, as most runs are short."""
     axes.set_xscale("log")
     axes.set_xlim(MARK / 1e6, COMPLETE / 1e6)
     axes.xaxis.set_major_locator(FixedLocator([0.3, 1, 3, 10, 30]))
@@ -125,7 +125,7 @@ def _set_axes(axes: Axes, game: str, key: str) -> None:
 
 def _add_steps(axes: Axes) -> None:
     """Add the original's steps as a second axis on top."""
-    millions = TRANSITIONS_PER_STEP / 1e6  # of transitions in a step
+    millions = TIMESTEPS_PER_STEP / 1e6  # of timesteps in a step
     top = axes.secondary_xaxis("top", functions=(lambda x: np.divide(x, millions), lambda x: np.multiply(x, millions)))
     top.xaxis.set_major_locator(FixedLocator([2e4, 1e5, 2e5, 5e5, 1e6, 2e6]))
     top.xaxis.set_minor_locator(NullLocator())

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tools.verdicts import Sample
 
-TRANSITIONS_PER_STEP = 15
+TIMESTEPS_PER_STEP = 15
 RUNS = 10  # of each experiment
 
 
@@ -21,7 +21,7 @@ RUNS = 10  # of each experiment
 class Point:
     """Mean and standard deviation over the original's ten runs, at one step of an experiment."""
 
-    transitions: int
+    timesteps: int
     reward: float
     reward_std: float
     length: float
@@ -51,17 +51,17 @@ def original_curve(game: str, layout: str, policy: str = "") -> tuple[Point, ...
     """
     return tuple(
         Point(
-            int(row["step"]) * TRANSITIONS_PER_STEP,
+            int(row["step"]) * TIMESTEPS_PER_STEP,
             *(float(row[name]) for name in ("reward", "reward_std", "length", "length_std")),
         )
         for row in _table("original.csv", game, layout, policy)
     )
 
 
-def original_point(game: str, layout: str, policy: str, transitions: int) -> Point | None:
-    """Return the original's figures at a number of transitions, or None where it has none."""
+def original_point(game: str, layout: str, policy: str, timesteps: int) -> Point | None:
+    """Return the original's figures at a number of timesteps, or None where it has none."""
     points = original_curve(game, layout, policy)
-    return next((point for point in points if point.transitions == transitions), None)
+    return next((point for point in points if point.timesteps == timesteps), None)
 
 
 @cache

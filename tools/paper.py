@@ -1,7 +1,7 @@
 """The experiments of the paper: run any part of the grid, and set it beside the original's.
 
-python tools/paper.py run --results mine                     all experiments, seed 0, 3 M transitions each
-python tools/paper.py run --results mine --experiments shooting_birds/bucket-11 --seeds 0 1 2 --transitions 30000000
+python tools/paper.py run --results mine                     all experiments, seed 0, 3 M timesteps each
+python tools/paper.py run --results mine --experiments shooting_birds/bucket-11 --seeds 0 1 2 --timesteps 30000000
 python tools/paper.py run --results mine --jobs 2 --set groups=1    two at a time, with some key of all configurations
 python tools/paper.py run --results mine --backend ray       on a Ray cluster; without --address a local one
 python tools/paper.py report --results mine                  a page and its figures, from what has finished
@@ -35,7 +35,7 @@ def main() -> int:
         "--experiments", nargs="+", default=EXPERIMENTS, help="paths under --configs; default the paper's and hybrid"
     )
     run.add_argument("--seeds", nargs="+", type=int, default=[0], help="default 0")
-    run.add_argument("--transitions", type=int, default=3_000_000, help="of each run; default %(default)s")
+    run.add_argument("--timesteps", type=int, default=3_000_000, help="of each run; default %(default)s")
     run.add_argument(
         "--jobs", type=int, help="runs at a time; one keeps two cores busy; default 1, on a cluster all it can"
     )
@@ -55,11 +55,11 @@ def main() -> int:
     if options.command == "report":
         print(write_report(options.results))
         return 0
-    for key, option in {"seed": "--seeds", "stop": "--transitions"}.items():
+    for key, option in {"seed": "--seeds", "stop": "--timesteps"}.items():
         if any(text.split("=")[0] == key for text in options.set):
             parser.error(f"--set {key}=…: give {option} instead")
     jobs = [
-        Job(experiment, seed, options.transitions, options.configs, options.runs, tuple(options.set))
+        Job(experiment, seed, options.timesteps, options.configs, options.runs, tuple(options.set))
         for seed in options.seeds
         for experiment in options.experiments
     ]

@@ -7,7 +7,7 @@ from statistics import mean, stdev
 
 from tools.claims import Behavior, make_claims
 from tools.figures import TITLES, draw_figures
-from tools.original import TRANSITIONS_PER_STEP, original_ends, original_point, paper_figures
+from tools.original import TIMESTEPS_PER_STEP, original_ends, original_point, paper_figures
 from tools.results import (
     COMPLETE,
     MARK,
@@ -21,7 +21,7 @@ from tools.results import (
 )
 from tools.verdicts import FAILS, HOLDS, differ, sample
 
-MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # transitions that the last table compares at
+MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # timesteps that the last table compares at
 LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
 COURSES = ("lap_radius",)  # behavior over time, which only a plot can show
 CAPTIONS = {
@@ -37,14 +37,14 @@ Written by `python -m tools.paper report` from the metrics in the folders beside
 length of their runs; of several lengths of one run the longest counts. Runs of one seed whose first rows differ
 count as different runs: with another number of `groups` (a setting of the trainer), for one, everything is rounded
 differently. The original's figures are from its logs of ten runs per experiment; its click accuracies were only
-printed in the paper. Reward is the mean over the episodes of the 300 000 transitions (20 000 steps of the original)
+printed in the paper. Reward is the mean over the episodes of the 300 000 timesteps (20 000 steps of the original)
 before each mark, as in its logs. The reward of the two agents is that of the one that clicks, as in the paper."""
 COMPLETE_RUNS = """\
-Each run of 30 M transitions, and the original's mean ± two standard deviations of its ten runs at the same number of
-transitions. Hours are wall-clock, on a machine that did other work as well."""
+Each run of 30 M timesteps, and the original's mean ± two standard deviations of its ten runs at the same number of
+timesteps. Hours are wall-clock, on a machine that did other work as well."""
 FIGURES = """\
 Where runs are of different lengths, the mean is over those that got there, and the line breaks where they get fewer.
-Time is on logarithmic scales. Our times in figure 14 are what 30 M transitions take at the speed of short runs that had
+Time is on logarithmic scales. Our times in figure 14 are what 30 M timesteps take at the speed of short runs that had
 the machine to themselves, one at a time and in turns (those in `alone/`)."""
 RULES = """\
 Every test is at the 5 % level. Scores are compared by Welch's t test, the scatter of our runs pooled with that of
@@ -162,8 +162,8 @@ def behaviors(behavior: Behavior, results: Path) -> list[str]:
 def every_experiment(results: Results) -> str:
     """Return a table of every experiment at the ends of its runs."""
     heads = (
-        "experiment", "transitions", "runs", "reward", "IQM", "accuracy or length", "hours per run",
-        "transitions/s alone",
+        "experiment", "timesteps", "runs", "reward", "IQM", "accuracy or length", "hours per run",
+        "timesteps/s alone",
         "logs: reward", "logs: IQM", "logs: length", "paper: reward", "paper: accuracy or length", "paper: hours",
     )  # fmt: skip
     return _table(
@@ -206,7 +206,7 @@ def by_marks(results: Results) -> list[str]:
     for game, title in TITLES.items():
         experiments = [experiment for experiment in results.values() if experiment.game == game]
         marks = [mark for mark in MARKS if any(experiment.at(mark) for experiment in experiments)]
-        heads = [f"{mark / 1e6:g} M ({mark // TRANSITIONS_PER_STEP // 1000} k steps)" for mark in marks]
+        heads = [f"{mark / 1e6:g} M ({mark // TIMESTEPS_PER_STEP // 1000} k steps)" for mark in marks]
         rows = [(each.name, *(_mark_cell(each, mark) for mark in marks)) for each in experiments]
         blocks += [f"{title}:", _table(("experiment", *heads), rows)]
     return blocks

@@ -10,8 +10,8 @@ from scipy.stats import bootstrap, trim_mean
 
 from joybridge.trainer.metrics import Row, read_rows
 
-MARK = 300_000  # transitions between two rows of metrics: 20 000 of the original's steps
-COMPLETE = 30_000_000  # transitions of a complete run
+MARK = 300_000  # timesteps between two rows of metrics: 20 000 of the original's steps
+COMPLETE = 30_000_000  # timesteps of a complete run
 POLICIES = ("axes", "buttons")  # the two agents of multiagent
 GAMES = ("shooting_birds", "beastly_rivals")
 LAYOUTS = (
@@ -24,7 +24,7 @@ class Run:
     """The metrics of one policy of one run."""
 
     seed: int
-    rows: dict[int, Row]  # by mark: a multiple of MARK transitions, to which each row belongs
+    rows: dict[int, Row]  # by mark: a multiple of MARK timesteps, to which each row belongs
 
     @property
     def end(self) -> int:
@@ -34,7 +34,7 @@ class Run:
     @cached_property
     def hours(self) -> float:
         """Return the wall-clock time of its rows."""
-        return sum(MARK / row["transitions_per_second"] for row in self.rows.values()) / 3600
+        return sum(MARK / row["timesteps_per_second"] for row in self.rows.values()) / 3600
 
     @property
     def complete_hours(self) -> float:
@@ -94,7 +94,7 @@ def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
         if policy not in POLICIES:
             stem, policy = path.stem, ""
         layout, _, seed = stem.rpartition("-s")
-        rows = {round(row["transitions"] / MARK) * MARK: row for row in read_rows(path) if "reward" in row}
+        rows = {round(row["timesteps"] / MARK) * MARK: row for row in read_rows(path) if "reward" in row}
         runs = longest.setdefault((path.parent.name, layout, policy), {})
         if rows:
             run, beginning = Run(int(seed), rows), (int(seed), rows[min(rows)]["reward"])

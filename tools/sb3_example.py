@@ -1,6 +1,6 @@
 """Stable-Baselines3's PPO learns Shooting Birds: another library's learner on the same simulator.
 
-python -m tools.sb3_example --transitions 200000 --arenas 15
+python -m tools.sb3_example --timesteps 200000 --arenas 15
 """
 
 import argparse
@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 from joybridge.contract.tensors import Array
 from joybridge.gym import BridgeVectorEnv
 
-STRETCH = 20_000  # transitions between two lines
+STRETCH = 20_000  # timesteps between two lines
 
 
 class BridgeVecEnv(VecEnv):
@@ -72,7 +72,7 @@ class BridgeVecEnv(VecEnv):
 
 
 class Report(BaseCallback):
-    """Prints what each stretch of transitions paid, and the speed so far."""
+    """Prints what each stretch of timesteps paid, and the speed so far."""
 
     def __init__(self, episode: int) -> None:
         """Report rewards per `episode` decisions."""
@@ -87,9 +87,7 @@ class Report(BaseCallback):
         if self.num_timesteps - self.told >= STRETCH:
             reward = self.paid / (self.num_timesteps - self.told) * self.episode
             speed = self.num_timesteps / (time.perf_counter() - self.begin)
-            print(
-                f"{self.num_timesteps:>10,} transitions  reward {reward:8.1f}  {speed:7,.0f} transitions/s", flush=True
-            )
+            print(f"{self.num_timesteps:>10,} timesteps  reward {reward:8.1f}  {speed:7,.0f} timesteps/s", flush=True)
             self.paid, self.told = 0.0, self.num_timesteps
         return True
 
@@ -106,7 +104,7 @@ def make_model(envs: BridgeVectorEnv, seed: int) -> PPO:
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description="Train Shooting Birds with Stable-Baselines3's PPO.")
-    parser.add_argument("--transitions", type=int, default=200_000, help="length of the run; default %(default)s")
+    parser.add_argument("--timesteps", type=int, default=200_000, help="length of the run; default %(default)s")
     parser.add_argument("--arenas", type=int, default=15, help="default %(default)s")
     parser.add_argument("--layout", default="bucket-11", help="without hybrid ones; default %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="of game and learner; default %(default)s")
@@ -115,7 +113,7 @@ def main() -> None:
     envs = BridgeVectorEnv("shooting_birds", options.arenas, options.layout)
     model = make_model(envs, options.seed)
     print(f"rewards are per episode of {envs.game_spec.max_episode_decisions} decisions")
-    model.learn(options.transitions, Report(envs.game_spec.max_episode_decisions))
+    model.learn(options.timesteps, Report(envs.game_spec.max_episode_decisions))
     envs.close()
 
 

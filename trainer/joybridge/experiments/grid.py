@@ -29,7 +29,7 @@ class Job:
 
     experiment: str  # a configuration's path under `configs`, without ".yaml"
     seed: int
-    transitions: int
+    timesteps: int
     configs: Path  # folder of configurations
     runs: Path  # folder of all runs
     overrides: tuple[str, ...] = ()  # of the configuration, each KEY=VALUE
@@ -50,14 +50,14 @@ class Job:
         return self.runs / f"{self.experiment}-s{self.seed}"
 
     def done(self) -> int:
-        """Return the transitions of the last row of metrics."""
+        """Return the timesteps of the last row of metrics."""
         rows = [row for path in self.run.glob("metrics-*.csv") for row in read_rows(path)[-1:]]
-        return min(self.transitions, max((int(row["transitions"]) for row in rows), default=0))
+        return min(self.timesteps, max((int(row["timesteps"]) for row in rows), default=0))
 
     def finished(self) -> bool:
         """Return whether the run has reached its end, configured as it is now."""
         try:
-            if not has_checkpoint(self.run) or load_checkpoint(self.run)[1]["transitions"] < self.transitions:
+            if not has_checkpoint(self.run) or load_checkpoint(self.run)[1]["timesteps"] < self.timesteps:
                 return False
             return not changes(load_config(self.run / "config.yaml"), load_config(self.config, self.settings()))
         except (CheckpointError, ConfigError):  # the trainer will say what is wrong with it
@@ -65,12 +65,12 @@ class Job:
 
     def kept(self, results: Path) -> list[Path]:
         """Return the files that a finished run has left in `results`, one per policy."""
-        folder = results / f"{self.transitions / 1e6:g}M"
+        folder = results / f"{self.timesteps / 1e6:g}M"
         return [path for end in ("", "-*") for path in folder.glob(f"{self.experiment}-s{self.seed}{end}.csv")]
 
     def settings(self) -> list[str]:
         """Return all that differs from the configuration."""
-        return [*self.overrides, f"seed={self.seed}", f"stop={self.transitions}"]
+        return [*self.overrides, f"seed={self.seed}", f"stop={self.timesteps}"]
 
     def command(self, config: Path, run: Path) -> list[str]:
         """Return the trainer's command that begins or goes on with the run in the folder `run`.
@@ -208,13 +208,13 @@ def keep_results(job: Job, folder: Path) -> None:
     Raises FileExistsError rather than replace another run, one of other rewards.
     """
     paths = sorted(job.run.glob("metrics-*.csv"))
-    summary = load_config(job.config, job.settings()).summary
+    summary = load_config(job.config, job.settings()).log_interval
     for path in paths:
         policy = "" if len(paths) == 1 else path.stem.removeprefix("metrics")
-        target = folder / f"{job.transitions / 1e6:g}M" / f"{job.experiment}-s{job.seed}{policy}.csv"
+        target = folder / f"{job.timesteps / 1e6:g}M" / f"{job.experiment}-s{job.seed}{policy}.csv"
         target.parent.mkdir(parents=True, exist_ok=True)
         rows = read_rows(path)
-        wanted = sum(row["transitions"] // summary <= job.transitions // summary for row in rows)
+        wanted = sum(row["timesteps"] // summary <= job.timesteps // summary for row in rows)
         fresh = target.with_suffix(".new")
         fresh.write_text("".join(path.read_text().splitlines(keepends=True)[: 1 + wanted]))  # and the head
         if target.exists() and _rewards(target) != _rewards(fresh):
@@ -240,7 +240,7 @@ class Display:
         )  # fmt: skip
         self.jobs = list(jobs)
         self.all = self.bars.add_task("all", total=None, text="")
-        self.tasks = {job: self.bars.add_task(job.name, total=job.transitions, visible=False, text="") for job in jobs}
+        self.tasks = {job: self.bars.add_task(job.name, total=job.timesteps, visible=False, text="") for job in jobs}
         self.begin, self.first = time.monotonic(), {job: job.done() for job in jobs}
         self.done = dict(self.first)
 
@@ -250,7 +250,7 @@ class Display:
             self.done[job] = job.done()
             text = f"{self.done[job] / 1e6:.1f} M"
             self.bars.update(self.tasks[job], completed=self.done[job], visible=True, text=text)
-        total = sum(job.transitions for job in self.jobs)
+        total = sum(job.timesteps for job in self.jobs)
         done = sum(self.done[job] for job in self.jobs)
         before = sum(self.first[job] for job in self.jobs)
         text = time_left(total - done, (done - before) / (time.monotonic() - self.begin))
@@ -267,9 +267,9 @@ class Display:
             self.console.print(f"{job.name}: failed: {complaint} (see {job.run / 'log.txt'})", soft_wrap=True)
 
 
-def time_left(transitions: int, speed: float) -> str:
-    """Return speed and time left, once both can be told. speed: transitions per second."""
+def time_left(timesteps: int, speed: float) -> str:
+    """Return speed and time left, once both can be told. speed: timesteps per second."""
     if speed <= 0:
         return "measuring"
-    minutes = round(transitions / speed / 60)
-    return f"{speed / 1000:.1f} k transitions/s, {minutes // 60} h {minutes % 60} min left"
+    minutes = round(timesteps / speed / 60)
+    return f"{speed / 1000:.1f} k timesteps/s, {minutes // 60} h {minutes % 60} min left"

@@ -7,7 +7,7 @@
 Importing this module registers the built-in games, for `gymnasium.make("joybridge/ShootingBirds-v0")` and
 `gymnasium.make_vec`; "joybridge.gym:joybridge/ShootingBirds-v0" names one without an import. It needs no torch.
 
-An observation is the sensors in the spec's order, flattened side by side, float32, and the last `stack` of
+An observation is the sensors in the spec's order, flattened side by side, float32, and the last `frame_stack` of
 those frames, oldest first, zeros before an episode's first. A reward is the weighted sum of the channels. The
 action space is what the layout (trainer/actions.py) gives a policy: MultiDiscrete, or a Box of -1..1 whose ends
 are the layout's clipping, or for both a Dict of the Box as "continuous" and the MultiDiscrete as "discrete".

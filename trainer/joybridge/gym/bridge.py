@@ -29,21 +29,21 @@ class Bridge:
         split: bool,
         arenas: int = 1,
         layout: str = "bucket-11",
-        stack: int = 3,
+        frame_stack: int = 3,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
         parameters: Mapping[str, float] | None = None,
         simulator: str | None = None,
-        channels: Mapping[str, Any] | None = None,
+        reward_weights: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Open the session, as BridgeVectorEnv says.
 
         split: one player per agent, not one per policy in all lanes. single: there may be one player only, and
-        `channels` are its; otherwise they are per player.
+        `reward_weights` are its; otherwise they are per player.
         """
-        if stack < 1:
-            raise ValueError(f"stack is {stack}, expected at least 1")
+        if frame_stack < 1:
+            raise ValueError(f"frame_stack is {frame_stack}, expected at least 1")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
         seed = _check_seed(seed)
@@ -53,8 +53,8 @@ class Bridge:
                 Session(address, game, arenas=arenas, seed=seed, options=options, parameters=parameters)
             )
             self.spec = self.session.spec
-            self.lanes = [Lanes(behavior, stack) for behavior in self.spec.behaviors]
-            self.players = self._make_players(layout, channels or {}, single, split)
+            self.lanes = [Lanes(behavior, frame_stack) for behavior in self.spec.behaviors]
+            self.players = self._make_players(layout, reward_weights or {}, single, split)
             self.pictures: list[Array] = []  # of all arenas after the last step
             self.drawn = self._choose_drawn(render_mode)
             self.fresh = True  # all episodes have begun and none has been played
@@ -62,7 +62,9 @@ class Bridge:
             # Called by `close`, when the environment is collected, or at the interpreter's end; once.
             self.close = weakref.finalize(self, resources.pop_all().close)
 
-    def _make_players(self, layout: str, channels: Mapping[str, Any], single: bool, split: bool) -> dict[str, Player]:
+    def _make_players(
+        self, layout: str, reward_weights: Mapping[str, Any], single: bool, split: bool
+    ) -> dict[str, Player]:
         """Return the players by name. Raises ValueError."""
         planned = {}
         for lanes in self.lanes:
@@ -78,12 +80,14 @@ class Bridge:
                 f"{self.spec.name} with layout {layout!r} is played by {len(planned)} ({', '.join(planned)}) and this "
                 "environment is for one; use joybridge.gym.BridgeParallelEnv"
             )
-        for name in () if single else channels:
+        for name in () if single else reward_weights:
             if name not in planned:
-                raise ValueError(f"channels: there is no agent {name!r}; there are {', '.join(planned)}")
+                raise ValueError(f"reward_weights: there is no agent {name!r}; there are {', '.join(planned)}")
         return {
             name: Player(
-                *plan, channels if single else channels.get(name, {}), "actions" if single else f"actions[{name!r}]"
+                *plan,
+                reward_weights if single else reward_weights.get(name, {}),
+                "actions" if single else f"actions[{name!r}]",
             )
             for name, plan in planned.items()
         }

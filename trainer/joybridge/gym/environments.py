@@ -31,25 +31,25 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         game: str,
         arenas: int = 15,
         layout: str = "bucket-11",
-        stack: int = 3,
+        frame_stack: int = 3,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
         parameters: Mapping[str, float] | None = None,
         simulator: str | None = None,
-        channels: Mapping[str, float] | None = None,
+        reward_weights: Mapping[str, float] | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Open a session at `simulator` (HOST:PORT or unix:PATH), or at one of one's own.
 
         seed: of what is played until a reset gives another one. options and parameters: the game's, by name.
-        channels: weights of reward channels, where they differ from the game's defaults.
+        reward_weights: weights of reward channels, where they differ from the game's defaults.
 
         Raises ValueError for arguments that fit no game or not this one, SimulatorError where the simulator
         refuses, SimulatorLost where it cannot be reached.
         """
         self._bridge = Bridge(
-            game, arenas=arenas, layout=layout, stack=stack, seed=seed, options=options, parameters=parameters,
-            simulator=simulator, channels=channels, render_mode=render_mode, single=True, split=False,
+            game, arenas=arenas, layout=layout, frame_stack=frame_stack, seed=seed, options=options,
+            parameters=parameters, simulator=simulator, reward_weights=reward_weights, render_mode=render_mode, single=True, split=False,
         )  # fmt: skip
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
@@ -171,7 +171,7 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
     def __init__(self, game: str, **settings: Any) -> None:
         """Open a session; settings are the arguments of BridgeVectorEnv but `arenas`, and the errors are its.
 
-        channels: reward weights per agent, {agent: {channel: weight}}.
+        reward_weights: per agent, {agent: {channel: weight}}.
         """
         self._bridge = Bridge(game, **settings, single=False, split=True)
         self.game_spec = self._bridge.spec

@@ -18,7 +18,7 @@ Outcome = tuple[Array, float, bool, bool, dict[str, Any]]  # observation, reward
 
 
 class Lanes:
-    """One behavior's lanes: their last step and their stacked observations, float32 [lanes, stack × frame].
+    """One behavior's lanes: their last step and their stacked observations, float32 [lanes, frame_stack × frame].
 
     now: what the next decisions are based on. last: the same, but of lanes whose episode ended in the step the last
     they saw of it. As in training (trainer/rollout.py), frames of lanes that wait are not pushed.
@@ -28,13 +28,13 @@ class Lanes:
     now: Array
     last: Array
 
-    def __init__(self, behavior: pb.Behavior, stack: int) -> None:
+    def __init__(self, behavior: pb.Behavior, frame_stack: int) -> None:
         self.behavior = behavior
         bounds = [_bounds(sensor) for sensor in behavior.sensors]
         low, high = (np.concatenate(ends) for ends in zip(*bounds, strict=True))
         self.frame = len(low)
         # Older frames may lie before the episode's first and are zero then; the newest never does.
-        older = (np.tile(np.minimum(low, 0.0), stack - 1), np.tile(np.maximum(high, 0.0), stack - 1))
+        older = (np.tile(np.minimum(low, 0.0), frame_stack - 1), np.tile(np.maximum(high, 0.0), frame_stack - 1))
         self.space = Box(np.append(older[0], low), np.append(older[1], high), dtype=np.float32)
 
     def begin(self, step: StepArrays) -> None:
@@ -65,15 +65,17 @@ class Lanes:
 class Player:
     """One policy in some lanes of a behavior: what it is paid, and how its actions reach the device."""
 
-    def __init__(self, lanes: Lanes, rows: slice, layout: Layout, channels: Mapping[str, float], where: str) -> None:
+    def __init__(
+        self, lanes: Lanes, rows: slice, layout: Layout, reward_weights: Mapping[str, float], where: str
+    ) -> None:
         """Make the spaces. where: what errors call the actions. Raises ValueError for an unknown channel."""
         self.lanes, self.rows, self.layout, self.where = lanes, rows, layout, where
         self.behavior = behavior = lanes.behavior
         weights = {channel.name: channel.default_weight for channel in behavior.channels}
-        for name in channels:
+        for name in reward_weights:
             if name not in weights:
-                raise ValueError(f"channels: {behavior.name} has no {name!r}; it has {', '.join(weights)}")
-        self.weights = np.array([channels.get(name, weight) for name, weight in weights.items()])
+                raise ValueError(f"reward_weights: {behavior.name} has no {name!r}; it has {', '.join(weights)}")
+        self.weights = np.array([reward_weights.get(name, weight) for name, weight in weights.items()])
         self.parts: dict[str, Any] = {}
         if layout.space.continuous:
             self.parts["continuous"] = Box(-1.0, 1.0, (layout.space.continuous,), np.float32)

@@ -109,8 +109,8 @@ def _train(options: argparse.Namespace, addresses: list[str]) -> None:
         _end_with_parent()
     config = load_config(options.config, options.overrides)
     run = options.run or Path("runs") / f"{config.game}-{options.config.stem}-s{config.seed}"
-    begin = load_checkpoint(run)[1]["transitions"] if options.resume else 0
-    print(f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} transitions done", flush=True)
+    begin = load_checkpoint(run)[1]["timesteps"] if options.resume else 0
+    print(f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done", flush=True)
     try:
         with Display(config.layout, config.end, begin) as display:
             train(config, run, addresses, resume=options.resume, report=display.report)
@@ -127,7 +127,7 @@ def _evaluate(options: argparse.Namespace, addresses: list[str]) -> None:
         deterministic=options.deterministic, say=_say,
     )  # fmt: skip
     for name, result in evaluations.items():
-        print(f"{name}: {result.episodes} episodes after {result.transitions:,} transitions, mean and 95 % confidence")
+        print(f"{name}: {result.episodes} episodes after {result.timesteps:,} timesteps, mean and 95 % confidence")
         for metric, mean in result.means.items():
             print(f"  {metric:<16} {mean:10.3f} ± {result.half_widths[metric]:.3f}")
         if result.by_choice:

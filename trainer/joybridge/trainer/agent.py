@@ -63,7 +63,9 @@ class Policy:
         space = layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
         self.device = torch.device(device)
-        self.network = Network(self.senses.size * config.stack, space, config.hidden, shared, seed).to(self.device)
+        self.network = Network(self.senses.size * config.frame_stack, space, config.hidden_sizes, shared, seed).to(
+            self.device
+        )
         self.sizes = np.array(space.branches, np.int64)
         self.acting = copy.deepcopy(self.network) if config.overlap else self.network
         self.weights = flatten_parameters(self.network)
@@ -72,7 +74,7 @@ class Policy:
         closed_form = device == "cpu" and not config.autograd
         self.gradient: Gradient = ClosedFormGradient(self.network) if closed_form else reference
         self.rollout, self.last = (
-            Rollout(config.rollout, self.lanes, self.senses.size, config.stack, space) for _ in range(2)
+            Rollout(config.rollout_steps, self.lanes, self.senses.size, config.frame_stack, space) for _ in range(2)
         )
         self.parts, self.last_parts = (
             [rollout.part(lanes) for lanes in self.groups] for rollout in (self.rollout, self.last)
@@ -145,7 +147,7 @@ class Policy:
     def learn_on(self) -> None:
         """Do the present step's share of an update that overlaps with the rollout."""
         if self.update is not None:
-            self.update.advance((self.parts[0].step + 1) / self.config.rollout)
+            self.update.advance((self.parts[0].step + 1) / self.config.rollout_steps)
 
     def turn_over(self, progress: float) -> dict[str, float]:
         """Begin to learn from the full rollout, after a share `progress` of the run, and to collect the next.
@@ -195,7 +197,7 @@ class Policy:
         advantages = estimate_advantages(
             rollout.rewards, rollout.values, self._values(rollout.observations[-1]), rollout.terminated,
             rollout.truncated, rollout.final_values, live,
-            gamma=config.gamma, lam=config.lam, horizon=config.horizon,
+            gamma=config.gamma, lam=config.gae_lambda, horizon=config.time_horizon,
         )  # fmt: skip
         return rollout.batch(advantages, live).to(self.device), {"value": float(rollout.values[live].mean())}
 
@@ -203,8 +205,8 @@ class Policy:
         config = self.config
         return Update(
             self.gradient, self.optimizer, batch,
-            anneal(self.progress, config.learning_rate, config.clip, config.entropy),
-            epochs=config.epochs, minibatch=config.minibatch, rng=self._rng(self.rollouts - 1, SHUFFLES),
+            anneal(self.progress, config.learning_rate, config.clip_range, config.entropy_coef),
+            epochs=config.epochs, minibatch=config.minibatch_size, rng=self._rng(self.rollouts - 1, SHUFFLES),
         )  # fmt: skip
 
     def state(self) -> dict[str, Array]:

@@ -14,8 +14,8 @@ from joybridge.v1 import bridge_pb2 as pb
 
 def make_policies(config: Config, spec: pb.GameSpec, arenas: int, groups: int = 1) -> list[Policy]:
     """Return untrained policies for all behaviors of the spec, their lanes in groups. Raises ConfigError."""
-    if config.device == "cuda" and not torch.cuda.is_available():
-        raise ConfigError("device is cuda, but torch finds no such device here; set device=cpu")
+    if config.accelerator == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
     policies: list[Policy] = []
     seeds = np.random.SeedSequence(config.seed)
     for index, behavior in enumerate(spec.behaviors):
@@ -28,7 +28,7 @@ def make_policies(config: Config, spec: pb.GameSpec, arenas: int, groups: int = 
             seed = int(seeds.spawn(1)[0].generate_state(1, np.uint64)[0])
             policy_config = config.policy_config(name)
             policies.append(
-                Policy(name, spec, index, layout, policy_config, split(arenas, groups), seed, config.device)
+                Policy(name, spec, index, layout, policy_config, split(arenas, groups), seed, config.accelerator)
             )
     names = [policy.name for policy in policies]
     for name in config.policies:
@@ -39,10 +39,11 @@ def make_policies(config: Config, spec: pb.GameSpec, arenas: int, groups: int = 
 
 def rollout_cycle(policies: Sequence[Policy]) -> int:
     """Return the decisions after which all rollouts are empty again. Raises ConfigError if they never are."""
-    cycle = max(policy.config.rollout for policy in policies)
+    cycle = max(policy.config.rollout_steps for policy in policies)
     for policy in policies:
-        if cycle % policy.config.rollout:
+        if cycle % policy.config.rollout_steps:
             raise ConfigError(
-                f"policies.{policy.name}.rollout is {policy.config.rollout}, which does not divide the longest, {cycle}"
+                f"policies.{policy.name}.rollout_steps is {policy.config.rollout_steps}, which does not divide the "
+                f"longest, {cycle}"
             )
     return cycle

@@ -1,6 +1,6 @@
 """Checkpoints: safetensors for arrays, JSON for the rest, written so that a crash never leaves half of one.
 
-A run's `checkpoints/` holds one folder per checkpoint, named by its transitions; the last two are kept.
+A run's `checkpoints/` holds one folder per checkpoint, named by its timesteps; the last two are kept.
 """
 
 import json
@@ -25,10 +25,10 @@ class CheckpointError(Exception):
 def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: dict[str, Any]) -> Path:
     """Write a checkpoint atomically, forget those before the last two, and return its folder.
 
-    manifest must hold "transitions".
+    manifest must hold "timesteps".
     """
     folder = run / "checkpoints"
-    target = folder / f"{manifest['transitions']:012d}"
+    target = folder / f"{manifest['timesteps']:012d}"
     fresh = folder / f".{target.name}.new"
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)

@@ -11,7 +11,12 @@ from typing import Annotated, Any, Literal, TypeVar
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-MAY_CHANGE = ("stop", "checkpoint", "summary", "balance")  # in the middle of a run: nothing that is learned from
+MAY_CHANGE = (
+    "stop",
+    "checkpoint_interval",
+    "log_interval",
+    "evaluate_over",
+)  # in the middle of a run: nothing that is learned from
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -36,19 +41,19 @@ class PolicyConfig(_Checked):
     """What one policy senses, is paid by, and how it learns."""
 
     sensors: list[str] | None = Field(None, min_length=1)  # names of the sensors it sees; None: all
-    channels: dict[str, float] = {}  # reward channel -> weight; those left out have the game's default
-    stack: int = Field(3, ge=1)  # frames it sees at once, oldest first
-    hidden: list[Annotated[int, Field(ge=1)]] = Field([100, 100], min_length=1)  # units per hidden layer
+    reward_weights: dict[str, float] = {}  # reward channel -> weight; those left out have the game's default
+    frame_stack: int = Field(3, ge=1)  # frames it sees at once, oldest first
+    hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field([100, 100], min_length=1)  # units per hidden layer
     shared_body: bool | None = None  # one body for actor and critic; None: only if there are no Gaussians
-    rollout: int = Field(59, ge=1)  # decisions per lane between two updates
-    horizon: int = Field(59, ge=1)  # advantages are cut after so many decisions
-    minibatch: int = Field(256, ge=1)
+    rollout_steps: int = Field(59, ge=1)  # decisions per lane between two updates
+    time_horizon: int = Field(59, ge=1)  # advantages are cut after so many decisions
+    minibatch_size: int = Field(256, ge=1)
     epochs: int = Field(4, ge=1)
     learning_rate: float = Field(3.25e-4, gt=0)
-    entropy: float = Field(0.05, ge=0)  # coefficient of the entropy bonus
-    clip: float = Field(0.2, gt=0, lt=1)
+    entropy_coef: float = Field(0.05, ge=0)  # coefficient of the entropy bonus
+    clip_range: float = Field(0.2, gt=0, lt=1)
     gamma: float = Field(0.99, ge=0, le=1)
-    lam: float = Field(0.95, ge=0, le=1)
+    gae_lambda: float = Field(0.95, ge=0, le=1)
     overlap: bool = False  # learn while the next rollout is collected, which is then played one update behind
     autograd: bool = False  # take gradients from autograd, the reference, not from their closed form
 
@@ -62,13 +67,13 @@ class Config(_Checked):
     layout: str = "hybrid"  # how policies map to the device; see trainer/actions.py
     arenas: int = Field(75, ge=1)
     groups: int = Field(2, ge=1)  # parts of the arenas that take turns: one is played while others are decided for
-    device: Literal["cpu", "cuda"] = "cpu"  # where networks live; small ones are faster on the processor
+    accelerator: Literal["cpu", "cuda"] = "cpu"  # where networks live; small ones are faster on the processor
     seed: int = Field(0, ge=0, lt=2**64)
-    transitions: int = Field(30_000_000, ge=1)  # length of the run, and of its schedules
-    stop: int | None = Field(None, ge=1)  # end earlier, after so many transitions, with the schedules unchanged
-    summary: int = Field(300_000, ge=1)  # transitions between two rows of metrics
-    checkpoint: int = Field(1_000_000, ge=1)  # transitions between two checkpoints
-    balance: str | None = None  # option whose choices, but the default, evaluation plays equally often
+    total_timesteps: int = Field(30_000_000, ge=1)  # length of the run, and of its schedules
+    stop: int | None = Field(None, ge=1)  # end earlier, after so many timesteps, with the schedules unchanged
+    log_interval: int = Field(300_000, ge=1)  # timesteps between two rows of metrics
+    checkpoint_interval: int = Field(1_000_000, ge=1)  # timesteps between two checkpoints
+    evaluate_over: str | None = None  # option whose choices, but the default, evaluation plays equally often
     policy: PolicyConfig = PolicyConfig()  # what all policies share
     policies: dict[str, dict[str, Any]] = {}  # policy name -> what differs for it
 
@@ -79,8 +84,8 @@ class Config(_Checked):
 
     @property
     def end(self) -> int:
-        """Return the number of transitions after which the run stops."""
-        return min(self.transitions, self.stop or self.transitions)
+        """Return the number of timesteps after which the run stops."""
+        return min(self.total_timesteps, self.stop or self.total_timesteps)
 
 
 def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:

@@ -23,7 +23,7 @@ CONFIDENCE = 1.96  # standard errors in a 95 % interval
 class Evaluation:
     """One policy's episodes, means with half-widths of their 95 % confidence intervals."""
 
-    transitions: int  # how long the policy had trained
+    timesteps: int  # how long the policy had trained
     episodes: int
     means: Row
     half_widths: Row
@@ -45,8 +45,13 @@ def evaluate(
     each = max(1, min(math.ceil(episodes / len(choices)), spec.max_arenas, 64))
     rounds = math.ceil(episodes / (each * len(choices)))
     arenas = each * len(choices)
-    say(f"{arenas} arenas × {rounds} rounds" + (f", as many for each {config.balance}" if choices != [""] else ""))
-    options = [config.options | ({config.balance: choice} if config.balance and choice else {}) for choice in choices]
+    say(
+        f"{arenas} arenas × {rounds} rounds" + (f", as many for each {config.evaluate_over}" if choices != [""] else "")
+    )
+    options = [
+        config.options | ({config.evaluate_over: choice} if config.evaluate_over and choice else {})
+        for choice in choices
+    ]
     simulators = Shards(
         [address] * len(choices), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
     )
@@ -67,7 +72,7 @@ def _summarise(table: Episodes, choices: list[str], players: Players) -> Evaluat
     errors = CONFIDENCE * np.sqrt(np.sum(variances, axis=0)) / len(groups)
     names = ["reward", "length", *table.metrics]
     return Evaluation(
-        transitions=players.transitions,
+        timesteps=players.timesteps,
         episodes=len(table.finished),
         means=dict(zip(names, means.tolist(), strict=True)),
         half_widths=dict(zip(names, errors.tolist(), strict=True)),
@@ -77,14 +82,16 @@ def _summarise(table: Episodes, choices: list[str], players: Players) -> Evaluat
 
 def balanced_choices(config: Config, spec: pb.GameSpec) -> list[str]:
     """Return the choices to play equally often, or [""] where nothing is balanced. Raises ConfigError."""
-    if config.balance is None or config.balance in config.options:
+    if config.evaluate_over is None or config.evaluate_over in config.options:
         return [""]
-    option = next((option for option in spec.options if option.name == config.balance), None)
+    option = next((option for option in spec.options if option.name == config.evaluate_over), None)
     if option is None:
-        raise ConfigError(f"balance: {spec.name} has no option {config.balance!r}")
+        raise ConfigError(f"evaluate_over: {spec.name} has no option {config.evaluate_over!r}")
     choices = [choice for choice in option.choices if choice != option.default_choice]
     if not choices:
-        raise ConfigError(f"balance: option {config.balance!r} of {spec.name} has no choice but its default")
+        raise ConfigError(
+            f"evaluate_over: option {config.evaluate_over!r} of {spec.name} has no choice but its default"
+        )
     return choices
 
 

@@ -1,6 +1,6 @@
 """What a run reports: finished episodes, statistics of updates, and where the time goes.
 
-A row every `summary` transitions, the mean over everything since the row before, goes to a CSV file per
+A row every `summary` timesteps, the mean over everything since the row before, goes to a CSV file per
 policy and to TensorBoard.
 """
 
@@ -21,8 +21,8 @@ Row = dict[str, float]
 
 ACTIVITIES = ("simulate", "wire", "act", "learn")
 OF_EVERY_GAME = {  # columns of metrics; the others are the game's own
-    "transitions", "episodes", "reward", "reward_std", "length", "policy_loss", "value_loss", "entropy", "value",
-    "transitions_per_second", *ACTIVITIES,
+    "timesteps", "episodes", "reward", "reward_std", "length", "policy_loss", "value_loss", "entropy", "value",
+    "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
 
 
@@ -108,7 +108,7 @@ class Stopwatch:
     def __init__(self) -> None:
         self.seconds: Row = {"simulate": 0.0, "wire": 0.0, "act": 0.0, "learn": 0.0}
         self.begin = time.perf_counter()
-        self.transitions = 0
+        self.timesteps = 0
 
     @contextmanager
     def measure(self, activity: str) -> Iterator[None]:
@@ -133,12 +133,12 @@ class Stopwatch:
         return {name: seconds / elapsed for name, seconds in self.seconds.items()}
 
     def speed(self) -> float:
-        """Return transitions per second since the last row."""
-        return self.transitions / max(time.perf_counter() - self.begin, 1e-9)
+        """Return timesteps per second since the last row."""
+        return self.timesteps / max(time.perf_counter() - self.begin, 1e-9)
 
     def live(self) -> Row:
         """Return speed and shares."""
-        return {"transitions_per_second": self.speed(), **self.shares()}
+        return {"timesteps_per_second": self.speed(), **self.shares()}
 
     def summarise(self) -> Row:
         """Return speed and shares, and begin anew."""
@@ -151,21 +151,21 @@ class Writer:
     """Writes one policy's rows to metrics-NAME.csv and to TensorBoard under the run's folder."""
 
     def __init__(self, run: Path, policy: str, after: int) -> None:
-        """Begin, or go on after so many transitions; later rows, of a run that was cut off, are dropped."""
+        """Begin, or go on after so many timesteps; later rows, of a run that was cut off, are dropped."""
         name = re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)  # no path of its own
         self.path = run / f"metrics-{name}.csv"
-        self.rows = [cells for cells in _read_cells(self.path) if float(cells["transitions"]) <= after]
+        self.rows = [cells for cells in _read_cells(self.path) if float(cells["timesteps"]) <= after]
         self._save()
         self.board = SummaryWriter(run / "tensorboard" / name, purge_step=after + 1)
 
     def write(self, row: Row) -> None:
-        """Write one row; it holds "transitions"."""
+        """Write one row; it holds "timesteps"."""
         self.rows.append(
             {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
         )
         self._save()
         for name, value in row.items():
-            self.board.add_scalar(name, value, int(row["transitions"]))
+            self.board.add_scalar(name, value, int(row["timesteps"]))
         self.board.flush()
 
     def _save(self) -> None:
@@ -189,13 +189,13 @@ class Journal:
     """What one policy reports: its episodes and updates, written as a row now and then."""
 
     def __init__(self, run: Path, policy: str, lanes: int, metrics: Sequence[str], after: int) -> None:
-        """Begin, or go on after so many transitions; see Episodes and Writer."""
+        """Begin, or go on after so many timesteps; see Episodes and Writer."""
         self.episodes, self.means = Episodes(lanes, metrics), Means()
         self.writer = Writer(run, policy, after)
 
-    def write(self, transitions: int, shared: Row) -> Row:
+    def write(self, timesteps: int, shared: Row) -> Row:
         """Write a row, with figures that all policies share; return it."""
-        row: Row = {"transitions": transitions, **self.episodes.summarise(), **self.means.summarise(), **shared}
+        row: Row = {"timesteps": timesteps, **self.episodes.summarise(), **self.means.summarise(), **shared}
         self.writer.write(row)
         return row
 

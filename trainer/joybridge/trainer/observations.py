@@ -20,10 +20,10 @@ class Senses:
         channels = [channel.name for channel in behavior.channels]
         wanted = sensors if config.sensors is None else config.sensors
         _require_known(f"{name}: sensors", wanted, sensors)
-        _require_known(f"{name}: channels", config.channels, channels)
+        _require_known(f"{name}: reward_weights", config.reward_weights, channels)
         self.sensors = [sensors.index(sensor) for sensor in wanted]
         self.size = sum(element_count(behavior.sensors[i]) for i in self.sensors)
-        weights = {c.name: c.default_weight for c in behavior.channels} | config.channels
+        weights = {c.name: c.default_weight for c in behavior.channels} | config.reward_weights
         self.weights = np.array([weights[channel] for channel in channels], np.float32)
 
     def frames(self, observations: Sequence[Array]) -> Array:

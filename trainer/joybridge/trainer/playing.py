@@ -23,9 +23,9 @@ class Players:
         `seed` fixes the samples. Raises CheckpointError or ConfigError.
         """
         torch.set_num_threads(1)  # networks this small are slower with more
-        config = run_config(run).model_copy(update={"seed": seed, "device": "cpu"})
+        config = run_config(run).model_copy(update={"seed": seed, "accelerator": "cpu"})
         arrays, manifest = load_checkpoint(run)
-        self.transitions: int = manifest["transitions"]
+        self.timesteps: int = manifest["timesteps"]
         self.deterministic = deterministic
         self.policies = make_policies(config, spec, arenas)
         self.acts = make_acts(spec, arenas)

@@ -13,7 +13,7 @@ class Display:
     """Shows the progress of one run; `report` is given to `train`."""
 
     def __init__(self, name: str, end: int, begin: int) -> None:
-        """Show a run that goes from `begin` to `end` transitions."""
+        """Show a run that goes from `begin` to `end` timesteps."""
         self.console = Console(highlight=False)
         self.bar = Progress(
             TextColumn("[bold]{task.description}"),
@@ -26,17 +26,17 @@ class Display:
         self.task = self.bar.add_task(name, total=end, completed=begin, text="")
         self.reward = ""
 
-    def report(self, transitions: int, live: Row, row: Row | None) -> None:
+    def report(self, timesteps: int, live: Row, row: Row | None) -> None:
         """Show where the run is: live figures, and now and then a new row of metrics."""
         shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
-        speed = f"{live['transitions_per_second'] / 1000:.1f} k transitions/s"
+        speed = f"{live['timesteps_per_second'] / 1000:.1f} k timesteps/s"
         if row is not None and "reward" in row:
             self.reward = f"reward {row['reward']:.1f}"
             metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if name not in OF_EVERY_GAME)
             text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {speed}  ({shares})"
-            text = f"{transitions:>11,}  {text}"
+            text = f"{timesteps:>11,}  {text}"
             self.console.print(text, soft_wrap=True, markup=False)
-        self.bar.update(self.task, completed=transitions, text=f"{self.reward}  {speed}  ({shares})")
+        self.bar.update(self.task, completed=timesteps, text=f"{self.reward}  {speed}  ({shares})")
 
     def __enter__(self) -> Self:
         self.bar.start()

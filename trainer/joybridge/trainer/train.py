@@ -35,7 +35,7 @@ class Boundary:
     manifest: dict[str, Any]
 
 
-Report = Callable[[int, Row, Row | None], None]  # (transitions, live figures, new row of the first policy or None)
+Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 
 
 def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report) -> None:
@@ -45,27 +45,29 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     boundary has been saved.
     """
     torch.set_num_threads(1)  # two threads collapse when the other core is busy, and the simulator keeps it so
-    arrays, manifest = load_checkpoint(run) if resume else ({}, {"transitions": 0, "snapshots": None})
+    arrays, manifest = load_checkpoint(run) if resume else ({}, {"timesteps": 0, "snapshots": None})
     spec = describe(addresses[0], config.game, config.options)
     balanced_choices(config, spec)  # which only evaluation needs, but then it would be too late
     policies = make_policies(config, spec, config.arenas, group_count(config))
     cycle = rollout_cycle(policies)
-    stretch = math.gcd(*(policy.config.rollout for policy in policies))  # decisions between which nothing is learned
+    stretch = math.gcd(
+        *(policy.config.rollout_steps for policy in policies)
+    )  # decisions between which nothing is learned
     write_config(config, run, resume)
 
-    transitions: int = manifest["transitions"]  # of the first behavior's lanes
+    timesteps: int = manifest["timesteps"]  # of the first behavior's lanes
     lanes = policies[0].lanes
     groups = open_groups(config, addresses, unpack_snapshots(arrays, manifest["snapshots"]))
-    journals = [Journal(run, policy.name, policy.lanes, policy.metrics, transitions) for policy in policies]
+    journals = [Journal(run, policy.name, policy.lanes, policy.metrics, timesteps) for policy in policies]
     if resume:
         restore(arrays, policies, journals)
     if manifest["snapshots"] is None:
         begin_episodes(groups, policies, journals)
-    boundary = capture(transitions, policies, journals, groups)
-    saved = transitions
+    boundary = capture(timesteps, policies, journals, groups)
+    saved = timesteps
     watch = Stopwatch()
     try:
-        while transitions < config.end:
+        while timesteps < config.end:
             for decision in range(cycle):
                 if decision % stretch == 0:
                     for group in groups:
@@ -78,21 +80,21 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
                     group.take(policies, journals, watch)
                     if not last:
                         group.act(policies, watch)
-                transitions += lanes
-                watch.transitions += lanes
+                timesteps += lanes
+                watch.timesteps += lanes
                 with watch.measure("learn"):
                     for policy, journal in zip(policies, journals, strict=True):
                         if policy.full:
-                            journal.means.add(policy.turn_over(transitions / config.transitions))
-                if transitions // config.summary > (transitions - lanes) // config.summary:
+                            journal.means.add(policy.turn_over(timesteps / config.total_timesteps))
+                if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
                     shared = watch.summarise()
-                    rows = [journal.write(transitions, shared) for journal in journals]
-                    report(transitions, rows[0], rows[0])
-            boundary = capture(transitions, policies, journals, groups)
-            if transitions - saved >= config.checkpoint:
+                    rows = [journal.write(timesteps, shared) for journal in journals]
+                    report(timesteps, rows[0], rows[0])
+            boundary = capture(timesteps, policies, journals, groups)
+            if timesteps - saved >= config.checkpoint_interval:
                 save_checkpoint(run, boundary.arrays, boundary.manifest)
-                saved = transitions
-            report(transitions, watch.live(), None)
+                saved = timesteps
+            report(timesteps, watch.live(), None)
     finally:
         with uninterrupted():
             save_checkpoint(run, boundary.arrays, boundary.manifest)
@@ -102,7 +104,7 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
 
 
 def capture(
-    transitions: int, policies: Sequence[Policy], journals: Sequence[Journal], groups: Sequence[Group]
+    timesteps: int, policies: Sequence[Policy], journals: Sequence[Journal], groups: Sequence[Group]
 ) -> Boundary:
     """Return the state of the run; without the simulators' where the game has no snapshots."""
     arrays: dict[str, Array] = {}
@@ -116,7 +118,7 @@ def capture(
         parts = [list(snapshot) for snapshot in snapshots]
         for index, snapshot in enumerate(snapshots):
             arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}
-    return Boundary(arrays, {"transitions": transitions, "snapshots": parts})
+    return Boundary(arrays, {"timesteps": timesteps, "snapshots": parts})
 
 
 def restore(arrays: dict[str, Array], policies: Sequence[Policy], journals: Sequence[Journal]) -> None:

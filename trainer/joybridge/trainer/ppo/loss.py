@@ -30,7 +30,7 @@ class Batch:
     returns: Tensor  # [n]
 
     def rows(self, index: Tensor) -> "Batch":
-        """Return the transitions at `index`."""
+        """Return the timesteps at `index`."""
         return self._each(lambda field: field[index])
 
     def to(self, device: torch.device) -> "Batch":
@@ -38,7 +38,7 @@ class Batch:
         return self._each(lambda field: field.to(device))
 
     def slice(self, start: int, end: int) -> "Batch":
-        """Return the transitions start .. end - 1 without copying them."""
+        """Return the timesteps start .. end - 1 without copying them."""
         return self._each(lambda field: field[start:end])
 
     def _each(self, function: Callable[[Tensor], Tensor]) -> "Batch":

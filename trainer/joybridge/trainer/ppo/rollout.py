@@ -115,7 +115,7 @@ class Rollout:
         return np.zeros((*self.discrete.shape, max(self.space.branches, default=0)), np.float32)
 
     def batch(self, advantages: Array, live: Array) -> Batch:
-        """Return the live transitions with these advantages [steps, lanes], normalised, as one flat batch."""
+        """Return the live timesteps with these advantages [steps, lanes], normalised, as one flat batch."""
         whole = live.all()
 
         def flat(array: Array) -> torch.Tensor:
