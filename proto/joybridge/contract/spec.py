@@ -5,6 +5,7 @@ from math import isfinite
 from typing import Protocol
 
 from joybridge.contract.codec import lane_count
+from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -12,7 +13,7 @@ MAX_PICTURES = 64  # pictures one Act may ask for
 MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
 
 
-class SpecError(ValueError):
+class SpecError(JoybridgeError, ValueError):
     """A spec, option or parameter that breaks the contract; the text names it and what was wanted."""
 
 

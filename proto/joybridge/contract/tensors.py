@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from joybridge.contract.errors import JoybridgeError
 from joybridge.v1 import bridge_pb2 as pb
 
 Array = npt.NDArray[Any]
@@ -23,7 +24,7 @@ NUMPY_TYPES: dict[pb.DType, np.dtype[Any]] = {
 _DTYPES = {numpy_type: dtype for dtype, numpy_type in NUMPY_TYPES.items()}
 
 
-class TensorError(ValueError):
+class TensorError(JoybridgeError, ValueError):
     """A tensor that is not what its field demands; the text names the field, what came and what was wanted."""
 
 

@@ -16,6 +16,7 @@ from google.protobuf.message import Message
 from google.protobuf.unknown_fields import UnknownFieldSet
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
+from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
 from joybridge.contract.tensors import Array, TensorError, fill
 from joybridge.simulator.batched_game import BatchedGame, GameError
@@ -27,7 +28,7 @@ log = logging.getLogger("simulator")
 HEAD, TAIL = 400, 200  # characters of a long text that are kept: gRPC gives a status 8 KiB, a character up to 12 bytes
 
 
-class Refusal(Exception):
+class Refusal(JoybridgeError):
     """An error that ends the session with a status; the text says what came, what was wanted and what to do."""
 
     def __init__(self, code: grpc.StatusCode, text: str) -> None:

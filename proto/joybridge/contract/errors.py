@@ -1,0 +1,5 @@
+"""The base of every exception that Joybridge raises on purpose."""
+
+
+class JoybridgeError(Exception):
+    """The base class: `except JoybridgeError` catches what any part of Joybridge raises on purpose."""
