@@ -1,0 +1,50 @@
+"""Configurations are found as files and by name, in a checkout as in an installed package."""
+
+from pathlib import Path
+
+import pytest
+
+from joybridge.trainer.config import ConfigError, load_config
+from joybridge.trainer.config_files import config_names, find_config
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+
+def test_a_checkout_has_its_own_files_under_their_names_but_those_that_others_extend():
+    expected = {path.relative_to(CONFIGS).as_posix()[: -len(".yaml")] for path in CONFIGS.glob("*/*.yaml")}
+    assert set(config_names()) == {name for name in expected if not name.endswith("/common")}
+    assert "shooting_birds/bucket-11" in config_names()
+    for name in config_names():
+        assert find_config(name).samefile(CONFIGS / f"{name}.yaml")
+
+
+@pytest.mark.parametrize("text", ["shooting_birds/bucket-11", "shooting_birds/bucket-11.yaml"])
+def test_a_configuration_is_found_by_name_from_any_folder_and_can_be_loaded(text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert load_config(find_config(text)).layout == "bucket-11"
+
+
+def test_an_existing_file_comes_before_an_installed_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mine = tmp_path / "archer/hybrid.yaml"
+    mine.parent.mkdir()
+    mine.write_text("game: archer\n")
+    assert find_config("archer/hybrid.yaml").samefile(mine)
+    assert not find_config("archer/hybrid").samefile(mine)  # the folder's file has another name
+    assert find_config(str(mine)) == mine
+
+
+def test_an_unknown_name_is_refused_with_the_names_that_are_near():
+    with pytest.raises(ConfigError, match=r"'shooting_bird/bucket-11'.* did you mean .*shooting_birds/bucket-11"):
+        find_config("shooting_bird/bucket-11")
+    with pytest.raises(ConfigError, match=r"did you mean archer/hybrid\?$"):
+        find_config("archer")
+    with pytest.raises(ConfigError, match=r"installed are archer/hybrid, .*shooting_birds/threshold-0\.5$"):
+        find_config("chess")
+
+
+@pytest.mark.parametrize("text", ["../configs/archer/hybrid", "", ".", "shooting_birds/common", "/archer/hybrid"])
+def test_nothing_but_the_names_of_configurations_is_looked_up(text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match="there is no configuration"):
+        find_config(text)
