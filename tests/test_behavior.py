@@ -15,8 +15,8 @@ from joybridge.trainer.evaluate import balanced_choices
 from joybridge.trainer.playing import run_config
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import describe
-from tools import behavior, videos
-from tools.behavior import Trace, add_measures, beastly_rivals, lap_radius, measure, shooting_birds
+from tools.paper import behavior, videos
+from tools.paper.behavior import Trace, add_measures, beastly_rivals, lap_radius, measure, shooting_birds
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SMALL = ["arenas=6", "total_timesteps=60", "log_interval=60", "policy.rollout_steps=10", "policy.time_horizon=10"]

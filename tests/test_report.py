@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tools.claims import Claim, make_claims
-from tools.original import original_curve, original_ends, original_point, paper_figures
-from tools.report import last_ten, place, write_report
-from tools.results import (
+from tools.paper.claims import Claim, make_claims
+from tools.paper.original import original_curve, original_ends, original_point, paper_figures
+from tools.paper.page import last_ten, place, write_report
+from tools.paper.runs import (
     COMPLETE,
     MARK,
     Experiment,
@@ -23,7 +23,7 @@ from tools.results import (
     main_policy,
     read_results,
 )
-from tools.verdicts import (
+from tools.paper.statistics import (
     FAILS,
     HOLDS,
     UNDECIDED,
@@ -445,7 +445,8 @@ def test_behavior_is_tabulated(page):
 
 
 def test_without_any_run_the_page_says_so(tmp_path):
-    text = write_report(tmp_path).read_text()
+    (path,) = write_report(tmp_path)
+    text = path.read_text()
     assert "None has finished yet." in text
     assert "**holds**" not in text
     assert "**not tested**" in text

@@ -1,6 +1,6 @@
 """Plot the learning curves of runs beside the original's.
 
-python tools/curves.py RUN [RUN …] --output curves.png
+python -m tools.curves RUN [RUN …] --output curves.png
 """
 
 import argparse
@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from joybridge.trainer.config import Config, load_config
 from joybridge.trainer.metrics import Row, read_rows
-from tools.original import original_curve
+from tools.paper.original import original_curve
 
 PERCENT = {"click_accuracy": "click accuracy"}
 

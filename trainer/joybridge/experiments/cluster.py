@@ -1,8 +1,8 @@
-"""Runs of the grid on a Ray cluster: each trainer is a process on whatever machine has room.
+"""Run jobs on a Ray cluster, each trainer as a process on any machine that has free cores.
 
-No file system need be shared. A run's files travel: to the machine when the run begins, and back whenever there is
-a new row of metrics or a new checkpoint, so the grid's own folder of runs is all that a restart needs. TensorBoard's
-events stay where the run was. What Ray moves, and pickles, is a job and the bytes of files.
+The machines need no shared file system. A run's files are copied to its machine when it starts, and back when there
+is a new row of metrics or a new checkpoint, so a restart needs the grid's own folder of runs only. TensorBoard's
+event files are not copied back. Ray pickles jobs and the bytes of files, nothing else.
 """
 
 import os
@@ -15,21 +15,24 @@ from pathlib import Path
 from typing import Any
 
 import joybridge
-from joybridge.experiments.grid import Job, lifeline, take
+from joybridge.experiments.job import POLL_SECONDS, Job, lifeline, take_lock
 from joybridge.trainer.config import dump_config, load_config
 
-CORES = 2  # a run keeps two busy
-# Of a cluster on this machine: everything on loopback, and nothing reported to Ray's makers.
+CORES = 2  # that a run uses
+# Environment of a cluster on this machine: addresses on loopback only, no usage statistics sent.
 PRIVATE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
 
 Files = dict[str, bytes]  # path in a run's folder -> content
 
 
 class Cluster:
-    """A Ray cluster and how to start runs on it."""
+    """A Ray cluster on which jobs can be started."""
 
     def __init__(self, address: str | None, parallel: int) -> None:
-        """Connect to the cluster at `address`, or start one on this machine with room for `parallel` runs."""
+        """Connect to the cluster at `address`; None: start one on this machine with cores for `parallel` runs.
+
+        Raises SystemExit if Ray is not installed or the cluster refuses the connection.
+        """
         if address is None or address.startswith("127.0.0.1:"):
             os.environ.update(PRIVATE)  # read when Ray is imported
         try:
@@ -40,37 +43,39 @@ class Cluster:
         if address is None:
             ray.init("local", num_cpus=CORES * parallel, include_dashboard=False, log_to_driver=False)
         else:
-            packages = {"py_modules": list(joybridge.__path__)}  # the parts of the namespace package
+            # The folders of the namespace package, all named joybridge: Ray unpacks each at a place of its own, and
+            # Python joins them again.
+            packages = {"py_modules": list(joybridge.__path__)}
             try:
                 ray.init(address, runtime_env=packages, log_to_driver=False)
             except ConnectionError as error:
                 raise SystemExit(f"{error}; if it asks for a token, set RAY_AUTH_MODE=token") from error
 
     def room(self) -> int:
-        """Return how many runs the cluster can take at a time, at least one."""
+        """Return how many runs the cluster has cores for at the same time, at least one."""
         return max(1, int(self.ray.cluster_resources().get("CPU", 0)) // CORES)
 
     def start(self, job: Job) -> "RemoteRun":
-        """Start or go on with a run on the cluster."""
+        """Start or resume a run on the cluster. Raises BlockingIOError if another process is training the run."""
         return RemoteRun(self.ray, job)
 
 
 class RemoteRun:
-    """A run on the cluster, which looks like a process."""
+    """A run on the cluster, with the methods of a process."""
 
     def __init__(self, ray: Any, job: Job) -> None:
-        """Start it with the files that the run's folder holds. Raises BlockingIOError, see `grid.take`."""
+        """Start the run with the files in the run's folder. Raises BlockingIOError, see `take_lock`."""
         self.ray, self.job = ray, job
         job.run.mkdir(parents=True, exist_ok=True)
         self.lock = (job.run / "lock").open("w")
-        take(self.lock.fileno(), job)
+        take_lock(self.lock.fileno(), job)
         worker = ray.remote(num_cpus=CORES)(Worker)
         self.worker = worker.remote(job, dump_config(load_config(job.config)), read_files(job.run))
         self.answer = self.worker.poll.remote()
         self.status: int | None = None
 
     def poll(self) -> int | None:
-        """Bring back what is new; return the exit status, or None while it runs."""
+        """Copy new files back. Return the exit status, or None while the run is going on."""
         if self.status is not None or not self.ray.wait([self.answer], timeout=0)[0]:
             return self.status
         try:
@@ -88,21 +93,21 @@ class RemoteRun:
         return self.status
 
     def terminate(self) -> None:
-        """Ask it to save and end."""
+        """Ask the run to save a checkpoint and end."""
         self.worker.terminate.remote()
 
     def wait(self) -> int:
-        """Wait for the exit status."""
+        """Wait for the end and return the exit status."""
         while (status := self.poll()) is None:
-            time.sleep(0.1)
+            time.sleep(POLL_SECONDS)
         return status
 
 
 class Worker:
-    """The cluster's end of a run: a trainer process in a folder of its own."""
+    """The part of a run on the cluster's machine: a trainer process in a temporary folder."""
 
     def __init__(self, job: Job, config: str, files: Files) -> None:
-        """Start the trainer. config: the whole configuration; files: of the run so far."""
+        """Start the trainer. config: the whole configuration as YAML; files: those of the run so far."""
         self.folder = tempfile.TemporaryDirectory(prefix="joybridge-")
         self.run, path = Path(self.folder.name, "run"), Path(self.folder.name, "config.yaml")
         path.write_text(config, encoding="utf-8")
@@ -114,7 +119,7 @@ class Worker:
             )
 
     def poll(self) -> tuple[int | None, Files]:
-        """Return the exit status, None while the trainer runs, and the run's files where they have changed."""
+        """Return the exit status, None while the trainer is running, and the run's files if they have changed."""
         status, stamp = self.process.poll(), _stamp(self.run)
         if status is None and stamp == self.sent:
             time.sleep(0.5)
@@ -125,30 +130,31 @@ class Worker:
         return status, files
 
     def terminate(self) -> None:
-        """Ask the trainer to save and end."""
+        """Ask the trainer to save a checkpoint and end."""
         self.process.terminate()
 
 
 def read_files(run: Path) -> Files:
-    """Return the checkpoints, metrics, log and configuration of a run, which may be going on.
+    """Return the checkpoints, metrics, log and configuration of a run, by path in the run's folder.
 
-    Checkpoints are read first: metrics may be ahead of them, and never behind.
+    The run may be going on. Checkpoints are read first, because metrics may be newer than checkpoints, never older.
     """
     paths = [path for path in (*run.glob("checkpoints/[0-9]*/*"), *run.glob("*")) if path.is_file()]
     files: Files = {}
     for path in paths:
         try:
             files[path.relative_to(run).as_posix()] = path.read_bytes()
-        except FileNotFoundError:  # an old checkpoint that has just been dropped
+        except FileNotFoundError:  # an old checkpoint that has just been deleted
             continue
     files.pop("lock", None)
     return files
 
 
 def write_files(run: Path, files: Mapping[str, bytes]) -> None:
-    """Bring a run's folder up to date, so that whatever interrupts it, metrics are not behind checkpoints.
+    """Write files into a run's folder, in an order that never leaves metrics older than checkpoints.
 
-    A checkpoint appears whole or not at all; those that `files` lacks are dropped. Nothing happens without files.
+    A checkpoint appears complete or not at all, and checkpoints that are not in `files` are deleted. Without files,
+    nothing changes.
     """
     fresh = run / ".fresh"
     shutil.rmtree(fresh, ignore_errors=True)
@@ -170,6 +176,6 @@ def write_files(run: Path, files: Mapping[str, bytes]) -> None:
 
 
 def _stamp(run: Path) -> tuple[tuple[str, int], ...]:
-    """Return what tells whether there is a new row of metrics or a new checkpoint."""
+    """Return a value that changes with each new row of metrics and each new checkpoint."""
     sizes = [(path.name, path.stat().st_size) for path in sorted(run.glob("metrics-*.csv"))]
     return *sizes, *((path.name, 0) for path in sorted(run.glob("checkpoints/[0-9]*")))

@@ -18,8 +18,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 from PIL import Image
 
-from tools.original import TIMESTEPS_PER_STEP, original_curve, original_ends, paper_figures
-from tools.results import COMPLETE, GAMES, LAYOUTS, MARK, Experiment, Results, main_policy
+from tools.paper.original import TIMESTEPS_PER_STEP, original_curve, original_ends, paper_figures
+from tools.paper.runs import COMPLETE, GAMES, LAYOUTS, MARK, Experiment, Results, main_policy
 
 TITLES = {"shooting_birds": "Shooting Birds", "beastly_rivals": "Beastly Rivals"}
 COLOURS = {

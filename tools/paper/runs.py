@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import bootstrap, trim_mean
 
+from joybridge.experiments import find_results
 from joybridge.trainer.metrics import Row, read_rows
 
 MARK = 300_000  # timesteps between two rows of metrics: 20 000 of the original's steps
 COMPLETE = 30_000_000  # timesteps of a complete run
-POLICIES = ("axes", "buttons")  # the two agents of multiagent
 GAMES = ("shooting_birds", "beastly_rivals")
 LAYOUTS = (
     "bucket-11", "bucket-3", "bucket-41", "threshold-0.0", "threshold-0.1", "threshold-0.5", "multiagent", "hybrid",
@@ -87,22 +87,18 @@ def read_results(folder: Path) -> Results:
 
 
 def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
-    """Return the longest of the runs that begin alike, by experiment in their order."""
+    """Return the longest of the runs that begin alike, by experiment in the order of LAYOUTS."""
     longest: dict[Key, dict[tuple[int, float], Run]] = {}  # within an experiment, by seed and first reward
-    for path in (path for game in GAMES for path in sorted(folder.glob(f"*M/{game}/*.csv"))):
-        stem, _, policy = path.stem.rpartition("-")
-        if policy not in POLICIES:
-            stem, policy = path.stem, ""
-        layout, _, seed = stem.rpartition("-s")
+    for name, path in find_results(folder).items():
+        game, _, layout = name.run.experiment.partition("/")
         rows = {round(row["timesteps"] / MARK) * MARK: row for row in read_rows(path) if "reward" in row}
-        runs = longest.setdefault((path.parent.name, layout, policy), {})
-        if rows:
-            run, beginning = Run(int(seed), rows), (int(seed), rows[min(rows)]["reward"])
+        if game in GAMES and rows:
+            runs = longest.setdefault((game, layout, name.policy), {})
+            run, beginning = Run(name.run.seed, rows), (name.run.seed, rows[min(rows)]["reward"])
             runs[beginning] = max(run, runs.get(beginning, run), key=lambda each: each.end)
     return {
         key: tuple(runs[beginning] for beginning in sorted(runs))
         for key, runs in sorted(longest.items(), key=lambda item: _place(*item[0]))
-        if runs
     }
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from statistics import geometric_mean, mean
 from typing import Any
 
-from tools.original import original_ends, original_point, paper_figures
-from tools.results import COMPLETE, LAYOUTS, Results, main_policy
-from tools.verdicts import (
+from tools.paper.original import original_ends, original_point, paper_figures
+from tools.paper.runs import COMPLETE, LAYOUTS, Results, main_policy
+from tools.paper.statistics import (
     FAILS,
     HOLDS,
     UNDECIDED,
@@ -257,6 +257,8 @@ def _judge_shown(shown: Shown) -> Verdict:
     words = [holds for _, holds, complete in shown if complete]
     if not words:
         so_far = "; so far " + "; ".join(text for text, _, _ in shown) if shown else ""
-        return Verdict(UNTESTED, f"needs `tools/behavior.py` on complete runs of the paper's approaches{so_far}")
+        return Verdict(
+            UNTESTED, f"needs `python -m tools.paper.behavior` on complete runs of the paper's approaches{so_far}"
+        )
     word = HOLDS if all(words) else UNDECIDED if any(words) else FAILS
     return Verdict(word, "; ".join(text for text, _, complete in shown if complete), "at 30 M")

@@ -1,6 +1,6 @@
 """Short, small videos of the best run of each layout on each game, and a moving picture of the best of each game.
 
-python -m tools.videos RUN [RUN …]    writes GAME-LAYOUT.mp4 to results/videos, and GAME.webp for pages without videos
+python -m tools.paper.videos RUN [RUN …]    writes GAME-LAYOUT.mp4, and GAME.webp for pages without videos
 
 A video begins in the middle of an episode. Games of more than 25 decisions per second are shown at their own pace;
 of slower ones every decision is a frame, so Beastly Rivals runs three times as fast as it is played.

@@ -1,9 +1,9 @@
-"""The original's published results: its logs of ten runs per experiment, and what its paper prints.
+"""The original's published results: its logs of ten runs per experiment, and the figures that its paper prints.
 
-`original.csv` holds, per game, layout and policy, the mean and the standard deviation over ten runs of reward
-and episode length at some of its steps; `original_runs.csv` the end of each run; `paper.csv` the figures in the
-paper's text and plots. One step of the original is one decision of each of its 15 arenas, and its lengths leave
-out an episode's last decision.
+In `data/`, by game, layout and policy: `curves.csv` holds the mean and the standard deviation over the ten runs of
+reward and episode length at some steps, `ends.csv` the last figures of each run, and `printed.csv` the figures in the
+paper's text and plots. One step of the original is one decision of each of its 15 arenas. Its episode lengths do not
+count an episode's last decision.
 """
 
 import csv
@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from tools.verdicts import Sample
+from tools.paper.statistics import Sample
 
+DATA = Path(__file__).with_name("data")
 TIMESTEPS_PER_STEP = 15
 RUNS = 10  # of each experiment
 
@@ -54,7 +55,7 @@ def original_curve(game: str, layout: str, policy: str = "") -> tuple[Point, ...
             int(row["step"]) * TIMESTEPS_PER_STEP,
             *(float(row[name]) for name in ("reward", "reward_std", "length", "length_std")),
         )
-        for row in _table("original.csv", game, layout, policy)
+        for row in _table("curves.csv", game, layout, policy)
     )
 
 
@@ -67,7 +68,7 @@ def original_point(game: str, layout: str, policy: str, timesteps: int) -> Point
 @cache
 def original_ends(game: str, layout: str, policy: str = "") -> Ends | None:
     """Return how the original's runs of an experiment ended, or None where it has none; policy as above."""
-    rows = _table("original_runs.csv", game, layout, policy)
+    rows = _table("ends.csv", game, layout, policy)
     columns = [tuple(float(row[name]) for row in rows) for name in ("reward", "last_ten", "length", "hours")]
     return Ends(*columns) if rows else None
 
@@ -75,12 +76,12 @@ def original_ends(game: str, layout: str, policy: str = "") -> Ends | None:
 @cache
 def paper_figures(game: str, layout: str) -> dict[str, float]:
     """Return what the paper prints of an experiment: reward, accuracy, length, hours, as far as it does."""
-    rows = _table("paper.csv", game, layout)
+    rows = _table("printed.csv", game, layout)
     return {key: float(row[key]) for row in rows for key in ("reward", "accuracy", "length", "hours") if row[key]}
 
 
 def _table(name: str, game: str, layout: str, policy: str = "") -> list[dict[str, str]]:
-    """Return the rows of an experiment in one of the files beside this one."""
-    with Path(__file__).with_name(name).open(newline="") as file:
+    """Return the rows of an experiment in one of the files in `data/`."""
+    with (DATA / name).open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if (row["game"], row["layout"]) == (game, layout)]
     return [row for row in rows if row.get("policy", "") in ("", policy)]

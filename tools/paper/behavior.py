@@ -1,6 +1,6 @@
 """How trained policies play: measures of the behavior that the paper describes in words.
 
-python -m tools.behavior RUN [RUN …]        adds to results/behavior.json, and draws figures/behavior.png beside it
+python -m tools.paper.behavior RUN [RUN …]    adds to results/behavior.json and draws figures/behavior.png beside it
 
 Plays every run for one time limit of the game, with samples as in training, and measures from what goes over the
 wire: sensors by their names, buttons, metrics. Only the units of the sensors stand here. The same seed gives the
@@ -33,7 +33,7 @@ from joybridge.trainer.playing import Players, run_config
 from joybridge.trainer.wire.client import SimulatorError, describe
 from joybridge.trainer.wire.launch import simulator_process
 from joybridge.trainer.wire.shards import Shards
-from tools.figures import COLOURS, save_figure
+from tools.paper.figures import COLOURS, save_figure
 
 Measures = dict[str, Any]  # of one run, as they go to JSON
 

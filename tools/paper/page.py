@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import mean, stdev
 
-from tools.claims import Behavior, make_claims
-from tools.figures import TITLES, draw_figures
-from tools.original import TIMESTEPS_PER_STEP, original_ends, original_point, paper_figures
-from tools.results import (
+from tools.paper.claims import Behavior, make_claims
+from tools.paper.figures import TITLES, draw_figures
+from tools.paper.original import TIMESTEPS_PER_STEP, original_ends, original_point, paper_figures
+from tools.paper.runs import (
     COMPLETE,
     MARK,
     Experiment,
@@ -19,8 +19,9 @@ from tools.results import (
     main_policy,
     read_results,
 )
-from tools.verdicts import FAILS, HOLDS, differ, sample
+from tools.paper.statistics import FAILS, HOLDS, differ, sample
 
+RESULTS = Path(__file__).resolve().parents[2] / "results"  # the project's own
 MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # timesteps that the last table compares at
 LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
 COURSES = ("lap_radius",)  # behavior over time, which only a plot can show
@@ -61,8 +62,8 @@ Where the original's own logs do not bear its paper out, by the same rules:"""
 DETAILS = """\
 The figures behind each verdict, with the number of runs in brackets; ± is one standard deviation of runs."""
 BEHAVIOR = """\
-Measured by `tools/behavior.py` on trained policies. Speeds are in units/s, `slow share` is of the time. The original's
-published bucket-11 network, replayed, hits 157 157 127 173 131 168 78 birds in levels 0 to 6."""
+Measured by `python -m tools.paper.behavior` on trained policies. Speeds are in units/s, `slow share` is of the time.
+The original's published bucket-11 network, replayed, hits 157 157 127 173 131 168 78 birds in levels 0 to 6."""
 EXPERIMENTS = """\
 At the end of the runs; where they differ in length there is a line per length, over all that got there. In square
 brackets the 95 % bootstrap confidence interval of the mean, which of two or three runs is no more than the lowest and
@@ -74,8 +75,8 @@ the means differ by Student's t test at the 5 % level, as one in twenty cells do
 one seed are still alike, and 75 arenas cost Shooting Birds some reward, see [DECISIONS](../DECISIONS.md)."""
 
 
-def write_report(results: Path) -> Path:
-    """Draw the figures, write the page into `results` and return its path."""
+def write_report(results: Path) -> list[Path]:
+    """Draw the figures, write the page into `results` and return the paths of the pages written."""
     experiments = read_results(results)
     path = results / "behavior.json"
     behavior: Behavior = json.loads(path.read_text()) if path.exists() else {}
@@ -92,7 +93,7 @@ def write_report(results: Path) -> Path:
     ]  # fmt: skip
     page = results / "README.md"
     page.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
-    return page
+    return [page]
 
 
 def complete_runs(results: Results) -> str:
@@ -143,7 +144,7 @@ def claims(results: Results, behavior: Behavior) -> list[str]:
 
 
 def behaviors(behavior: Behavior, results: Path) -> list[str]:
-    """Tabulate what `tools/behavior.py` measured of trained policies, except for courses over time."""
+    """Tabulate what `python -m tools.paper.behavior` measured of trained policies, except for courses over time."""
     blocks = []
     for game, title in TITLES.items():
         chosen = {name: figures for name, figures in sorted(behavior.items()) if name.startswith(f"{game}/")}

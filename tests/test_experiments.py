@@ -1,0 +1,319 @@
+"""Grids: finished runs are skipped, a failed run stops no other, and a killed grid ends with the same results."""
+
+import csv
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import joybridge.experiments
+from joybridge.experiments import Job, Process, ResultName, RunName, find_results, grid, job, run_grid, start
+from joybridge.experiments.cluster import read_files, write_files
+from joybridge.experiments.display import Display, time_left
+from joybridge.experiments.grid import keep_results
+from joybridge.trainer.checkpoint import has_checkpoint
+
+ROOT = Path(__file__).parents[1]
+TIMESTEPS = 12_000
+DEADLINE_SECONDS = 120.0  # for a run to save its first checkpoint
+TIMING = {"timesteps_per_second", "simulate", "wire", "act", "learn"}
+
+
+@pytest.fixture(scope="module")
+def configs(tmp_path_factory) -> Path:
+    """Return a folder of two configurations, one of which fails."""
+    folder = tmp_path_factory.mktemp("configs")
+    base = ROOT / "configs" / "beastly_rivals" / "bucket-3.yaml"
+    policy = "{hidden_sizes: [32, 32], rollout_steps: 50, time_horizon: 50, minibatch_size: 100}"
+    (folder / "survive.yaml").write_text(
+        f"{{extends: {base}, arenas: 8, log_interval: 3000, checkpoint_interval: 2000, policy: {policy}}}"
+    )
+    (folder / "fail.yaml").write_text(f"{{extends: {base}, arenaz: 4}}")
+    return folder
+
+
+def make_job(configs: Path, runs: Path, experiment: str = "survive", seed: int = 0) -> Job:
+    return Job(experiment, seed, TIMESTEPS, configs, runs)
+
+
+def start_command(configs: Path, runs: Path, *more: str, **options: Any) -> "subprocess.Popen[str]":
+    """Start the command line of the paper's grid in the checkout."""
+    arguments = [
+        sys.executable, "-m", "tools.paper", "run", "--configs", str(configs), "--runs", str(runs),
+        "--results", str(runs / "results"), "--timesteps", str(TIMESTEPS), "--jobs", "2", *more,
+    ]  # fmt: skip
+    return subprocess.Popen(arguments, cwd=ROOT, text=True, **options)
+
+
+def wait_for_checkpoints(process: "subprocess.Popen[str]", *jobs: Job) -> None:
+    """Wait until every job has saved a checkpoint, while the grid's process is running."""
+    deadline = time.monotonic() + DEADLINE_SECONDS
+    while not all(has_checkpoint(job.run) for job in jobs):
+        assert process.poll() is None, "the grid ended before every run had a checkpoint"
+        assert time.monotonic() < deadline, f"no checkpoint of every run within {DEADLINE_SECONDS:g} s"
+        time.sleep(0.02)
+
+
+def figures(results: Path) -> dict[str, list[dict[str, str]]]:
+    """Return every cell that does not depend on time, by file."""
+    tables = {}
+    for path in sorted(results.glob("*/*.csv")):
+        with path.open(newline="") as file:
+            tables[path.name] = [
+                {name: cell for name, cell in row.items() if name not in TIMING} for row in csv.DictReader(file)
+            ]
+    return tables
+
+
+@dataclass
+class Whole:
+    """The results of a grid that was not interrupted."""
+
+    results: Path
+    failed: dict[Job, str]
+
+
+@pytest.fixture(scope="module")
+def whole(configs, tmp_path_factory) -> Whole:
+    folder = tmp_path_factory.mktemp("whole")
+    jobs = [
+        make_job(configs, folder, "survive", 0),
+        make_job(configs, folder, "fail", 0),
+        make_job(configs, folder, "survive", 1),
+    ]
+    return Whole(folder / "results", run_grid(jobs, 3, folder / "results"))
+
+
+@pytest.fixture(scope="module")
+def killed(configs, tmp_path_factory) -> Path:
+    """Return the folder of a grid of two runs that was killed in the middle with all its processes."""
+    runs = tmp_path_factory.mktemp("killed")
+    process = start_command(
+        configs, runs, "--experiments", "survive", "--seeds", "0", "1",
+        start_new_session=True, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    first, second = make_job(configs, runs, seed=0), make_job(configs, runs, seed=1)
+    wait_for_checkpoints(process, first, second)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (first.finished() and second.finished())
+    return runs
+
+
+def test_one_failing_run_is_reported_with_its_reason_and_does_not_stop_the_others(whole):
+    assert [(str(failed.name), reason) for failed, reason in whole.failed.items()] == [
+        ("fail-s0", "error: unknown key 'arenaz'; did you mean 'arenas'?")
+    ]
+    assert list(figures(whole.results)) == ["survive-s0.csv", "survive-s1.csv"]
+
+
+def test_the_trainers_of_a_killed_grid_save_and_end_and_the_grid_resumes_them(whole, configs, tmp_path):
+    process = start_command(configs, tmp_path, "--experiments", "survive", "--seeds", "0", stdout=subprocess.DEVNULL)
+    only = make_job(configs, tmp_path)
+    wait_for_checkpoints(process, only)
+    process.kill()  # it alone, not its trainers
+    process.wait()
+    assert run_grid([only], 1, tmp_path / "results") == {}
+    assert "interrupted" in (only.run / "log.txt").read_text()
+    name = "survive-s0.csv"
+    assert figures(tmp_path / "results") == {name: figures(whole.results)[name]}
+
+
+def test_a_killed_run_is_reported_with_its_signal(configs, tmp_path):
+    victim = make_job(configs, tmp_path)
+
+    def begin(chosen: Job) -> Process:
+        process = start(chosen)
+        os.kill(process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
+        return process
+
+    assert run_grid([victim], 1, tmp_path / "results", begin) == {victim: "killed by SIGKILL"}
+
+
+def test_every_finished_run_keeps_all_rows_and_different_seeds_differ(whole):
+    tables = figures(whole.results)
+    rows = tables["survive-s0.csv"]
+    assert [int(row["timesteps"]) // 3000 for row in rows] == [1, 2, 3, 4]
+    assert all(float(row["episodes"]) > 0 for row in rows)
+    assert rows != tables["survive-s1.csv"]
+
+
+def test_a_grid_that_is_killed_and_repeated_ends_with_the_same_results(whole, killed, configs, tmp_path):
+    runs = shutil.copytree(killed, tmp_path / "runs")
+    again = start_command(configs, runs, "--experiments", "survive", "--seeds", "0", "1", stderr=subprocess.PIPE)
+    _, errors = again.communicate()
+    assert again.returncode == 0, errors
+    assert figures(runs / "results") == figures(whole.results)
+    assert run_grid([make_job(configs, runs, seed=seed) for seed in (0, 1)], 2, runs / "once more", begin=refuse) == {}
+    assert figures(runs / "once more") == figures(whole.results)  # kept again without running again
+
+
+def refuse(finished: Job) -> Process:
+    raise AssertionError(f"{finished.name} was started though it had finished")
+
+
+def test_a_ray_cluster_resumes_killed_runs_to_the_same_results_and_reports_failures(whole, killed, configs, tmp_path):
+    runs = shutil.copytree(killed, tmp_path / "runs")
+    seed = next(seed for seed in (0, 1) if not make_job(configs, runs, seed=seed).finished())
+    on_ray = ["--experiments", "fail", "survive", "--seeds", str(seed), "--backend", "ray", "--jobs", "1"]
+    process = start_command(configs, runs, *on_ray, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    output, errors = process.communicate()
+    assert process.returncode == 1
+    assert f"survive-s{seed}: done" in output
+    assert f"failed: fail-s{seed}: unknown key 'arenaz'; did you mean 'arenas'?" in errors
+    name = f"survive-s{seed}.csv"
+    assert figures(runs / "results") == {name: figures(whole.results)[name]}
+
+
+def test_a_run_that_another_process_is_training_is_refused(configs, tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "LOCK_SECONDS", 0.0)
+    taken = make_job(configs, tmp_path)
+    taken.run.mkdir()
+    with (taken.run / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        failed = run_grid([taken], 1, tmp_path / "results")
+    assert failed == {taken: f"another process is training {taken.run}; end it first"}
+
+
+class Endless:
+    """A process that ends only when it is terminated."""
+
+    def __init__(self) -> None:
+        self.status: int | None = None
+
+    def poll(self) -> int | None:
+        return self.status
+
+    def terminate(self) -> None:
+        self.status = 130
+
+    def wait(self) -> int:
+        assert self.status is not None
+        return self.status
+
+
+def test_an_interrupt_terminates_every_running_process_and_waits_for_it(configs, tmp_path, monkeypatch):
+    monkeypatch.setattr(grid, "GRACE_SECONDS", 0.0)
+    processes: list[Endless] = []
+
+    def begin(_: Job) -> Endless:
+        if len(processes) == 2:
+            raise KeyboardInterrupt
+        processes.append(Endless())
+        return processes[-1]
+
+    with pytest.raises(KeyboardInterrupt):
+        run_grid([make_job(configs, tmp_path, seed=seed) for seed in range(3)], 3, tmp_path / "results", begin)
+    assert [process.status for process in processes] == [130, 130]
+
+
+def test_the_time_left_follows_from_the_speed_and_is_unknown_before_the_first_measurement():
+    assert time_left(9_000_000, 1000.0) == "1.0 k timesteps/s, 2 h 30 min left"
+    assert time_left(9_000_000, 0.0) == "measuring"
+
+
+def test_a_failed_run_no_longer_counts_for_the_time_left(configs, tmp_path):
+    jobs = [make_job(configs, tmp_path, seed=seed) for seed in (0, 1)]
+    display = Display(jobs, finished=0)
+    display.update([])
+    assert display.bars.tasks[display.all].total == 2 * TIMESTEPS
+    display.end(jobs[0], "error: it failed")
+    display.update([])
+    assert display.bars.tasks[display.all].total == TIMESTEPS
+
+
+def test_results_of_one_policy_are_named_without_it(tmp_path):
+    birds = Job("shooting_birds/bucket-11", 3, 3_000_000, ROOT / "configs", tmp_path / "runs")
+    birds.run.mkdir(parents=True)
+    (birds.run / "metrics-hunter.csv").write_text("timesteps\n300000\n")
+    keep_results(birds, tmp_path / "results")
+    assert (tmp_path / "results/3M/shooting_birds/bucket-11-s3.csv").read_text() == "timesteps\n300000\n"
+
+
+def test_results_end_at_the_timesteps_of_the_job_and_never_replace_those_of_another_run(tmp_path):
+    birds = Job("shooting_birds/bucket-11", 0, 700_000, ROOT / "configs", tmp_path / "runs")
+    birds.run.mkdir(parents=True)
+    metrics, kept = birds.run / "metrics-hunter.csv", tmp_path / "results/0.7M/shooting_birds/bucket-11-s0.csv"
+    metrics.write_text("timesteps,reward\n300024,1.5\n600021,2.5\n900018,3.5\n")
+    for _ in range(2):
+        keep_results(birds, tmp_path / "results")
+        assert kept.read_text() == "timesteps,reward\n300024,1.5\n600021,2.5\n"
+    metrics.write_text("timesteps,reward\n300024,1.5\n600021,9.5\n")
+    with pytest.raises(FileExistsError, match="is the result of another run; move it away"):
+        keep_results(birds, tmp_path / "results")
+    assert [path.name for path in kept.parent.iterdir()] == [kept.name]
+    assert kept.read_text().endswith("600021,2.5\n")
+
+
+def test_a_finished_run_is_unfinished_after_its_configuration_changes(whole, configs):
+    plain = make_job(configs, whole.results.parent)
+    assert plain.finished()
+    other = replace(plain, overrides=("policy.epochs=1",))
+    assert not other.finished()
+    assert "policy changed" in run_grid([other], 1, whole.results)[other]
+
+
+def test_files_of_a_run_are_copied_and_old_checkpoints_are_deleted(tmp_path):
+    there, here = tmp_path / "there", tmp_path / "here"
+    first = {
+        "metrics-a.csv": b"1",
+        "log.txt": b"x",
+        "checkpoints/000001/arrays": b"a",
+        "checkpoints/000001/manifest": b"m",
+    }
+    second = {"metrics-a.csv": b"12", "log.txt": b"xy", "checkpoints/000002/arrays": b"b"}
+    write_files(there, first)
+    assert read_files(there) == first
+    write_files(here, read_files(there))
+    write_files(here, second)
+    assert read_files(here) == second
+    write_files(here, {})
+    assert read_files(here) == second
+    (here / "lock").touch()
+    (here / "tensorboard").mkdir()
+    assert read_files(here) == second
+
+
+# Names
+
+
+@pytest.mark.parametrize(
+    ("name", "path"),
+    [
+        (ResultName(RunName("shooting_birds/bucket-11", 0), 30_000_000), "30M/shooting_birds/bucket-11-s0.csv"),
+        (ResultName(RunName("rivals/multiagent", 12), 600_000, "axes"), "0.6M/rivals/multiagent-s12-axes.csv"),
+        (ResultName(RunName("survive", 3), 12_345, "a-s1"), "0.012345M/survive-s3-a-s1.csv"),
+        (ResultName(RunName("deep/er/x-slow", 3), 1), "0.000001M/deep/er/x-slow-s3.csv"),
+    ],
+)
+def test_the_path_of_a_result_spells_its_name_and_back(name, path):
+    assert name.path == Path(path)
+    assert ResultName.parse(Path(path)) == name
+    assert RunName.parse(str(name.run)) == name.run
+
+
+@pytest.mark.parametrize("path", ["M/birds-s0.csv", "3M/birds.csv", "3M/birds-s0.txt", "figures/birds-s0.csv"])
+def test_other_paths_are_not_results(path, tmp_path):
+    with pytest.raises(ValueError, match="not the path of a result, LENGTH/EXPERIMENT"):
+        ResultName.parse(Path(path))
+    (tmp_path / path).parent.mkdir()
+    (tmp_path / path).touch()
+    assert find_results(tmp_path) == {}
+
+
+def test_an_experiment_whose_name_contains_a_seed_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="'birds-s2-x': '-s2' reads as a seed"):
+        Job("birds-s2-x", 0, 1, tmp_path, tmp_path)
+
+
+def test_every_public_name_is_documented():
+    for name in joybridge.experiments.__all__:
+        assert getattr(joybridge.experiments, name).__doc__
