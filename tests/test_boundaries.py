@@ -169,7 +169,7 @@ import numpy as np
 import joybridge.simulator.service
 from joybridge.contract.codec import ActArrays, pack_act
 from joybridge.v1 import bridge_pb2 as pb
-from joybridge.simulator.catalogue import load_games
+from joybridge.simulator.catalog import load_games
 from joybridge.simulator.session import Session
 
 def lowest(kind):

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from joybridge.contract.codec import ActArrays, lane_count, pack_act
 from joybridge.contract.spec import choose_options
 from joybridge.contract.tensors import pack
-from joybridge.simulator.catalogue import load_games
+from joybridge.simulator.catalog import load_games
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import PLACES
 from tests.support.wire import ANY_LENGTH, PLAY, SAVE, SECONDS, act, encode, reset, start
@@ -29,7 +29,7 @@ EXPECTED = {INVALID, EARLY, StatusCode.NOT_FOUND, StatusCode.RESOURCE_EXHAUSTED}
 ARENAS = 3
 GAMES = ["hybrid", "duel", "shooting_birds"]
 CATALOGUE = load_games(PLACES)
-SPECS = {name: CATALOGUE[name].describe(choose_options(CATALOGUE[name].options(), {}, name)) for name in GAMES}
+SPECS = {name: CATALOGUE[name].describe(choose_options(CATALOGUE[name].options, {}, name)) for name in GAMES}
 
 
 class Kind(NamedTuple):

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from joybridge.cli import main
 from joybridge.games import BUILT_IN
-from joybridge.simulator.__main__ import main
-from joybridge.simulator.new import TEMPLATE
+from joybridge.simulator.new_game.write import TEMPLATE
 from joybridge.trainer.metrics import read_rows
 
 TYPED = [
@@ -140,19 +140,19 @@ def test_it_may_be_written_elsewhere(folder, capsys):
 @pytest.mark.parametrize(
     ("name", "complaint"),
     [
-        ("9lives", "'9lives': its name is its module's, too; use small letters"),
-        ("my-game", "'my-game': its name is its module's, too; use small letters"),
-        ("MyGame", "'MyGame': its name is its module's, too; use small letters"),
-        ("a/b", "'a/b': its name is its module's, too; use small letters"),
-        ("", "'': its name is its module's, too; use small letters"),
-        ("class", "'class', a word of Python's own; try class_game"),
-        ("none", "the class of 'none' would be None, which is another thing; try my_none"),
-        ("action", "the class of 'action' would be Action, which is another thing; try my_action"),
+        ("9lives", "'9lives': its module has the same name; use lower-case letters"),
+        ("my-game", "'my-game': its module has the same name; use lower-case letters"),
+        ("MyGame", "'MyGame': its module has the same name; use lower-case letters"),
+        ("a/b", "'a/b': its module has the same name; use lower-case letters"),
+        ("", "'': its module has the same name; use lower-case letters"),
+        ("class", "'class', a keyword of Python; try class_game"),
+        ("none", "the class of 'none' would be None, a name that is taken; try my_none"),
+        ("action", "the class of 'action' would be Action, a name that is taken; try my_action"),
         ("json", "a module 'json' already, which json.py would hide; try json_game"),
         ("antigravity", "a module 'antigravity' already, which antigravity.py would hide; try antigravity_game"),
         ("numpy", "a module 'numpy' already, which numpy.py would hide; try numpy_game"),
         ("trainer", "a module 'trainer' already, which trainer.py would hide; try trainer_game"),
-        *((name, f"'{name}' is a built-in game; choose another name, as in my_{name}") for name in BUILT_IN),
+        *((name, f"'{name}' is a built-in game; choose another name, for example my_{name}") for name in BUILT_IN),
     ],
 )
 def test_a_bad_name_is_refused_with_the_next_move(name, complaint, folder, capsys):
@@ -175,7 +175,7 @@ def test_nothing_is_overwritten(suffix, folder, capsys):
     path = folder / f"my_pond{suffix}"
     path.write_text("precious")
     assert main(["new", "my_pond"]) == 2
-    wanted = f"error: {path.name} is there already and is not overwritten; choose another name or --folder\n"
+    wanted = f"error: {path.name} exists and is not overwritten; choose another name or --folder\n"
     assert capsys.readouterr().err == wanted
     assert [(path.name, path.read_text()) for path in folder.iterdir()] == [(path.name, "precious")]
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from joybridge.contract.codec import Codec, pack_act
-from joybridge.simulator.catalogue import load_games
+from joybridge.simulator.catalog import load_games
 from joybridge.simulator.session import Session
 from joybridge.trainer.build import make_policies
 from joybridge.trainer.config import Config, ConfigError, PolicyConfig

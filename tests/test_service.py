@@ -20,7 +20,7 @@ from joybridge.contract.codec import Codec
 from joybridge.contract.spec import check_spec
 from joybridge.contract.tensors import Format, pack
 from joybridge.games import BUILT_IN
-from joybridge.simulator.catalogue import CatalogueError, load_games
+from joybridge.simulator.catalog import CatalogError, load_games
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.games import FAULTS, PICTURE, PLACES
@@ -626,22 +626,22 @@ def test_games_without_a_fault_play_on(simulator):
         ("nowhere:Game", "game 'nowhere:Game' cannot be imported"),
         ("tests.support.games:Chess", "game 'tests.support.games:Chess' cannot be imported"),
         ("", "game '' cannot be imported"),
-        ("tests.support.games:PICTURE", "is not a class derived from joybridge.simulator.game.Game or BatchedGame"),
+        ("tests.support.games:PICTURE", "is not a subclass of joybridge.simulator.Game or BatchedGame"),
         ("tests.support.games:Unnamed", "game 'tests.support.games:Unnamed' cannot be described: AttributeError"),
         (
             "tests.support.games:BrokenChoice",
-            "spec that breaks the contract: broken_choice.player: agents_per_arena is 0",
+            "spec that violates the contract: broken_choice.player: agents_per_arena is 0",
         ),
     ],
 )
 def test_a_game_that_cannot_be_served_is_refused_before_the_server_starts(place, text):
-    with pytest.raises(CatalogueError) as caught:
+    with pytest.raises(CatalogError) as caught:
         load_games([place])
     assert text in str(caught.value)
 
 
 def test_two_games_cannot_have_one_name():
-    with pytest.raises(CatalogueError, match="a game named 'hybrid' is already there; give this one another name"):
+    with pytest.raises(CatalogError, match="there is already a game named 'hybrid'; rename this one"):
         load_games(["tests.support.games:Hybrid", "tests.support.games:Namesake"])
 
 

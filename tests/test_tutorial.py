@@ -166,7 +166,7 @@ def test_everything_on_the_page_is_as_it_says(terminal):
     for run in ("first", "bucket"):  # both layouts learn
         rows = read_rows(folder / f"runs/{run}/metrics-player.csv")
         assert rows[-1]["reward"] > rows[0]["reward"] + 8, rows
-    shown, seen = imread(PAGE.parent / "template/my_game.png"), imread(folder / "look.png")
+    shown, seen = imread(PAGE.parent / "joybridge/simulator/new_game/template/my_game.png"), imread(folder / "look.png")
     assert shown.shape == seen.shape and np.abs(shown - seen).mean() < 0.01  # the fonts of machines differ
     assert imread(folder / "curve.png").std() > 0.05
     with av.open(str(folder / "my_game.mp4")) as video:

@@ -32,7 +32,7 @@ from gymnasium.vector import AsyncVectorEnv
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
 from joybridge.gym import BridgeEnv, BridgeVectorEnv
-from joybridge.simulator.catalogue import load_games
+from joybridge.simulator.catalog import load_games
 from joybridge.trainer.config import load_config
 from joybridge.trainer.layouts import make_layouts
 from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
@@ -75,7 +75,7 @@ def bench_simulator() -> Figures:
         if name not in GAMES:
             continue
         for arenas in (1, 4, 16, 64, 256, 1024):
-            options = choose_options(game_class.options(), {}, name)
+            options = choose_options(game_class.options, {}, name)
             game = game_class(options, {}, arenas, 0, 0)
             acts = random_acts(game_class.describe(options), arenas, np.random.default_rng(0))
             steps = max(20, 20_000 // arenas)
@@ -225,7 +225,7 @@ def _products(heads: list[torch.Tensor], minibatch: int, inputs: int, hidden: in
 
 def _device() -> pb.Device:
     return load_games()["shooting_birds"].describe(
-        choose_options(load_games()["shooting_birds"].options(), {}, "shooting_birds")
+        choose_options(load_games()["shooting_birds"].options, {}, "shooting_birds")
     ).behaviors[0].device  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from joybridge.simulator.game import Game, behavior, button, channel, sensor, spec, transition, truncation
+from joybridge.simulator import Game, behavior, button, channel, sensor, spec, transition, truncation
 
 LENGTH = 5
 PICTURE = (101, 75)  # width, height

@@ -16,9 +16,8 @@ from grpc_reflection.v1alpha import reflection
 
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import pack
+from joybridge.simulator import BatchedGame, axis, behavior, branch, button, channel, option, parameter, sensor, spec
 from joybridge.simulator import session as sessions
-from joybridge.simulator.batched_game import BatchedGame
-from joybridge.simulator.game import axis, behavior, branch, button, channel, sensor
 from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
@@ -34,17 +33,15 @@ class Gauntlet(BatchedGame):
     name = "gauntlet"
     description = "Move a point, change gears, and be judged every other time."
 
-    @classmethod
-    def options(cls):
-        return [pb.Option(name="size", choices=["small", "large"], default_choice="small")]
+    options = (option("size", ["small", "large"]),)
 
     @classmethod
     def describe(cls, options):
         sensors = [
             sensor("place", [2], -9.0, 9.0),
-            pb.Sensor(name="count", dtype=pb.INT32, shape=[1]),
-            pb.Sensor(name="image", dtype=pb.UINT8, shape=[2, 2 if options["size"] == "small" else 5]),
-            pb.Sensor(name="lamps", dtype=pb.BOOL, shape=[3]),
+            sensor("count", [1], dtype="int32"),
+            sensor("image", [2, 2 if options["size"] == "small" else 5], dtype="uint8"),
+            sensor("lamps", [3], dtype="bool"),
         ]
         player = behavior(
             "player", sensors=sensors, axes=[axis("x"), axis("force", 0.5, 2.0)],
@@ -53,11 +50,9 @@ class Gauntlet(BatchedGame):
         )  # fmt: skip
         judge = behavior("judge", sensors=[sensor("lead", [1])], branches=[button("verdict")], agents=2)
         runner = behavior("runner", sensors=[sensor("track", [1])], axes=[axis("pace")], metrics=["pace"])
-        return pb.GameSpec(
-            name=cls.name, description=cls.description, options=cls.options(), behaviors=[player, judge, runner],
-            parameters=[pb.Parameter(name="drift", low=0.0, high=2.0, default_value=1.0)], decision_interval=1,
-            tick_seconds=0.1, max_episode_decisions=LONGEST, max_arenas=16, snapshot_bytes_per_arena=80,
-            picture=pb.PictureSize(width=8, height=6),
+        return spec(
+            cls, [player, judge, runner], parameters=[parameter("drift", 0.0, 2.0, 1.0)], tick_seconds=0.1,
+            max_episode_decisions=LONGEST, max_arenas=16, snapshot_bytes_per_arena=80, picture=(8, 6),
         )  # fmt: skip
 
     def __init__(self, options, parameters, arenas, first_arena, seed):

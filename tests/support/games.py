@@ -7,14 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from joybridge.simulator.batched_game import BatchedGame, quiet_step
-from joybridge.simulator.game import (
+from joybridge.simulator import (
+    BatchedGame,
     Game,
     axis,
     behavior,
     branch,
     button,
     channel,
+    option,
+    parameter,
+    quiet_step,
     sensor,
     spec,
     termination,
@@ -22,7 +25,6 @@ from joybridge.simulator.game import (
     truncation,
     waiting,
 )
-from joybridge.v1 import bridge_pb2 as pb
 
 PICTURE = (8, 6)  # width, height
 
@@ -33,8 +35,8 @@ class Hybrid(Game):
     name = "hybrid"
     description = "Move a point with two axes, pick a gear that the last one allows, and press the button."
     options = (
-        pb.Option(name="size", choices=["small", "large"], default_choice="small"),
-        pb.Option(name="masks", choices=["on", "off"], default_choice="on"),
+        option("size", ["small", "large"]),
+        option("masks", ["on", "off"]),
     )
 
     @classmethod
@@ -44,22 +46,22 @@ class Hybrid(Game):
             "player",
             sensors=[
                 sensor("place", [2], -9.0, 9.0),
-                pb.Sensor(name="count", dtype=pb.INT32, shape=[1]),
-                pb.Sensor(name="image", dtype=pb.UINT8, shape=[2, cells]),
-                pb.Sensor(name="lamps", dtype=pb.BOOL, shape=[3]),
+                sensor("count", [1], dtype=np.int32),
+                sensor("image", [2, cells], dtype=np.uint8),
+                sensor("lamps", [3], dtype=bool),
             ],
             axes=[axis("x"), axis("force", 0.5, 2.0)],
             branches=[branch("gear", ["low", "middle", "high"]), button("press")],
             channels=[channel("gain"), channel("cost", 0.5)],
             metrics=["length", "presses"],
         )
-        drift = pb.Parameter(name="drift", low=0.0, high=2.0, default_value=1.0)
+        drift = parameter("drift", 0.0, 2.0, default=1.0)
         return spec(cls, [player], parameters=[drift], max_episode_decisions=9, tick_seconds=0.1, picture=PICTURE)
 
     def reset(self):
         self.place = self.rng.uniform(-1.0, 1.0, 2)
         self.length = self.presses = self.gear = 0
-        return self.turn()
+        return self.timestep()
 
     def step(self, action):
         self.length += 1
@@ -71,12 +73,12 @@ class Hybrid(Game):
         rewards = {"gain": float(self.place[0]), "cost": -0.25 * action["press"]}
         metrics = {"length": self.length, "presses": self.presses}
         if np.abs(self.place).max() > 3.0:
-            return replace(self.turn(), rewards=rewards, metrics=metrics, terminated=True)
+            return replace(self.timestep(), rewards=rewards, metrics=metrics, terminated=True)
         if self.length == 9:
-            return replace(self.turn(), rewards=rewards, metrics=metrics, truncated=True)
-        return replace(self.turn(), rewards=rewards)
+            return replace(self.timestep(), rewards=rewards, metrics=metrics, truncated=True)
+        return replace(self.timestep(), rewards=rewards)
 
-    def turn(self):
+    def timestep(self):
         cells = 2 if self.option["size"] == "small" else 5
         observation = {
             "place": self.place,
@@ -109,7 +111,7 @@ class Duel(Game):
     def reset(self):
         self.distance = [float(self.rng.random()) for _ in range(2)]
         self.clock = 0
-        return self.turns([0.0, 0.0, 0.0])
+        return self.timesteps([0.0, 0.0, 0.0])
 
     def step(self, actions):
         rewards = [0.0, 0.0, 0.0]
@@ -122,15 +124,15 @@ class Duel(Game):
             rewards = [-0.5, -0.5, -0.5]
             rewards[mover] = actions[mover]["pace"]
         self.clock += 1
-        return self.turns(rewards)
+        return self.timesteps(rewards)
 
-    def turns(self, rewards):
+    def timesteps(self, rewards):
         observations = [{"track": [own, self.clock]} for own in self.distance]
         observations.append({"lead": [self.distance[1] - self.distance[0]]})
         paid = [{"reward": reward} for reward in rewards]
         if self.clock == 10:
             metrics = [{"distance": self.distance[0]}, {"distance": self.distance[1]}, {}]
-            return [truncation(*turn) for turn in zip(observations, paid, metrics, strict=True)]
+            return [truncation(*parts) for parts in zip(observations, paid, metrics, strict=True)]
         return [
             (transition if agent == self.clock % 3 else waiting)(observations[agent], paid[agent]) for agent in range(3)
         ]
@@ -193,7 +195,7 @@ FAULTS = {
     "mask of another length": "press",
     "mask of an unknown branch": "jump",
     "nothing returned": "None",
-    "two turns for one agent": "2 turns",
+    "two timesteps for one agent": "2 timesteps",
     "exit": "SystemExit",
     "words that no wire carries": "ValueError",
     "picture of another size": "draw",
@@ -212,8 +214,8 @@ class Faulty(Game):
     name = "faulty"
     description = "Make a mistake."
     options = (
-        pb.Option(name="fault", choices=["none", *FAULTS], default_choice="none"),
-        pb.Option(name="armed", choices=["no", "yes"], default_choice="no"),  # a spec alone is checked at load
+        option("fault", ["none", *FAULTS]),
+        option("armed", ["no", "yes"]),  # "no": the fault is not in the spec, which is checked when the game is loaded
     )
 
     @classmethod
@@ -258,7 +260,7 @@ class Faulty(Game):
                 return transition(observation, masks={"jump": [True, True]})
             case "nothing returned":
                 return None
-            case "two turns for one agent":
+            case "two timesteps for one agent":
                 return [transition(observation)] * 2
             case "exit":
                 raise SystemExit(3)
@@ -284,20 +286,12 @@ class Batch(BatchedGame):
     name = "batch"
     description = "Wait; and sometimes fail."
 
-    @classmethod
-    def options(cls):
-        return [pb.Option(name="fault", choices=["none", "exit", "doubles"], default_choice="none")]
+    options = (option("fault", ["none", "exit", "doubles"]),)
 
     @classmethod
     def describe(cls, options):
-        return pb.GameSpec(
-            name=cls.name,
-            description=cls.description,
-            options=cls.options(),
-            behaviors=[behavior("player", sensors=[sensor("sight", [2])], branches=[button("press")])],
-            decision_interval=1,
-            max_arenas=8,
-        )
+        player = behavior("player", sensors=[sensor("sight", [2])], branches=[button("press")])
+        return spec(cls, [player], max_arenas=8)
 
     def __init__(self, options, parameters, arenas, first_arena, seed):
         self.fault, self.arenas = options["fault"], arenas
@@ -343,7 +337,7 @@ class BrokenChoice(Unnamed):
     """A game whose spec breaks the contract under one choice of an option."""
 
     name = "broken_choice"
-    options = (pb.Option(name="agents", choices=["one", "none"], default_choice="one"),)
+    options = (option("agents", ["one", "none"]),)
 
     @classmethod
     def describe(cls, options):

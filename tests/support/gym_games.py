@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from joybridge.simulator.game import (
+from joybridge.simulator import (
     Game,
     axis,
     behavior,
     branch,
     button,
     channel,
+    parameter,
     sensor,
     spec,
     termination,
@@ -16,7 +17,6 @@ from joybridge.simulator.game import (
     truncation,
     waiting,
 )  # fmt: skip
-from joybridge.v1 import bridge_pb2 as pb
 
 
 class Brief(Game):
@@ -35,7 +35,7 @@ class Brief(Game):
             channels=[channel("lever"), channel("press", 0.5), channel("gear", 0.0)],
             metrics=["length", "presses"],
         )
-        shift = pb.Parameter(name="shift", description="added to the clock", low=0.0, high=5.0, default_value=0.0)
+        shift = parameter("shift", 0.0, 5.0, default=0.0, description="added to the clock")
         return spec(cls, [player], parameters=[shift], tick_seconds=0.1, picture=(6, 4))
 
     def reset(self):

@@ -1,6 +1,6 @@
 """Games with known answers: what was shown is what pays."""
 
-from joybridge.simulator.game import Game, Turn, axis, behavior, branch, button, sensor, spec, transition, truncation
+from joybridge.simulator import Game, TimeStep, axis, behavior, branch, button, sensor, spec, transition, truncation
 
 LENGTH = 8
 
@@ -30,7 +30,7 @@ class Identity(Game):
         """Return the numbers in a target: one per axis and button, and one per choice."""
         return len(cls.axes) + len(cls.buttons) + cls.choices
 
-    def reset(self) -> Turn:
+    def reset(self) -> TimeStep:
         self.steps = 0
         return transition(self.show())
 
@@ -41,7 +41,7 @@ class Identity(Game):
         lamps = [1.0 if self.choice == i else 0.0 for i in range(self.choices)]
         return {"target": [*self.aims, *self.presses, *lamps]}
 
-    def step(self, action) -> Turn:
+    def step(self, action) -> TimeStep:
         score = [1 - min(1.0, abs(action[name] - aim)) for name, aim in zip(self.axes, self.aims, strict=True)]
         score += [float(action[n] == press) for n, press in zip(self.buttons, self.presses, strict=True)]
         if self.choices:

@@ -1,83 +1,83 @@
-"""What the service runs: a game over many arenas at once, one call per decision for all of them.
+"""`BatchedGame`, which the server runs: all arenas of a session, advanced by one call per decision.
 
-The built-in games implement `BatchedGame` directly, for speed. An author of a new game starts from the
-one-arena `Game` in `game.py`, which `arenas.py` makes into a BatchedGame.
+The two games of the paper implement it directly, for speed. Other games are written as a one-arena `Game`, and
+`game_adapter.py` turns those into a BatchedGame.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
 
-class GameError(Exception):
-    """A failure inside a game that the game can place; its text names the arena where that is known."""
+class GameError(JoybridgeError):
+    """A mistake in a game. The message names the arena where it is known."""
 
 
 class BatchedGame(ABC):
-    """Many arenas of one game. The service checks every input; a game may trust what it is given.
+    """Many arenas of one game. The session validates all inputs before they reach the game.
 
-    Arena i of a session plays arena `first_arena + i` of the seed: its randomness depends on the seed
-    and that number alone, never on how many arenas there are.
+    Arena i of a session plays arena `first_arena + i` of the seed: its randomness depends on the seed and that
+    number only, never on the number of arenas.
     """
 
     name: ClassVar[str]
     description: ClassVar[str]
-
-    @classmethod
-    @abstractmethod
-    def options(cls) -> list[pb.Option]:
-        """Return the game's options."""
+    options: ClassVar[Sequence[pb.Option]] = ()
 
     @classmethod
     @abstractmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec under the given choice of every option."""
+        """Return the spec for the chosen value of every option. Build it with `spec`."""
 
     @abstractmethod
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
     ) -> None:
-        """Begin a first episode in every arena. `parameters` holds only those that differ from their defaults."""
+        """Begin a first episode in every arena. `parameters` has only those that were given; others are default."""
 
     @abstractmethod
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
-        """Begin new episodes everywhere; with a seed, as a new session with that seed would."""
+        """Begin a new episode in every arena. With a seed, do what a new session with that seed would do."""
 
     @abstractmethod
     def observe(self) -> list[StepArrays]:
-        """Return the present observations, with zero rewards and no ends, one per behavior."""
+        """Return the current observations, one StepArrays per behavior, with zero rewards and no episode ends."""
 
     @abstractmethod
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
-        """Advance every arena by one decision, one ActArrays and one StepArrays per behavior."""
+        """Advance every arena by one decision. `acts` and the result have one entry per behavior."""
 
     def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]; needed where the spec has a picture size."""
-        raise NotImplementedError(f"{self.name} has a picture size in its spec but does not draw")
+        """Return a picture of one arena, uint8 [height, width, 3]. Required if the spec has a picture size."""
+        raise NotImplementedError(f"{self.name} has a picture size in its spec but no draw method")
 
     def save(self) -> dict[str, Array]:
-        """Return the whole state by name; needed where the spec allows snapshots."""
-        raise NotImplementedError(f"{self.name} allows snapshots in its spec but does not save")
+        """Return the whole state as named arrays. Required if the spec allows snapshots."""
+        raise NotImplementedError(f"{self.name} allows snapshots in its spec but has no save method")
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Take back the state that `save` returned; its names, dtypes and shapes have been checked."""
-        raise NotImplementedError(f"{self.name} allows snapshots in its spec but does not restore")
+        """Restore what `save` returned. Names, dtypes and shapes are checked already, values are not.
+
+        Raises ValueError for a state that the game cannot be in.
+        """
+        raise NotImplementedError(f"{self.name} allows snapshots in its spec but has no restore method")
 
 
 def quiet_step(observations: list[Array], channels: int) -> StepArrays:
-    """Return a step in which nothing was earned and nothing ended."""
+    """Return a step with these observations (one [lanes, *shape] per sensor), zero rewards and no episode ends."""
     lanes = len(observations[0])
     zeros = np.zeros(lanes, bool)
     return StepArrays(observations, np.zeros((lanes, channels), np.float32), zeros, zeros.copy())
 
 
 def check_range(what: str, values: Array, low: float, high: float) -> None:
-    """Raise ValueError unless all values lie in low..high (NaN does not): a restored state may be anybody's."""
+    """Raise ValueError unless all values are in low..high (NaN is not). For `restore`: a snapshot may be forged."""
     if not ((values >= low) & (values <= high)).all():
         raise ValueError(f"{what} is outside {low:g}..{high:g}")

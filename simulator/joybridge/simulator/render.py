@@ -12,9 +12,11 @@ import pygame
 
 from joybridge.contract.tensors import Array
 
+__all__ = ["FINE", "Box", "Color", "Frame", "block", "disc", "ellipse", "fade", "fit", "picture", "shape", "write"]
+
 FINE = 2  # pictures are painted this much larger, then scaled down, which smooths every edge
 
-Colour = tuple[int, int, int] | tuple[int, int, int, int]
+Color = tuple[int, int, int] | tuple[int, int, int, int]
 Box = tuple[float, float, float, float]  # left, bottom, right, top
 
 
@@ -53,24 +55,22 @@ def fit(width: int, height: int, half_width: float, half_height: float) -> Frame
     return Frame(np.array([width / 2, height / 2]), np.array([[scale, 0.0], [0.0, -scale]]))
 
 
-def shape(
-    canvas: pygame.Surface, frame: Frame, points: npt.ArrayLike, fill: Colour, edge: Colour | None = None
-) -> None:
-    """Fill a polygon [n, 2] of a frame and, if it has a colour, draw its edge with a thin line."""
+def shape(canvas: pygame.Surface, frame: Frame, points: npt.ArrayLike, fill: Color, edge: Color | None = None) -> None:
+    """Fill a polygon [n, 2] of a frame and, if it has a color, draw its edge with a thin line."""
     pixels = frame.points(points).tolist()
     pygame.draw.polygon(canvas, fill, pixels)
     if edge is not None:
         pygame.draw.polygon(canvas, edge, pixels, FINE)
 
 
-def block(canvas: pygame.Surface, frame: Frame, box: Box, fill: Colour) -> None:
+def block(canvas: pygame.Surface, frame: Frame, box: Box, fill: Color) -> None:
     """Fill a box of a frame that is not turned."""
     pygame.draw.rect(canvas, fill, frame.box(*box))  # Surface.fill misplaces what begins above the canvas
 
 
-def disc(canvas: pygame.Surface, centre: Array, radius: float, fill: Colour, line: float = 0.0) -> None:
+def disc(canvas: pygame.Surface, center: Array, radius: float, fill: Color, line: float = 0.0) -> None:
     """Fill a disc around a pixel [2] of a canvas, or draw a ring with a line inwards of its radius; all in px."""
-    pygame.draw.circle(canvas, fill, np.rint(centre).tolist(), round(radius), round(line))
+    pygame.draw.circle(canvas, fill, np.rint(center).tolist(), round(radius), round(line))
 
 
 def ellipse(x: float, y: float, radius_x: float, radius_y: float, corners: int = 24) -> Array:
@@ -79,18 +79,16 @@ def ellipse(x: float, y: float, radius_x: float, radius_y: float, corners: int =
     return np.stack([x + radius_x * np.cos(angle), y + radius_y * np.sin(angle)], axis=1)
 
 
-def fade(canvas: pygame.Surface, box: pygame.Rect, top: Colour, bottom: Colour) -> None:
+def fade(canvas: pygame.Surface, box: pygame.Rect, top: Color, bottom: Color) -> None:
     """Fill a box of a canvas with a gradient from its top to its bottom."""
     for row in range(box.height):
-        colour = pygame.Color(top).lerp(bottom, row / box.height)
-        pygame.draw.line(canvas, colour, (box.left, box.top + row), (box.right - 1, box.top + row))
+        color = pygame.Color(top).lerp(bottom, row / box.height)
+        pygame.draw.line(canvas, color, (box.left, box.top + row), (box.right - 1, box.top + row))
 
 
-def write(
-    canvas: pygame.Surface, text: str, size: float, colour: Colour, x: float, y: float, align: float = 0.0
-) -> None:
+def write(canvas: pygame.Surface, text: str, size: float, color: Color, x: float, y: float, align: float = 0.0) -> None:
     """Write a line `size` px high around height y; `align` 0, 0.5 or 1 puts its left, middle or right at x."""
-    line = _font(round(size)).render(text, True, colour)
+    line = _font(round(size)).render(text, True, color)
     canvas.blit(line, (x - align * line.get_width(), y - line.get_height() / 2))
 
 

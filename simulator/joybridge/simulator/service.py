@@ -18,7 +18,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from joybridge.contract.spec import request_bytes
-from joybridge.simulator.catalogue import Catalogue, specs
+from joybridge.simulator.catalog import Catalog, specs
 from joybridge.simulator.session import Refusal, Session, describe, refuse_unknown
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
@@ -33,7 +33,7 @@ Context: TypeAlias = Any  # grpc.aio.ServicerContext; gRPC has no types
 class Service(rpc.SimulatorServicer):
     """Answers the calls of joybridge.v1.Simulator."""
 
-    def __init__(self, games: Catalogue, max_sessions: int) -> None:
+    def __init__(self, games: Catalog, max_sessions: int) -> None:
         """Serve these games to at most `max_sessions` at once."""
         self.games = games
         self.max_sessions = max_sessions
@@ -83,7 +83,7 @@ class Service(rpc.SimulatorServicer):
             task.cancel()
 
 
-async def serve(games: Catalogue, address: str, max_sessions: int, with_parent: bool) -> None:
+async def serve(games: Catalog, address: str, max_sessions: int, with_parent: bool) -> None:
     """Serve until SIGINT or SIGTERM or, with_parent, until standard input closes.
 
     Prints the bound address as one line. Raises OSError if it cannot bind.
@@ -146,7 +146,7 @@ def _taken(address: str) -> bool:
     return True
 
 
-def _options(games: Catalogue) -> list[tuple[str, int]]:
+def _options(games: Catalog) -> list[tuple[str, int]]:
     """Return the server's limits: messages no larger than the largest that a spec allows, dead peers noticed."""
     largest = max(request_bytes(spec, spec.max_arenas) for game in games.values() for spec in specs(game))
     return [

@@ -20,7 +20,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
 from joybridge.contract.tensors import Array, TensorError, fill
 from joybridge.simulator.batched_game import BatchedGame, GameError
-from joybridge.simulator.catalogue import Catalogue
+from joybridge.simulator.catalog import Catalog
 from joybridge.v1 import bridge_pb2 as pb
 
 log = logging.getLogger("simulator")
@@ -77,7 +77,7 @@ def failure(game: str, moment: str, error: BaseException) -> Refusal:
     return Refusal(grpc.StatusCode.INTERNAL, text)
 
 
-def describe(games: Catalogue, name: str, options: Mapping[str, str]) -> pb.GameSpec:
+def describe(games: Catalog, name: str, options: Mapping[str, str]) -> pb.GameSpec:
     """Return the spec of a game. Raises Refusal for an unknown game, option or choice, and for a broken spec."""
     if name not in games:
         known = ", ".join(games)
@@ -86,7 +86,7 @@ def describe(games: Catalogue, name: str, options: Mapping[str, str]) -> pb.Game
             f"no game named {name!r}; this server has {known}; `--game MODULE:CLASS` adds one",
         )
     with checking():
-        chosen = choose_options(games[name].options(), options, name)
+        chosen = choose_options(games[name].options, options, name)
     try:
         spec = games[name].describe(chosen)
         check_spec(spec)
@@ -98,7 +98,7 @@ def describe(games: Catalogue, name: str, options: Mapping[str, str]) -> pb.Game
 class Session:
     """The arenas of one Play stream."""
 
-    def __init__(self, games: Catalogue) -> None:
+    def __init__(self, games: Catalog) -> None:
         """Begin a session that has not been started yet."""
         self.games = games
         self.game: BatchedGame | None = None

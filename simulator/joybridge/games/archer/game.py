@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from joybridge.contract.tensors import Array
-from joybridge.simulator.game import (
+from joybridge.simulator import (
     Action,
     Game,
-    Turn,
+    TimeStep,
     axis,
     behavior,
     branch,
@@ -59,14 +59,14 @@ class Archer(Game):
         )
         return spec(cls, [archer], max_episode_decisions=DECISIONS, tick_seconds=0.1, picture=(WIDTH, HEIGHT))
 
-    def reset(self) -> Turn:
+    def reset(self) -> TimeStep:
         """Begin with a full quiver and a balloon on the ground."""
         self.decisions, self.hits, self.arrows, self.pulls, self.slope = 0, 0, ARROWS, 0, 0.5
         self.flight, self.height, self.climb = 0, 0.0, 0.0  # of the arrow in the air: decisions left, height, speed
         self._release_balloon()
         return transition(self._observe(), masks=self._masks())
 
-    def step(self, action: Action) -> Turn:
+    def step(self, action: Action) -> TimeStep:
         """Turn the bow, draw or loose, then let arrow and balloon fly."""
         self.decisions += 1
         self.slope = min(STEEPEST, max(0.0, self.slope + TURN * action["turn"]))
@@ -124,8 +124,8 @@ class Archer(Game):
         pygame.draw.ellipse(canvas, (150, 164, 122), frame.box(-150, -174, 170, -24))
         block(canvas, frame, (-60, -70, 300, -50), (118, 142, 96))
 
-        def line(place: Frame, points: npt.ArrayLike, width: int, colour: tuple[int, int, int]) -> None:
-            pygame.draw.lines(canvas, colour, False, place.points(points).tolist(), width)
+        def line(place: Frame, points: npt.ArrayLike, width: int, color: tuple[int, int, int]) -> None:
+            pygame.draw.lines(canvas, color, False, place.points(points).tolist(), width)
 
         def arrow(place: Frame) -> None:
             line(place, [(-28, 0), (0, 0)], 5, (84, 62, 48))

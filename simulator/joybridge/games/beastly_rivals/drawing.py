@@ -20,9 +20,9 @@ from joybridge.games.beastly_rivals.rules import (
     SPHERE_RADIUS,
     TICK,
 )  # fmt: skip
-from joybridge.simulator.render import FINE, Colour, Frame, ellipse, fit, picture, shape, write
+from joybridge.simulator.render import FINE, Color, Frame, ellipse, fit, picture, shape, write
 
-VIEW_RADIUS = 8.3  # units shown to each side of the pitch's centre
+VIEW_RADIUS = 8.3  # units shown to each side of the pitch's center
 SHARE = 0.75  # of the picture's width that shows the pitch; the rest is the panel
 
 WOOD, WOOD_SHADE, LEAVES, LEAVES_LIGHT = (15, 30, 28), (6, 14, 14), (24, 48, 40), (44, 78, 56)
@@ -98,46 +98,46 @@ def _scenery(width: int, height: int) -> pygame.Surface:
     return canvas
 
 
-def _mix(a: Colour, b: Colour, share: float) -> Colour:
-    """Return a colour between two, `share` (0..1) of the way from a to b."""
+def _mix(a: Color, b: Color, share: float) -> Color:
+    """Return a color between two, `share` (0..1) of the way from a to b."""
     red, green, blue = (round(p + (q - p) * share) for p, q in zip(a, b, strict=True))
     return red, green, blue
 
 
-def _disc(canvas: pygame.Surface, frame: Frame, fill: Colour, radius: float, x: float = 0.0, y: float = 0.0) -> None:
+def _disc(canvas: pygame.Surface, frame: Frame, fill: Color, radius: float, x: float = 0.0, y: float = 0.0) -> None:
     pygame.draw.circle(canvas, fill, frame.points([(x, y)])[0].tolist(), frame.length(radius))
 
 
-def _ring(canvas: pygame.Surface, frame: Frame, colour: Colour, radius: float, width: float) -> None:
-    pygame.draw.circle(canvas, colour, frame.origin.tolist(), frame.length(radius), max(round(frame.length(width)), 2))
+def _ring(canvas: pygame.Surface, frame: Frame, color: Color, radius: float, width: float) -> None:
+    pygame.draw.circle(canvas, color, frame.origin.tolist(), frame.length(radius), max(round(frame.length(width)), 2))
 
 
-def _arc(canvas: pygame.Surface, frame: Frame, colour: Colour, radius: float, start: float, turn: float) -> None:
+def _arc(canvas: pygame.Surface, frame: Frame, color: Color, radius: float, start: float, turn: float) -> None:
     """Draw part of a circle from angle `start` on, `turn` counter-clockwise, both in rad."""
     angles = start + turn * np.linspace(0.0, 1.0, 40)
-    _line(canvas, frame, colour, radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), 0.08)
+    _line(canvas, frame, color, radius * np.stack([np.cos(angles), np.sin(angles)], axis=1), 0.08)
 
 
-def _line(canvas: pygame.Surface, frame: Frame, colour: Colour, points: object, width: float) -> None:
+def _line(canvas: pygame.Surface, frame: Frame, color: Color, points: object, width: float) -> None:
     pixels = frame.points(points).tolist()  # type: ignore[arg-type]
-    pygame.draw.lines(canvas, colour, False, pixels, max(round(frame.length(width)), 2))
+    pygame.draw.lines(canvas, color, False, pixels, max(round(frame.length(width)), 2))
 
 
 def _haze(
-    canvas: pygame.Surface, frame: Frame, colour: Colour, radius: float, inner: int, outer: int, clear: float = 0.0
+    canvas: pygame.Surface, frame: Frame, color: Color, radius: float, inner: int, outer: int, clear: float = 0.0
 ) -> None:
     """Lay a soft disc at a frame's origin: opacity (0..255) `inner`, from share `clear` of the radius to `outer`."""
-    soft = _soft_disc(round(frame.length(radius)), colour, inner, outer, clear)
+    soft = _soft_disc(round(frame.length(radius)), color, inner, outer, clear)
     canvas.blit(soft, (frame.origin - soft.get_width() / 2).round().tolist())
 
 
 @lru_cache(maxsize=64)
-def _soft_disc(radius: int, colour: Colour, inner: int, outer: int, clear: float) -> pygame.Surface:
+def _soft_disc(radius: int, color: Color, inner: int, outer: int, clear: float) -> pygame.Surface:
     axis = np.arange(-radius, radius) + 0.5
     distance = np.hypot(axis[:, None], axis) / radius
     share = np.clip((distance - clear) / (1.0 - clear), 0.0, 1.0)
     pixels = np.empty((2 * radius, 2 * radius, 4), np.uint8)
-    pixels[:, :, :3] = colour
+    pixels[:, :, :3] = color
     pixels[:, :, 3] = np.where(distance <= 1.0, inner + (outer - inner) * share * share * (3.0 - 2.0 * share), 0.0)
     return pygame.image.frombuffer(pixels.tobytes(), (2 * radius, 2 * radius), "RGBA")
 
@@ -229,11 +229,11 @@ def _arrow_to_beast(canvas: pygame.Surface, world: Frame, arena: np.record) -> N
 
 def _cursor(canvas: pygame.Surface, frame: Frame) -> None:
     """Paint ring and hairs; a dark rim shows them on any background."""
-    for colour, rim in ((INK, 0.06), (WHITE, 0.0)):
-        _ring(canvas, frame, colour, 0.32 + rim, 0.09 + 2 * rim)
+    for color, rim in ((INK, 0.06), (WHITE, 0.0)):
+        _ring(canvas, frame, color, 0.32 + rim, 0.09 + 2 * rim)
         for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
             inner, outer = 0.2 - rim, 0.56 + rim
-            _line(canvas, frame, colour, [(inner * x, inner * y), (outer * x, outer * y)], 0.09 + 2 * rim)
+            _line(canvas, frame, color, [(inner * x, inner * y), (outer * x, outer * y)], 0.09 + 2 * rim)
     _disc(canvas, frame, AMBER, 0.08)
 
 
@@ -268,9 +268,9 @@ def _panel(canvas: pygame.Surface, arena: np.record) -> None:
         write(canvas, text, 3.4 * unit, WHITE if slowed else FAINT, left + 3.2 * unit, y * unit)
 
 
-def _bar(canvas: pygame.Surface, left: float, top: float, unit: float, share: float, colour: Colour) -> None:
+def _bar(canvas: pygame.Surface, left: float, top: float, unit: float, share: float, color: Color) -> None:
     """Paint a bar of which a share (0..1) is filled."""
     pygame.draw.rect(canvas, GROOVE, (left, top, BAR * unit, 1.8 * unit), border_radius=round(unit))
     if share > 0.0:
         filled = max(BAR * share, 1.8) * unit
-        pygame.draw.rect(canvas, colour, (left, top, filled, 1.8 * unit), border_radius=round(unit))
+        pygame.draw.rect(canvas, color, (left, top, filled, 1.8 * unit), border_radius=round(unit))

@@ -8,10 +8,8 @@ import numpy as np
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.games.beastly_rivals import rules as r
-from joybridge.simulator import pointer
-from joybridge.simulator.batched_game import BatchedGame, check_range, quiet_step
+from joybridge.simulator import BatchedGame, button, check_range, pointer, quiet_step
 from joybridge.simulator.compiled import compiled
-from joybridge.simulator.game import button
 from joybridge.simulator.randomness import Streams, open_streams, reserve, restore_streams, save_streams
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -73,7 +71,7 @@ SENSORS = [
     ),
     _sensor(
         "slow_sphere",
-        "where the character is as seen from the slow sphere's centre, and the sphere's motion",
+        "where the character is as seen from the slow sphere's center, and the sphere's motion",
         ["character x", "character z", "velocity x", "velocity z"],
         [-2.2, -2.2, -1.1, -1.1],
         [2.2, 2.2, 1.1, 1.1],
@@ -100,12 +98,8 @@ class BeastlyRivals(BatchedGame):
     """A character led by a cursor, a beast that hunts it, a sphere that slows. One behavior, one agent per arena."""
 
     name: ClassVar[str] = "beastly_rivals"
+    options: ClassVar[list[pb.Option]] = OPTIONS
     description: ClassVar[str] = "Lead a character away from a beast that grows faster: click to walk, blink to escape."
-
-    @classmethod
-    def options(cls) -> list[pb.Option]:
-        """Return rules, locomotion and slow_character."""
-        return OPTIONS
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:

@@ -3,7 +3,7 @@
 Follows the game of the paper as its trained networks know it. Each quirk of the original is one switch in
 `Rules`; everything else is the same under both sets of rules.
 
-The ground is the plane x-z with the pitch's centre at (0, 0). Nothing moves vertically, but the bodies
+The ground is the plane x-z with the pitch's center at (0, 0). Nothing moves vertically, but the bodies
 stand at different heights, and some distances of the original count those.
 """
 
@@ -23,7 +23,7 @@ CLOCK_TICKS = 12000  # all arenas start over together after so many
 TOP_SPEED = 20.0  # of the cursor, units/s
 
 PITCH_RADIUS = 7.5
-BOUNDARY_RADIUS = 7.125  # of the sphere around the pitch's centre that confines cursor and slow sphere
+BOUNDARY_RADIUS = 7.125  # of the sphere around the pitch's center that confines cursor and slow sphere
 CURSOR_HEIGHT, CHARACTER_HEIGHT, BEAST_HEIGHT = 1.0, 0.3, 0.175
 BEAST_BELOW = CHARACTER_HEIGHT - BEAST_HEIGHT
 
@@ -33,7 +33,7 @@ COOLDOWN_TICKS = 200  # between two blinks
 
 START_SPEED, SPEED_GROWTH, SPEED_LIMIT = 0.8, 0.001, 8.5  # of the beast; growth per tick
 START_ACCURACY, ACCURACY_GROWTH, ACCURACY_LIMIT = 0.01, 0.000055, 0.75
-BOX_AHEAD, BOX_HALF, BOX_HALF_UP = 0.275, 0.1925, 1.1  # its box: the centre's distance in front, half sizes
+BOX_AHEAD, BOX_HALF, BOX_HALF_UP = 0.275, 0.1925, 1.1  # its box: the center's distance in front, half sizes
 KILL_DISTANCE = BOX_AHEAD + BOX_HALF + CHARACTER_RADIUS  # in 3D: the box always faces the character
 
 SPHERE_RADIUS, SPHERE_SPEED = 3.0, 0.75
@@ -191,7 +191,7 @@ def _move_or_blink(arena, move, blink, rewards):
 
 @compiled
 def _confine(body, height):
-    """Pull a body back towards the centre onto the boundary sphere; then it is set to its height again.
+    """Pull a body back towards the center onto the boundary sphere; then it is set to its height again.
 
     So above the ground one pull does not bring it all the way. Its velocity stays.
     """
@@ -221,7 +221,7 @@ def _drive_character(arena, rules):
 
 @compiled
 def _slow_share(body, sphere, ease):
-    """Return the share of its speed that the slow sphere leaves a body; the centre slows most."""
+    """Return the share of its speed that the slow sphere leaves a body; the center slows most."""
     dx, dz = body.x - sphere.x, body.z - sphere.z
     return min(max(math.sqrt(dx * dx + dz * dz) / SPHERE_RADIUS + ease, SLOWEST), 1.0)
 
@@ -316,7 +316,7 @@ def _beast_inside(beast, character, sphere):
     distance = math.sqrt(planar * planar + BEAST_BELOW * BEAST_BELOW)
     facing_x = dx / planar if planar > 0.0 else 1.0
     facing_z = dz / planar if planar > 0.0 else 0.0
-    # The sphere's centre in the box's frame: first turned, then tilted.
+    # The sphere's center in the box's frame: first turned, then tilted.
     dx, dz = sphere.x - beast.x, sphere.z - beast.z
     forward = dx * facing_x + dz * facing_z
     sideways = dx * facing_z - dz * facing_x

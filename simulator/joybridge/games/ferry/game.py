@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.simulator.game import Action, Game, Turn, axis, behavior, button, sensor, spec, transition, truncation
+from joybridge.simulator import Action, Game, TimeStep, axis, behavior, button, sensor, spec, transition, truncation
 from joybridge.v1 import bridge_pb2 as pb
 
 DECISIONS = 60  # per episode
@@ -43,14 +43,14 @@ class Ferry(Game):
         )
         return spec(cls, [helmsman, lookout], max_episode_decisions=DECISIONS, picture=(WIDTH, HEIGHT))
 
-    def reset(self) -> list[Turn]:
+    def reset(self) -> list[TimeStep]:
         """Begin in the middle of the river."""
         self.decisions, self.boat, self.gate = 0, 0.0, float(self.rng.uniform(-0.9, 0.9))
         self.ships = np.zeros(len(SIDES), bool)
         self.horns = np.zeros(len(SIDES), bool)
         return [transition(observation) for observation in self._observe()]
 
-    def step(self, action: list[Action]) -> list[Turn]:
+    def step(self, action: list[Action]) -> list[TimeStep]:
         """Steer and sound, then show the next gate and ships."""
         helm, *lookouts = action
         self.boat = min(1.0, max(-1.0, self.boat + SPEED * helm["rudder"]))

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.simulator.game import (
+from joybridge.simulator import (
     Action,
     Game,
-    Turn,
+    TimeStep,
     axis,
     behavior,
     sensor,
@@ -53,14 +53,14 @@ class Marble(Game):
         )
         return spec(cls, [hand], max_episode_decisions=DECISIONS, tick_seconds=0.05, picture=(SIZE, SIZE))
 
-    def reset(self) -> Turn:
+    def reset(self) -> TimeStep:
         """Begin at rest in the middle."""
         self.decisions, self.inside = 0, 0
         self.place, self.speed, self.tilt = np.zeros(2), np.zeros(2), np.zeros(2)
         self._move_ring()
         return transition(self._observe())
 
-    def step(self, action: Action) -> Turn:
+    def step(self, action: Action) -> TimeStep:
         """Tilt and let the marble roll."""
         self.tilt = np.array([action["tilt_x"], action["tilt_y"]])
         self.speed = ROLLS * self.speed + PULL * self.tilt
@@ -96,8 +96,8 @@ class Marble(Game):
         for layer in range(16):  # its shadow, then from its foot to its top
             x, y = self.tilt * (layer - 15) / 160
             edge = 1.08 if layer else 1.12
-            colour = (128 + layer, 84 + layer, 48 + layer) if layer else (40, 48, 64)
-            pygame.draw.rect(canvas, colour, frame.box(x - edge, y - edge, x + edge, y + edge), border_radius=28)
+            color = (128 + layer, 84 + layer, 48 + layer) if layer else (40, 48, 64)
+            pygame.draw.rect(canvas, color, frame.box(x - edge, y - edge, x + edge, y + edge), border_radius=28)
         pygame.draw.rect(canvas, (210, 168, 112), frame.box(-1.06, -1.06, 1.06, 1.06), border_radius=24)
         for grain in range(-9, 10):
             along = np.linspace(-1.04, 1.04, 22)
@@ -108,6 +108,6 @@ class Marble(Game):
         disc(canvas, ring, frame.length(RING), (190, 60, 50), 8)
         disc(canvas, ring, frame.length(0.03), (190, 60, 50))
         disc(canvas, marble + np.array([6, 10]), frame.length(MARBLE), (120, 84, 54))
-        for layer, colour in enumerate(((32, 84, 150), (54, 120, 196), (110, 172, 232), (226, 242, 255))):
-            disc(canvas, marble - 3 * layer, frame.length(MARBLE) * (1 - 0.29 * layer), colour)
+        for layer, color in enumerate(((32, 84, 150), (54, 120, 196), (110, 172, 232), (226, 242, 255))):
+            disc(canvas, marble - 3 * layer, frame.length(MARBLE) * (1 - 0.29 * layer), color)
         return picture(canvas)

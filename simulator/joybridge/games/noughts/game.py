@@ -1,6 +1,6 @@
 """Noughts and crosses: three in a row wins. Two agents of one behavior play against each other by turns.
 
-Turn-based: one agent decides while the other waits, taken fields are masked, and only the end pays. As both learn
+TimeStep-based: one agent decides while the other waits, taken fields are masked, and only the end pays. As both learn
 alike, their rewards cancel out; how good they are shows in the share of moves that give nothing away.
 """
 
@@ -10,10 +10,10 @@ from functools import cache
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.simulator.game import (
+from joybridge.simulator import (
     Action,
     Game,
-    Turn,
+    TimeStep,
     behavior,
     branch,
     sensor,
@@ -50,13 +50,13 @@ class Noughts(Game):
         )
         return spec(cls, [player], picture=(SIZE, SIZE))
 
-    def reset(self) -> list[Turn]:
+    def reset(self) -> list[TimeStep]:
         """Begin with an empty board; chance says who."""
         self.mover = int(self.rng.integers(2))
         self.marks, self.moves, self.sound = [0, 0], [0, 0], [0, 0]
         return self._take_turns()
 
-    def step(self, action: list[Action]) -> list[Turn]:
+    def step(self, action: list[Action]) -> list[TimeStep]:
         """Mark the mover's field; the other one is next."""
         mover, other = self.mover, 1 - self.mover
         before, theirs = self.marks[mover], self.marks[other]
@@ -73,7 +73,7 @@ class Noughts(Game):
             turns.append(termination(self._observe(agent), {"reward": won if agent == mover else -won}, metrics))
         return turns
 
-    def _take_turns(self) -> list[Turn]:
+    def _take_turns(self) -> list[TimeStep]:
         free = [not (self.marks[0] | self.marks[1]) >> field & 1 for field in FIELDS]
         turns = [waiting(self._observe(agent)) for agent in (0, 1)]
         turns[self.mover] = transition(self._observe(self.mover), masks={"field": free})
@@ -93,9 +93,9 @@ class Noughts(Game):
         frame = fit(*canvas.get_size(), 1.7, 1.7)
         canvas.fill((248, 242, 228))
 
-        def bar(place: Array, half: float, turn: float, colour: tuple[int, int, int], thick: float = 0.06) -> None:
+        def bar(place: Array, half: float, turn: float, color: tuple[int, int, int], thick: float = 0.06) -> None:
             corners = [(-half, -thick), (half, -thick), (half, thick), (-half, thick)]
-            shape(canvas, frame.placed(place[0], place[1], turn=turn), corners, colour)
+            shape(canvas, frame.placed(place[0], place[1], turn=turn), corners, color)
 
         for line in (-0.5, 0.5):
             bar(np.array([0, line]), 1.45, 0, (96, 88, 84), 0.02)

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.simulator.game import (
+from joybridge.simulator import (
     Action,
     Game,
-    Turn,
+    TimeStep,
     behavior,
     branch,
     button,
@@ -56,7 +56,7 @@ class Orchard(Game):
         )
         return spec(cls, [picker], max_episode_decisions=APPLES * PAUSE, tick_seconds=0.2, picture=(WIDTH, HEIGHT))
 
-    def reset(self) -> Turn:
+    def reset(self) -> TimeStep:
         """Begin in the middle, with two apples in the air."""
         self.decisions, self.caught, self.stings = 0, 0, 0
         self.place, self.shut, self.wasp = COLUMNS // 2, False, False
@@ -64,7 +64,7 @@ class Orchard(Game):
         self.apples = [lower, self._drop(lower)]  # their columns
         return transition(self._observe())
 
-    def step(self, action: Action) -> Turn:
+    def step(self, action: Action) -> TimeStep:
         """Walk and hold the lid, while the apples fall on and the wasp strikes."""
         self.place = min(COLUMNS - 1, max(0, self.place + int(action["walk"]) - 1))
         self.shut = action["lid"] == 1

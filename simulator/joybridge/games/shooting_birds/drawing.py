@@ -25,7 +25,7 @@ from joybridge.games.shooting_birds.levels import (
 )
 from joybridge.games.shooting_birds.rules import EPISODE_TICKS, MAGAZINE, SLOWEST, TICK, WALL_X, WALL_Y
 from joybridge.games.shooting_birds.sensing import BIRD_RADIUS, front
-from joybridge.simulator.render import FINE, Box, Colour, Frame, block, disc, ellipse, fade, fit, picture, shape, write
+from joybridge.simulator.render import FINE, Box, Color, Frame, block, disc, ellipse, fade, fit, picture, shape, write
 
 HORIZON = -8.2
 SKY_TOP, SKY_LOW, SUN, CLOUD = (74, 150, 214), (221, 240, 246), (255, 246, 205), (255, 255, 255, 150)
@@ -46,7 +46,7 @@ DOORS: Box = (FOOT[0], FOOT[3], FOOT[2], BEAM[1])  # the holes between the posts
 TRIM_WIDTH, ROOF_HEIGHT = 0.3, 1.3
 
 # Birds by size, large to small: plumage, belly, wing. No two alike, and unlike all that they fly in front of.
-PLUMAGE: tuple[tuple[Colour, Colour, Colour], ...] = (
+PLUMAGE: tuple[tuple[Color, Color, Color], ...] = (
     ((48, 92, 190), (190, 216, 250), (30, 62, 140)),
     ((250, 172, 40), (255, 234, 170), (214, 122, 20)),
     ((240, 76, 158), (255, 208, 232), (186, 36, 116)),
@@ -118,10 +118,10 @@ def _landscape(canvas: pygame.Surface, world: Frame, random: np.random.Generator
             shape(veil, cloud, ellipse(dx, dy, 1.3 * radius, 0.6 * radius), CLOUD)
     canvas.blit(veil, (0, 0))
     along = np.linspace(-40.0, 40.0, 161)
-    for colour, base, swing, wave in ((FAR_HILLS, -5.2, 1.3, 0.23), (NEAR_HILLS, -6.9, 0.9, 0.34)):
+    for color, base, swing, wave in ((FAR_HILLS, -5.2, 1.3, 0.23), (NEAR_HILLS, -6.9, 0.9, 0.34)):
         phase = random.uniform(0.0, 2 * np.pi)
         ridge = base + swing * (np.sin(wave * along + phase) + 0.3 * np.sin(2.7 * wave * along))
-        shape(canvas, world, [(-40.0, HORIZON), *zip(along, ridge, strict=True), (40.0, HORIZON)], colour)
+        shape(canvas, world, [(-40.0, HORIZON), *zip(along, ridge, strict=True), (40.0, HORIZON)], color)
     fade(canvas, pygame.Rect(0, ground, width, height - ground), MEADOW_FAR, MEADOW_NEAR)
     for depth in np.sqrt(np.linspace(0.02, 1.0, 150)):  # tufts and flowers, larger towards the viewer
         tuft = world.placed(random.uniform(-25.0, 25.0), HORIZON - 4.0 * depth, 0.5 * depth, 0.5 * depth)
@@ -139,13 +139,13 @@ def _tree(layer: pygame.Surface, frame: Frame) -> None:
     for x, y in ((-1.0, -13.5), (-0.5, -8.0), (-0.1, -12.0), (-0.9, -6.5), (0.2, -6.0)):
         block(layer, frame, (x, y, x + 0.16, y + 3.5), BARK_LIGHT)
     # Each disc in its full size first, then ever smaller and lighter ones with a rim of leaves, all within it.
-    for colour, share, shift in ((LEAVES_DARK, 1.0, 0.0), (LEAVES, 0.76, 0.09), (LEAVES_LIGHT, 0.42, 0.24)):
+    for color, share, shift in ((LEAVES_DARK, 1.0, 0.0), (LEAVES, 0.76, 0.09), (LEAVES_LIGHT, 0.42, 0.24)):
         for x, y, radius in TREE_CROWN:
             unit = frame.length(radius)
-            centre = frame.points([(x, y)])[0] + shift * unit * LIGHT
-            disc(layer, centre, share * unit, colour)
-            for leaf in centre + unit * ellipse(0.0, 0.0, share, share, 13) if shift else ():
-                disc(layer, leaf, 0.14 * unit, colour)
+            center = frame.points([(x, y)])[0] + shift * unit * LIGHT
+            disc(layer, center, share * unit, color)
+            for leaf in center + unit * ellipse(0.0, 0.0, share, share, 13) if shift else ():
+                disc(layer, leaf, 0.14 * unit, color)
 
 
 def _inside(back: pygame.Surface, frame: Frame) -> None:
@@ -181,7 +181,7 @@ def _barn(layer: pygame.Surface, frame: Frame) -> None:
 
 
 def _courses(
-    layer: pygame.Surface, frame: Frame, box: Box, rows: int, length: float, fill: Colour, joint: Colour
+    layer: pygame.Surface, frame: Frame, box: Box, rows: int, length: float, fill: Color, joint: Color
 ) -> None:
     """Paint a box of stones, bricks, shingles or planks: rows of a length, each shifted by half of one."""
     left, bottom, right, top = box
@@ -233,18 +233,18 @@ def _scoreboard(canvas: pygame.Surface, arena: np.record) -> None:
     accuracy, seconds = arena.hits / max(arena.shots, 1), (EPISODE_TICKS - arena.tick) * TICK
     line = partial(write, canvas, size=4.6 * unit, y=2.8 * unit)
     if arena.ammo == 0:
-        line("reload!", colour=ALERT, x=18.5 * unit)
-    line(f"hits {arena.hits} / shots {arena.shots}    accuracy {accuracy:.0%}", colour=TEXT, x=width / 2, align=0.5)
-    line(f"level {arena.level}    {seconds:4.1f} s", colour=TEXT, x=width - 1.6 * unit, align=1.0)
+        line("reload!", color=ALERT, x=18.5 * unit)
+    line(f"hits {arena.hits} / shots {arena.shots}    accuracy {accuracy:.0%}", color=TEXT, x=width / 2, align=0.5)
+    line(f"level {arena.level}    {seconds:4.1f} s", color=TEXT, x=width - 1.6 * unit, align=1.0)
 
 
 def _crosshair(canvas: pygame.Surface, frame: Frame, aimed: bool) -> None:
-    """Paint ring, hairs and centre; red when a bird is in front. A dark rim shows them on any background."""
+    """Paint ring, hairs and center; red when a bird is in front. A dark rim shows them on any background."""
     thin = 0.13
-    for colour, rim in ((BLACK, thin / 2), (AIMED if aimed else WHITE, 0.0)):
+    for color, rim in ((BLACK, thin / 2), (AIMED if aimed else WHITE, 0.0)):
         width = frame.length(thin + 2 * rim)
-        disc(canvas, frame.origin, frame.length(0.9 + rim), colour, width)
-        disc(canvas, frame.origin, width, colour)
+        disc(canvas, frame.origin, frame.length(0.9 + rim), color, width)
+        disc(canvas, frame.origin, width, color)
         for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
             start, end = frame.points(np.outer((0.4 - rim, 1.4 + rim), (x, y)))
-            pygame.draw.line(canvas, colour, start.tolist(), end.tolist(), round(width))
+            pygame.draw.line(canvas, color, start.tolist(), end.tolist(), round(width))

@@ -10,10 +10,8 @@ from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds import rules as r
 from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES
 from joybridge.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
-from joybridge.simulator import pointer
-from joybridge.simulator.batched_game import BatchedGame, check_range, quiet_step
+from joybridge.simulator import BatchedGame, button, check_range, pointer, quiet_step
 from joybridge.simulator.compiled import compiled
-from joybridge.simulator.game import button
 from joybridge.simulator.randomness import Streams, open_streams, reserve, restore_streams, save_streams
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -24,7 +22,7 @@ OPTIONS = [
     pb.Option(
         name="rules",
         description="original: the paper's game with every quirk; corrected: a hit pays by the size of the bird "
-        "that was hit, the ammo sensor is a ratio, positions count from the arena's centre",
+        "that was hit, the ammo sensor is a ratio, positions count from the arena's center",
         choices=["original", "corrected"],
         default_choice="original",
     ),
@@ -90,12 +88,8 @@ class ShootingBirds(BatchedGame):
     """A crosshair, ten birds, and trees and barns in the way. One behavior, one agent per arena."""
 
     name: ClassVar[str] = "shooting_birds"
+    options: ClassVar[list[pb.Option]] = OPTIONS
     description: ClassVar[str] = "Aim a crosshair at birds that fly past trees and barns, shoot, and mind the ammo."
-
-    @classmethod
-    def options(cls) -> list[pb.Option]:
-        """Return rules, locomotion and level."""
-        return OPTIONS
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:

@@ -1,6 +1,6 @@
 """The seven levels: two templates, a tree and a barn, placed, scaled and mirrored.
 
-Lengths are in the game's units, x to the right, y up, the arena's centre at (0, 0). Obstacles only hide
+Lengths are in the game's units, x to the right, y up, the arena's center at (0, 0). Obstacles only hide
 birds; nothing collides with them.
 """
 

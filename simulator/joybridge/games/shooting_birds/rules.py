@@ -22,7 +22,7 @@ TOP_SPEED = 50.0  # of the crosshair, units/s
 
 # The crosshair is a disc among four walls. Skin and slop are the original engine's contact tolerances.
 RADIUS, SKIN, SLOP, FRICTION = 1.28, 0.01, 0.005, 0.4
-TOUCH = RADIUS + SKIN  # centre to wall at which the contact begins
+TOUCH = RADIUS + SKIN  # center to wall at which the contact begins
 WALL_X, WALL_Y = 19.0, 11.5
 PUSH_PASSES, PUSH_SHARE, PUSH_MOST = 3, 0.2, 0.2  # the contact solver's corrections of position per tick
 
@@ -41,7 +41,7 @@ class Rules(NamedTuple):
     hit_pays_replacement: bool  # a hit pays by the size of the bird that takes the place of the one hit
     whole_magazines: bool  # the ammo sensor counts whole magazines: 1 at eight shots, else 0
     dry_shots_are_aimed: bool  # the aiming channels are paid for shots of an empty gun, too
-    origin_x: float  # the observed position counts from here; the original's is not the arena's centre
+    origin_x: float  # the observed position counts from here; the original's is not the arena's center
     bird_speed: float  # factor on the speed of new birds
 
 
@@ -202,13 +202,13 @@ def _move_crosshair(arena):
 
 @compiled
 def _gap(position, wall):
-    """Return the distance from the centre to the nearer of the two walls at +wall and -wall."""
+    """Return the distance from the center to the nearer of the two walls at +wall and -wall."""
     return wall - abs(position)
 
 
 @compiled
 def _push(position, wall):
-    """Return how far one correction moves the centre back from the wall it has sunk into, with its sign."""
+    """Return how far one correction moves the center back from the wall it has sunk into, with its sign."""
     depth = TOUCH - _gap(position, wall)
     push = min(max(PUSH_SHARE * (depth - SLOP), 0.0), PUSH_MOST)
     return push if position > 0.0 else -push

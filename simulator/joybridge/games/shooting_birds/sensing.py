@@ -21,9 +21,9 @@ RAY_Y = np.array([0.0, 0.5, _C, 1.0, _C, 0.5, 0.0, -0.5, -_C, -1.0, -_C, -0.5])
 
 @compiled
 def front(arena, obstacles):
-    """Return what is in front at the crosshair's centre: a bird's index, OBSTACLE or NOTHING.
+    """Return what is in front at the crosshair's center: a bird's index, OBSTACLE or NOTHING.
 
-    Of all colliders that contain the centre the one with the lowest depth is in front. Large birds fly in
+    Of all colliders that contain the center the one with the lowest depth is in front. Large birds fly in
     front of everything, medium ones behind barns, small ones behind barns and trees.
     """
     found, depth = NOTHING, np.inf
@@ -86,7 +86,7 @@ def _cast_at_birds(arena, rays):
 
 @compiled
 def _cast_at_disc(dx, dy, radius, distance):
-    """Lower `distance` [12] to that of a disc whose centre is at (dx, dy) from the rays' start."""
+    """Lower `distance` [12] to that of a disc whose center is at (dx, dy) from the rays' start."""
     apart = dx * dx + dy * dy - radius * radius
     if apart <= 0.0:
         distance[:] = 0.0

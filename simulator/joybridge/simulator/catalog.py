@@ -1,0 +1,79 @@
+"""Which games a server offers: the built-in ones, those of installed packages, and those given with `--game`.
+
+A game's place is "MODULE:CLASS"; the class is a `Game` or a `BatchedGame`. Installed packages register their places
+in the entry point group "joybridge.games".
+"""
+
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from importlib.metadata import entry_points
+
+from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.spec import SpecError, check_spec, choose_options
+from joybridge.games import BUILT_IN
+from joybridge.simulator.batched_game import BatchedGame
+from joybridge.simulator.game import Game
+from joybridge.simulator.game_adapter import batched
+from joybridge.v1 import bridge_pb2 as pb
+
+Catalog = dict[str, type[BatchedGame]]  # by name
+
+EXTRA = ("numba", "pygame")  # what `pip install 'joybridge[simulator]'` installs
+
+
+class CatalogError(JoybridgeError):
+    """A game cannot be offered. The message names its place and the reason."""
+
+
+def load_games(places: Sequence[str] = ()) -> Catalog:
+    """Return all games by name: built-in, installed, and at `places`. Raises CatalogError for one that is broken."""
+    installed = [point.value for point in entry_points(group="joybridge.games")]
+    games: Catalog = {}
+    for place in [*BUILT_IN.values(), *installed, *places]:
+        game = load_game(place)
+        if game.name in games and games[game.name] is not game:
+            raise CatalogError(f"{place}: there is already a game named {game.name!r}; rename this one")
+        games[game.name] = game
+    return games
+
+
+def load_game(place: str) -> type[BatchedGame]:
+    """Return the game at "MODULE:CLASS", its specs checked. Raises CatalogError."""
+    game = _import(place)
+    if not (isinstance(game, type) and issubclass(game, Game | BatchedGame)):
+        raise CatalogError(f"game {place!r} is not a subclass of joybridge.simulator.Game or BatchedGame")
+    try:
+        served = batched(game) if issubclass(game, Game) else game
+        for spec in specs(served):
+            check_spec(spec)
+    except SpecError as error:
+        raise CatalogError(f"game {place!r} has a spec that violates the contract: {error}") from error
+    except Exception as error:
+        raise CatalogError(f"game {place!r} cannot be described: {type(error).__name__}: {error}") from error
+    return served
+
+
+def _import(place: str) -> object:
+    """Return what is at "MODULE:CLASS". Raises CatalogError."""
+    module, _, name = place.partition(":")
+    try:
+        return getattr(import_module(module), name)
+    except ModuleNotFoundError as error:
+        if error.name in EXTRA:
+            text = f"needs the module {error.name}; install it with `pip install 'joybridge[simulator]'`"
+        elif error.name and f"{module}.".startswith(f"{error.name}."):
+            text = f"cannot be imported ({error}); expected MODULE:CLASS, importable from the current folder"
+        else:
+            text = f"cannot be imported because one of its own imports failed ({error}); install that module"
+        raise CatalogError(f"game {place!r} {text}") from error
+    except (ImportError, AttributeError, ValueError) as error:
+        raise CatalogError(f"game {place!r} cannot be imported ({error}); expected MODULE:CLASS") from error
+
+
+def specs(game: type[BatchedGame]) -> Iterator[pb.GameSpec]:
+    """Yield a game's specs: with all options at their defaults, then with each other choice of one option."""
+    default = choose_options(game.options, {}, game.name)
+    yield game.describe(default)
+    for option in game.options:
+        for choice in option.choices:
+            yield game.describe(default | {option.name: choice})

@@ -1,0 +1,61 @@
+"""The output of `joybridge list`: every game with its options, parameters, and what its agents observe and do."""
+
+from collections.abc import Iterable, Iterator
+from textwrap import wrap
+
+from joybridge.contract.spec import choose_options
+from joybridge.contract.tensors import NUMPY_TYPES
+from joybridge.simulator.batched_game import BatchedGame
+from joybridge.simulator.catalog import Catalog
+from joybridge.v1 import bridge_pb2 as pb
+
+WIDTH = 120  # columns
+
+
+def listing(games: Catalog) -> str:
+    """Return a paragraph of text per game, described with all options at their defaults."""
+    return "\n\n".join("\n".join(_game(game)) for game in games.values())
+
+
+def _game(game: type[BatchedGame]) -> Iterator[str]:
+    spec = game.describe(choose_options(game.options, {}, game.name))
+    yield f"{spec.name}: {spec.description}"
+    for option in spec.options:
+        yield from _line(2, f"option {option.name}", f"{' | '.join(option.choices)} (default {option.default_choice})")
+    for parameter in spec.parameters:
+        bounds = f"{parameter.low:g} .. {parameter.high:g} (default {parameter.default_value:g})"
+        yield from _line(2, f"parameter {parameter.name}", bounds)
+    for behavior in spec.behaviors:
+        agents = (
+            f"{behavior.agents_per_arena} agents per arena" if behavior.agents_per_arena > 1 else "1 agent per arena"
+        )
+        yield from _line(2, f"behavior {behavior.name}", agents)
+        yield from _line(4, "sensors", _joined(map(_sensor, behavior.sensors)))
+        yield from _line(
+            4, "axes", _joined(f"{axis.name} {axis.low:g}..{axis.high:g}" for axis in behavior.device.axes)
+        )
+        yield from _line(4, "branches", _joined(map(_branch, behavior.device.branches)))
+        channels = (f"{channel.name} (weight {channel.default_weight:g})" for channel in behavior.channels)
+        yield from _line(4, "rewards", _joined(channels))
+        yield from _line(4, "metrics", _joined(metric.name for metric in behavior.metrics))
+
+
+def _sensor(sensor: pb.Sensor) -> str:
+    dtype = NUMPY_TYPES[sensor.dtype].name
+    return f"{sensor.name} {list(sensor.shape)}" + (f" {dtype}" if sensor.dtype != pb.FLOAT32 else "")
+
+
+def _branch(branch: pb.Branch) -> str:
+    few = len(branch.choices) <= 8
+    return f"{branch.name} ({' | '.join(branch.choices) if few else f'{len(branch.choices)} choices'})"
+
+
+def _joined(parts: Iterable[str]) -> str:
+    return ", ".join(parts)
+
+
+def _line(indent: int, label: str, text: str) -> Iterator[str]:
+    """Yield "label: text", wrapped; nothing for an empty text."""
+    if text:
+        start = " " * indent
+        yield from wrap(f"{label}: {text}", WIDTH, initial_indent=start, subsequent_indent=start + "    ")

@@ -1,0 +1,148 @@
+"""Functions that build a game's spec: `spec` and, for each part of one, a function of the same name.
+
+A spec is a protobuf message, defined and documented in bridge.proto. With these functions, authors do not write
+protobuf themselves.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from joybridge.contract.tensors import NUMPY_TYPES
+from joybridge.simulator.batched_game import BatchedGame
+from joybridge.simulator.game import Game
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def spec(
+    game: type[Game] | type[BatchedGame],
+    behaviors: Sequence[pb.Behavior],
+    *,
+    parameters: Sequence[pb.Parameter] = (),
+    decision_interval: int = 1,
+    tick_seconds: float = 0.0,
+    max_episode_decisions: int = 0,
+    max_arenas: int = 1024,
+    picture: tuple[int, int] | None = None,
+    snapshot_bytes_per_arena: int = 0,
+) -> pb.GameSpec:
+    """Return the spec of a game; its name, description and options come from the class.
+
+    parameters: what `Game.parameter` holds.
+    decision_interval: ticks per decision.
+    tick_seconds: game time of a tick; 0 for a game without a clock. Videos are played at this speed.
+    max_episode_decisions: the length at which episodes are truncated; 0 if they are not.
+    max_arenas: the most arenas that one session may run.
+    picture: (width, height) of what `draw` returns; None if the game cannot be drawn.
+    snapshot_bytes_per_arena: an upper bound of what `BatchedGame.save` returns; 0 if the game has no snapshots.
+    """
+    return pb.GameSpec(
+        name=game.name,
+        description=game.description,
+        options=game.options,
+        parameters=parameters,
+        behaviors=behaviors,
+        decision_interval=decision_interval,
+        tick_seconds=tick_seconds,
+        max_episode_decisions=max_episode_decisions,
+        max_arenas=max_arenas,
+        picture=pb.PictureSize(width=picture[0], height=picture[1]) if picture else None,
+        snapshot_bytes_per_arena=snapshot_bytes_per_arena,
+    )
+
+
+def option(name: str, choices: Sequence[str], default: str | None = None, description: str = "") -> pb.Option:
+    """Return an option: a choice that is made once per session and may change the spec. Default: the first choice."""
+    default_choice = choices[0] if default is None else default
+    return pb.Option(name=name, description=description, choices=choices, default_choice=default_choice)
+
+
+def parameter(name: str, low: float, high: float, default: float, description: str = "") -> pb.Parameter:
+    """Return a parameter: a number in low..high that may change at every reset of a session."""
+    return pb.Parameter(name=name, description=description, low=low, high=high, default_value=default)
+
+
+def behavior(
+    name: str,
+    *,
+    sensors: Sequence[pb.Sensor],
+    axes: Sequence[pb.Axis] = (),
+    branches: Sequence[pb.Branch] = (),
+    channels: Sequence[pb.RewardChannel] = (),
+    metrics: Sequence[str | pb.Metric] = (),
+    agents: int = 1,
+    description: str = "",
+) -> pb.Behavior:
+    """Return a kind of agent: what it observes, its actions, its rewards, and how many there are per arena.
+
+    An agent uses all axes and branches at the same time; it needs at least one of them. Without channels it has a
+    single one named "reward".
+    """
+    return pb.Behavior(
+        name=name,
+        description=description,
+        agents_per_arena=agents,
+        sensors=sensors,
+        device=pb.Device(axes=axes, branches=branches),
+        channels=channels or [channel("reward")],
+        metrics=[metric(one) if isinstance(one, str) else one for one in metrics],
+    )
+
+
+def sensor(
+    name: str,
+    shape: Sequence[int],
+    low: npt.ArrayLike | None = None,
+    high: npt.ArrayLike | None = None,
+    description: str = "",
+    *,
+    dtype: npt.DTypeLike = "float32",
+    elements: Sequence[str] = (),
+) -> pb.Sensor:
+    """Return a sensor: one named array of an observation.
+
+    shape: of one agent's array, as [64, 64, 3] for an image.
+    low, high: the smallest and largest value, one for all elements or an array of `shape`; None if unbounded.
+    dtype: float32, int32, uint8 or bool. Raises ValueError for another.
+    elements: a label per element, row-major.
+    """
+    wire_types = {numpy_type: wire for wire, numpy_type in NUMPY_TYPES.items()}
+    wire_type = wire_types.get(np.dtype(dtype).newbyteorder("<"))
+    if wire_type is None:
+        wanted = ", ".join(str(known) for known in wire_types)
+        raise ValueError(f"sensor {name!r} has dtype {np.dtype(dtype)}, expected one of {wanted}")
+    return pb.Sensor(
+        name=name,
+        description=description,
+        dtype=wire_type,
+        shape=shape,
+        elements=elements,
+        low=[] if low is None else np.ravel(low).tolist(),
+        high=[] if high is None else np.ravel(high).tolist(),
+    )
+
+
+def axis(name: str, low: float = -1.0, high: float = 1.0, description: str = "") -> pb.Axis:
+    """Return an axis: a continuous action in low..high."""
+    return pb.Axis(name=name, description=description, low=low, high=high)
+
+
+def branch(name: str, choices: Sequence[str], description: str = "") -> pb.Branch:
+    """Return a branch: a discrete action with two or more labeled choices."""
+    return pb.Branch(name=name, description=description, choices=choices)
+
+
+def button(name: str, description: str = "") -> pb.Branch:
+    """Return a branch with two choices: 0 released, 1 pressed."""
+    return branch(name, ["released", "pressed"], description)
+
+
+def channel(name: str, default_weight: float = 1.0, description: str = "") -> pb.RewardChannel:
+    """Return a reward channel: one part of the reward. An agent's reward is the weighted sum of its channels."""
+    return pb.RewardChannel(name=name, description=description, default_weight=default_weight)
+
+
+def metric(name: str, description: str = "") -> pb.Metric:
+    """Return a metric: a number about an episode, reported at its end."""
+    return pb.Metric(name=name, description=description)

@@ -1,1 +1,0 @@
-"""What `joybridge new` writes, under the name that its author gives it."""

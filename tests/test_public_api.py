@@ -1,0 +1,132 @@
+"""What authors import from the simulator: `__all__` is exact, documented, cheap, and enough for a whole game."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import joybridge.simulator
+from joybridge.contract.spec import check_spec
+from joybridge.simulator import (
+    Game,
+    axis,
+    behavior,
+    branch,
+    metric,
+    option,
+    parameter,
+    render,
+    sensor,
+    spec,
+    transition,
+)
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def test_the_package_exports_exactly_what_it_imports_for_authors():
+    public = {n for n, value in vars(joybridge.simulator).items() if n[0] != "_" and not isinstance(value, ModuleType)}
+    assert joybridge.simulator.__all__ == sorted(public)
+
+
+def test_render_exports_exactly_what_it_defines():
+    tree = ast.parse(Path(render.__file__).read_text(encoding="utf-8"))
+    defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    targets = [node.targets[0] for node in tree.body if isinstance(node, ast.Assign)]
+    defined |= {target.id for target in targets if isinstance(target, ast.Name)}
+    assert set(render.__all__) == {name for name in defined if name[0] != "_"}
+
+
+@pytest.mark.parametrize("module", [joybridge.simulator, render], ids=lambda module: module.__name__)
+def test_every_public_name_is_documented(module):
+    for name in module.__all__:
+        value = getattr(module, name)
+        if module is joybridge.simulator:
+            assert name in str(module.__doc__).replace(",", " ").split(), (
+                f"the package's docstring does not list {name}"
+            )
+        if inspect.isfunction(value) or (inspect.isclass(value) and value.__module__.startswith("joybridge.simulator")):
+            assert value.__doc__, f"{name} has no docstring"
+            assert not value.__doc__.startswith(f"{name}("), f"{name} has only the docstring of a dataclass"
+
+
+def test_importing_the_package_loads_no_server_no_compiler_and_no_drawing():
+    program = "import sys, joybridge.simulator; print(*sys.modules)"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    loaded = set(result.stdout.split())
+    assert "joybridge.simulator.game" in loaded
+    assert loaded.isdisjoint({"grpc", "numba", "pygame", "joybridge.games", "joybridge.simulator.service"})
+
+
+# ------------------------------------------------------------------------------------------------ parts of a spec
+
+
+@pytest.mark.parametrize(
+    ("dtype", "wire"),
+    [
+        ("float32", pb.FLOAT32), (np.int32, pb.INT32), (np.uint8, pb.UINT8), (bool, pb.BOOL),
+        (np.dtype(">i4"), pb.INT32),
+    ],
+)  # fmt: skip
+def test_a_sensor_has_the_dtype_that_is_asked_for(dtype, wire):
+    assert sensor("image", [2, 3], dtype=dtype) == pb.Sensor(name="image", dtype=wire, shape=[2, 3])
+
+
+@pytest.mark.parametrize("dtype", [float, np.int64, "U3", None])
+def test_a_sensor_of_a_dtype_that_cannot_be_sent_is_refused(dtype):
+    with pytest.raises(ValueError, match=r"sensor 'image' has dtype .*, expected one of float32, int32, uint8, bool"):
+        sensor("image", [2], dtype=dtype)
+
+
+def test_bounds_of_a_sensor_are_none_or_one_or_one_per_element():
+    assert sensor("a", [2, 2]) == pb.Sensor(name="a", dtype=pb.FLOAT32, shape=[2, 2])
+    one = sensor("a", [2, 2], 0, 1.5)
+    assert list(one.low) == [0.0] and list(one.high) == [1.5]
+    each = sensor("a", [2, 2], [[0, 1], [2, 3]], np.full((2, 2), 4))
+    assert list(each.low) == [0.0, 1.0, 2.0, 3.0] and list(each.high) == [4.0] * 4
+
+
+def test_an_option_defaults_to_its_first_choice():
+    assert option("size", ["small", "large"]).default_choice == "small"
+    assert option("size", ["small", "large"], default="large").default_choice == "large"
+
+
+class Whole(Game):
+    """Uses every part of a spec."""
+
+    name = "whole"
+    description = "Everything at once."
+    options = (option("size", ["2", "3"], "3", "cells"),)
+
+    @classmethod
+    def describe(cls, options):
+        player = behavior(
+            "player",
+            sensors=[sensor("cells", [int(options["size"])], dtype="uint8", elements=["a", "b", "c"])],
+            axes=[axis("x", 0.0, 2.0)],
+            branches=[branch("gear", ["low", "high"])],
+            metrics=["plain", metric("explained", "with words")],
+        )
+        return spec(cls, [player], parameters=[parameter("wind", -1.0, 1.0, 0.5, "to the right")], picture=(4, 2))
+
+    def reset(self):
+        return transition({"cells": [0, 0, 0]})
+
+    def step(self, action):
+        return transition({"cells": [0, 0, 0]})
+
+
+def test_a_spec_holds_its_parts():
+    made = Whole.describe({"size": "3"})
+    check_spec(made)
+    (player,) = made.behaviors
+    assert made.name == "whole" and made.options == [option("size", ["2", "3"], "3", "cells")]
+    assert made.parameters[0].default_value == 0.5 and made.parameters[0].description == "to the right"
+    assert [one.name for one in player.metrics] == ["plain", "explained"]
+    assert player.metrics[1].description == "with words" and player.channels[0].name == "reward"
+    assert (made.picture.width, made.picture.height, made.decision_interval) == (4, 2, 1)
+    assert player.device.axes[0].high == 2.0 and player.device.branches[0].choices == ["low", "high"]
