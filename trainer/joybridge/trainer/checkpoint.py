@@ -4,7 +4,6 @@ A run's `checkpoints/` holds one folder per checkpoint, named by its timesteps; 
 """
 
 import json
-import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,11 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from joybridge.contract.tensors import Array
+from joybridge.trainer.errors import CheckpointError
+from joybridge.trainer.files import sync_folder, write_synced
 
 KEPT = 2
-FORMAT = 2
-
-
-class CheckpointError(Exception):
-    """A checkpoint that is missing or cannot be read; the text names the file and what to do."""
+FORMAT = 3
 
 
 def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: dict[str, Any]) -> Path:
@@ -29,17 +26,17 @@ def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: dict[str, Any
     """
     folder = run / "checkpoints"
     target = folder / f"{manifest['timesteps']:012d}"
-    fresh = folder / f".{target.name}.new"
-    shutil.rmtree(fresh, ignore_errors=True)
-    fresh.mkdir(parents=True)
-    _write(fresh / "arrays.safetensors", save(arrays))
-    _write(fresh / "manifest.json", json.dumps({"format": FORMAT} | manifest, indent=1).encode())
-    _sync(fresh)
+    temporary = folder / f".{target.name}.new"
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    write_synced(temporary / "arrays.safetensors", save(arrays))
+    write_synced(temporary / "manifest.json", json.dumps({"format": FORMAT} | manifest, indent=1).encode())
+    sync_folder(temporary)
     if target.exists():  # the same boundary once more, of the same bytes
-        shutil.rmtree(fresh)
+        shutil.rmtree(temporary)
     else:
-        fresh.rename(target)
-    _sync(folder)
+        temporary.rename(target)
+    sync_folder(folder)
     for old in _folders(run)[:-KEPT]:
         shutil.rmtree(old)
     return target
@@ -68,21 +65,6 @@ def has_checkpoint(run: Path) -> bool:
 
 def _folders(run: Path) -> list[Path]:
     return sorted(path for path in (run / "checkpoints").glob("[0-9]*") if path.is_dir())
-
-
-def _write(path: Path, data: bytes) -> None:
-    with path.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def select(arrays: dict[str, Array], prefix: str) -> dict[str, Array]:

@@ -4,12 +4,17 @@ A YAML file may name another one with `extends:`; mappings are merged, everythin
 """
 
 import difflib
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from joybridge.trainer.checkpoint import has_checkpoint
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.files import write_atomically
 
 MAY_CHANGE = (
     "stop",
@@ -19,10 +24,6 @@ MAY_CHANGE = (
 )  # in the middle of a run: nothing that is learned from
 
 T = TypeVar("T", bound=BaseModel)
-
-
-class ConfigError(Exception):
-    """A configuration that cannot be used; the text names the key, what came and what was wanted."""
 
 
 def _switch(value: Any) -> Any:
@@ -54,7 +55,6 @@ class PolicyConfig(_Checked):
     clip_range: float = Field(0.2, gt=0, lt=1)
     gamma: float = Field(0.99, ge=0, le=1)
     gae_lambda: float = Field(0.95, ge=0, le=1)
-    overlap: bool = False  # learn while the next rollout is collected, which is then played one update behind
     autograd: bool = False  # take gradients from autograd, the reference, not from their closed form
 
 
@@ -114,6 +114,24 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
 def dump_config(config: Config) -> str:
     """Return the whole configuration as YAML that `load_config` reads back."""
     return yaml.safe_dump(config.model_dump(), sort_keys=False)
+
+
+def keep_config(config: Config, run: Path, resume: bool) -> None:
+    """Write the whole configuration into the folder of a run. A resumed run must have been configured alike.
+
+    Only MAY_CHANGE may differ. Raises ConfigError.
+    """
+    run.mkdir(parents=True, exist_ok=True)
+    path = run / "config.yaml"
+    if resume:
+        if changed := changes(load_config(path), config):
+            raise ConfigError(
+                f"cannot resume {run}: {', '.join(changed)} changed "
+                f"(was {json.dumps(changed)}); use another --run for a new configuration"
+            )
+    elif has_checkpoint(run):
+        raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")
+    write_atomically(path, dump_config(config).encode())
 
 
 def changes(before: Config, now: Config) -> dict[str, Any]:

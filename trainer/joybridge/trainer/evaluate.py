@@ -1,6 +1,5 @@
-"""Evaluation: play a run's policy for many episodes and say how well it does, with a confidence interval."""
+"""Evaluation: play the policies of a run for many episodes; mean results with confidence intervals."""
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,12 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.config import Config, ConfigError
-from joybridge.trainer.metrics import Episodes, Row
-from joybridge.trainer.playing import Players, run_config
-from joybridge.trainer.wire.client import describe
-from joybridge.trainer.wire.shards import Shards
-from joybridge.v1 import bridge_pb2 as pb
+from joybridge.trainer.episodes import Episodes
+from joybridge.trainer.metrics import Row
+from joybridge.trainer.playing import Play, open_play
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
 
@@ -27,44 +23,29 @@ class Evaluation:
     episodes: int
     means: Row
     half_widths: Row
-    by_choice: dict[str, float]  # mean reward under each choice of the balanced option
+    by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
 
 
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None]
 ) -> dict[str, Evaluation]:
-    """Play at least `episodes` episodes of a run's policy; return an Evaluation per policy.
+    """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
 
-    Where the configuration names an option to balance, every choice of it but the default is played equally
+    Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
     often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
     the original's figures. Raises SimulatorError, CheckpointError or ConfigError.
     """
-    config = run_config(run)
-    spec = describe(address, config.game, config.options)
-    choices = balanced_choices(config, spec)
-    each = max(1, min(math.ceil(episodes / len(choices)), spec.max_arenas, 64))
-    rounds = math.ceil(episodes / (each * len(choices)))
-    arenas = each * len(choices)
-    say(
-        f"{arenas} arenas × {rounds} rounds" + (f", as many for each {config.evaluate_over}" if choices != [""] else "")
-    )
-    options = [
-        config.options | ({config.evaluate_over: choice} if config.evaluate_over and choice else {})
-        for choice in choices
-    ]
-    simulators = Shards(
-        [address] * len(choices), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
-    )
-    players = Players(run, spec, arenas, seed, deterministic=deterministic)
-    try:
-        tables = _play(players, simulators, rounds, say)
-    finally:
-        simulators.close()
-    return {name: _summarise(table, choices, players) for name, table in tables.items()}
+    with open_play(run, address, seed=seed, episodes=episodes, deterministic=deterministic) as play:
+        rounds = math.ceil(episodes / play.arenas)
+        balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
+        say(f"{play.arenas} arenas × {rounds} rounds{balanced}")
+        tables = _play(play, rounds, say)
+    return {name: _summarize(table, play) for name, table in tables.items()}
 
 
-def _summarise(table: Episodes, choices: list[str], players: Players) -> Evaluation:
+def _summarize(table: Episodes, play: Play) -> Evaluation:
     """Return means in which every choice weighs the same, however many episodes it took."""
+    choices = play.choices
     choice_of = table.finished[:, 0].astype(int) * len(choices) // len(table.reward)
     groups = [table.finished[choice_of == index, 1:] for index in range(len(choices))]
     means = np.mean([group.mean(axis=0) for group in groups], axis=0)
@@ -72,7 +53,7 @@ def _summarise(table: Episodes, choices: list[str], players: Players) -> Evaluat
     errors = CONFIDENCE * np.sqrt(np.sum(variances, axis=0)) / len(groups)
     names = ["reward", "length", *table.metrics]
     return Evaluation(
-        timesteps=players.timesteps,
+        timesteps=play.timesteps,
         episodes=len(table.finished),
         means=dict(zip(names, means.tolist(), strict=True)),
         half_widths=dict(zip(names, errors.tolist(), strict=True)),
@@ -80,33 +61,16 @@ def _summarise(table: Episodes, choices: list[str], players: Players) -> Evaluat
     )
 
 
-def balanced_choices(config: Config, spec: pb.GameSpec) -> list[str]:
-    """Return the choices to play equally often, or [""] where nothing is balanced. Raises ConfigError."""
-    if config.evaluate_over is None or config.evaluate_over in config.options:
-        return [""]
-    option = next((option for option in spec.options if option.name == config.evaluate_over), None)
-    if option is None:
-        raise ConfigError(f"evaluate_over: {spec.name} has no option {config.evaluate_over!r}")
-    choices = [choice for choice in option.choices if choice != option.default_choice]
-    if not choices:
-        raise ConfigError(
-            f"evaluate_over: option {config.evaluate_over!r} of {spec.name} has no choice but its default"
-        )
-    return choices
-
-
-def _play(players: Players, simulators: Shards, rounds: int, say: Callable[[str], None]) -> dict[str, Episodes]:
+def _play(play: Play, rounds: int, say: Callable[[str], None]) -> dict[str, Episodes]:
     """Play `rounds` time limits, or where there is none until every lane has finished `rounds` episodes."""
-    tables = {policy.name: Episodes(policy.lanes, policy.metrics) for policy in players.policies}
-    players.begin(simulators.steps)
-    limit = simulators.spec.max_episode_decisions
-    for decision in itertools.count(1):
-        steps = simulators.step(players.act(simulators.steps))
-        for policy, rewards in zip(players.policies, players.take(steps), strict=True):
-            tables[policy.name].add(steps[policy.behavior], rewards)
-        if decision % 1000 == 0:
-            say(f"{decision} decisions")
-        if decision >= limit * rounds if limit else all(_episodes(t).min() >= rounds for t in tables.values()):
+    tables = {player.actor.name: Episodes(player.lanes, player.actor.metrics) for player in play.players}
+    limit = play.spec.max_episode_decisions
+    for number, decision in enumerate(play.decisions(), 1):
+        for player, rewards in zip(play.players, decision.rewards, strict=True):
+            tables[player.actor.name].add(decision.after[player.actor.behavior], rewards)
+        if number % 1000 == 0:
+            say(f"{number} decisions")
+        if number >= limit * rounds if limit else all(_episodes(t).min() >= rounds for t in tables.values()):
             break
     if not limit:  # lanes with short episodes must not count more often than others
         for table in tables.values():

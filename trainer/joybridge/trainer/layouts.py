@@ -15,17 +15,19 @@ A policy's action is a float array `continuous` [lanes, continuous] of unbounded
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, lane_count
+from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
 
 
-class LayoutError(ValueError):
+class LayoutError(JoybridgeError, ValueError):
     """A layout that does not exist or does not fit a device; the text says what was wanted."""
 
 
@@ -89,6 +91,20 @@ class Layout:
     def space(self) -> ActionSpace:
         """Return the action space that this layout gives its policy."""
         return ActionSpace(len(self.continuous), tuple(len(table.values) for table in self.discrete))
+
+    def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
+        """Return what the policy's branches and its Gaussians act on: names of the device's axes and branches."""
+        branches = [
+            device.axes[table.axis].name
+            if isinstance(table, AxisTable)
+            else "+".join(device.branches[branch].name for branch in table.branches)
+            for table in self.discrete
+        ]
+        gaussians = [
+            device.axes[target.axis].name if isinstance(target, AxisRange) else device.branches[target.branch].name
+            for target in self.continuous
+        ]
+        return branches, gaussians
 
     def write(
         self, continuous: Array, discrete: Array, act: ActArrays, device_masks: Sequence[Array] | None = None
@@ -156,7 +172,24 @@ def make_layouts(name: str, device: pb.Device) -> dict[str, Layout]:
     )
 
 
-def policy_name(behavior: str, part: str, *, alone: bool) -> str:
+class Role(NamedTuple):
+    """What one policy plays: a behavior, or a part of its device."""
+
+    name: str  # of the policy
+    behavior: int  # index in the spec
+    layout: Layout
+
+
+def list_roles(layout: str, spec: pb.GameSpec) -> list[Role]:
+    """Return the roles of all policies that play a game with a layout. Raises LayoutError."""
+    return [
+        Role(_policy_name(behavior.name, part, alone=len(spec.behaviors) == 1), index, made)
+        for index, behavior in enumerate(spec.behaviors)
+        for part, made in make_layouts(layout, behavior.device).items()
+    ]
+
+
+def _policy_name(behavior: str, part: str, *, alone: bool) -> str:
     """Return the name of the policy that holds `part` ("": all) of a behavior's device."""
     if not part:
         return behavior

@@ -1,74 +1,80 @@
-"""Groups of arenas that take turns: while one is played at the simulators, the policies decide for another.
+"""Collecting experience: groups of arenas take turns, so neither process waits for the other.
 
-So neither process waits for the other. Every group has a session of its own, or several where there are more
-simulators than groups; which arenas it has depends on the configuration alone, and what they play on the seed and
-their numbers alone.
+While one group is played by the simulators, the agents act in another. Every group has sessions of its own. Which
+arenas it has depends on the configuration alone, and what they play on the seed and their numbers alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice, pairwise
 
-from joybridge.trainer.agent import Policy
-from joybridge.trainer.config import Config, ConfigError
+from joybridge.trainer.agent import Agent
+from joybridge.trainer.config import Config
+from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.metrics import Journal, Stopwatch
+from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.wire.shards import Shards, Snapshot, check_alike, split
 
 
 class Group:
-    """One of them."""
+    """Arenas that are played at the same time."""
 
     def __init__(self, index: int, simulators: Shards, arenas: int) -> None:
         """Take an open session of so many arenas."""
         self.index, self.simulators = index, simulators
         self.acts = make_acts(simulators.spec, arenas)
 
-    def begin(self, policies: Sequence[Policy]) -> None:
-        """Show the policies the first observations of new episodes."""
-        for policy in policies:
-            policy.begin(self.simulators.steps, self.index)
 
-    def act(self, policies: Sequence[Policy], watch: Stopwatch) -> None:
-        """Let the policies decide, and send the decision off."""
-        with watch.measure("act"):
-            for policy in policies:
-                policy.act(self.simulators.steps, self.acts, self.index)
-            self.simulators.send(self.acts)
+def collect(groups: Sequence[Group], agents: Sequence[Agent], profiler: Profiler, steps: int) -> Iterator[None]:
+    """Play `steps` decisions of every arena: act, step, store. Yield after each; no action is pending after the last.
 
-    def take(self, policies: Sequence[Policy], journals: Sequence[Journal], watch: Stopwatch) -> None:
-        """Wait for what follows the decision, and store it."""
-        with watch.measure_wait(lambda: self.simulators.simulate_seconds):
-            steps = self.simulators.receive()
-        with watch.measure("act"):
-            for policy, journal in zip(policies, journals, strict=True):
-                rewards = policy.take(steps, self.index)
-                journal.episodes.add(steps[policy.behavior], rewards, policy.groups[self.index])
+    Raises SimulatorError.
+    """
+    for group in groups:
+        act(group, agents, profiler)
+    for step in range(steps):
+        for group in groups:
+            with profiler.measure_wait(group.simulators):
+                outcome = group.simulators.receive()
+            with profiler.measure("act"):
+                for agent in agents:
+                    agent.store(outcome, group.index)
+            if step + 1 < steps:
+                act(group, agents, profiler)
+        yield
 
 
-def group_count(config: Config) -> int:
-    """Return how many groups there are: no more than arenas."""
-    return min(config.groups, config.arenas)
+def act(group: Group, agents: Sequence[Agent], profiler: Profiler) -> None:
+    """Sample the actions of a group and send them, without waiting for the step."""
+    with profiler.measure("act"):
+        for agent in agents:
+            agent.act(group.simulators.steps, group.acts, group.index)
+        group.simulators.send(group.acts)
 
 
-def share_out(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
-    """Return the simulators of each group, given its arenas: no more messages than there must be."""
+def group_bounds(config: Config) -> list[int]:
+    """Return the first arena of each group and, last, their number; there are no more groups than arenas."""
+    return split(config.arenas, min(config.groups, config.arenas))
+
+
+def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
+    """Return the simulators of each group, given its arenas: as few messages as possible."""
     groups = len(arenas)
     homes = [list(addresses[group::groups]) or [addresses[group % len(addresses)]] for group in range(groups)]
-    return [home[:most] for home, most in zip(homes, arenas, strict=True)]
+    return [home[:limit] for home, limit in zip(homes, arenas, strict=True)]
 
 
 def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None) -> list[Group]:
-    """Open the groups' sessions, new or from snapshots in that order.
+    """Open the sessions of all groups, new or from snapshots in that order.
 
     Raises SimulatorError, and ConfigError for another number of snapshots.
     """
-    bounds = list(pairwise(split(config.arenas, group_count(config))))
-    homes = share_out(addresses, [end - first for first, end in bounds])
+    bounds = list(pairwise(group_bounds(config)))
+    homes = assign(addresses, [end - first for first, end in bounds])
     sessions = sum(map(len, homes))
     if snapshots is not None and len(snapshots) != sessions:
         raise ConfigError(
-            f"the checkpoint holds {len(snapshots)} sessions, {len(homes)} groups at {len(addresses)} simulators make "
-            f"{sessions}; resume at {len(snapshots)} simulators"
+            f"the checkpoint holds {len(snapshots)} sessions, but {len(homes)} groups at {len(addresses)} simulators "
+            f"make {sessions}; resume with {len(snapshots)} simulators"
         )
     saved = iter(snapshots or ())
     groups: list[Group] = []

@@ -1,55 +1,155 @@
-"""Play a trained policy without learning: what evaluation and recording share."""
+"""Play the policies of a run without learning: what evaluation, recording and the tools share.
 
-from collections.abc import Sequence
+    with open_play(run, address, seed=1) as play:
+        for decision in play.decisions():
+            ...
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 
-from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
-from joybridge.trainer.build import make_policies
-from joybridge.trainer.checkpoint import load_checkpoint, select
+from joybridge.trainer.actor import Actor, make_actors
 from joybridge.trainer.config import Config, load_config
 from joybridge.trainer.layouts import make_acts
-from joybridge.v1 import bridge_pb2 as pb
+from joybridge.trainer.observations import FrameStack
+from joybridge.trainer.options import balanced_options
+from joybridge.trainer.ppo.distributions import fill_masks
+from joybridge.trainer.ppo.fast.kernels import Action, Noise
+from joybridge.trainer.run_state import load_state, policy_state
+from joybridge.trainer.wire.client import Session, describe
+from joybridge.trainer.wire.shards import Shards
 
 
-class Players:
-    """The policies of a finished or running training, playing in `arenas` arenas."""
+@dataclass(frozen=True)
+class Decision:
+    """One decision of all arenas. Steps and acts hold an entry per behavior, rewards one per policy."""
 
-    def __init__(self, run: Path, spec: pb.GameSpec, arenas: int, seed: int, *, deterministic: bool) -> None:
-        """Load the newest checkpoint of `run`. deterministic: always the likeliest action, no sampling.
+    before: list[StepArrays]  # what the policies observed
+    acts: list[ActArrays]  # what they did; overwritten by the next decision
+    after: list[StepArrays]
+    rewards: list[Array]  # [lanes], as the policy gets them
+    pictures: list[Array]  # uint8 [height, width, 3] of the first arena, where it was drawn
 
-        `seed` fixes the samples. Raises CheckpointError or ConfigError.
-        """
-        torch.set_num_threads(1)  # networks this small are slower with more
-        config = run_config(run).model_copy(update={"seed": seed, "accelerator": "cpu"})
-        arrays, manifest = load_checkpoint(run)
-        self.timesteps: int = manifest["timesteps"]
-        self.deterministic = deterministic
-        self.policies = make_policies(config, spec, arenas)
-        self.acts = make_acts(spec, arenas)
-        for policy in self.policies:
-            policy.load_network(select(arrays, f"{policy.name}/policy/"))
 
-    def begin(self, steps: Sequence[StepArrays]) -> None:
+class Player:
+    """An actor and what it remembers of its lanes while it plays."""
+
+    def __init__(self, actor: Actor, lanes: int, seed: int, *, deterministic: bool) -> None:
+        """Begin in so many lanes. deterministic: always the likeliest action. `seed` fixes the samples."""
+        self.actor, self.deterministic = actor, deterministic
+        self.lanes = lanes
+        self._stack = FrameStack(lanes, actor.encoder.size, actor.config.frame_stack)
+        self._rng = np.random.default_rng([seed, actor.seed])
+        space = actor.layout.space
+        branches = len(space.branches)
+        self._action = Action(
+            np.zeros((lanes, space.continuous), np.float32), np.zeros((lanes, branches), np.int64),
+            np.zeros(lanes, np.float32),
+        )  # fmt: skip
+        self._masks = np.zeros((lanes, branches, max(space.branches, default=0)), np.float32)
+
+    def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
-        for policy in self.policies:
-            policy.begin(steps)
+        self._stack.begin(self.actor.encoder.frames(step.observations))
 
-    def act(self, steps: Sequence[StepArrays]) -> list[ActArrays]:
-        """Return the actions for the present observations."""
-        for policy in self.policies:
-            policy.act(steps, self.acts, deterministic=self.deterministic)
-        return self.acts
+    def act(self, step: StepArrays, act: ActArrays) -> None:
+        """Write an action for the present observations into the policy's part of `act`."""
+        actor, action = self.actor, self._action
+        fill_masks(actor.allowed(step), self._masks)
+        noise = Noise(
+            self._rng.standard_normal(action.continuous.shape, np.float32),
+            self._rng.random(action.discrete.shape, np.float32),
+        )
+        actor.sample(self._stack.now, self._masks, noise, action, deterministic=self.deterministic)
+        actor.layout.write(action.continuous, action.discrete, act, step.masks)
 
-    def take(self, steps: Sequence[StepArrays]) -> list[Array]:
-        """Take what followed; return each policy's rewards [lanes]."""
-        rewards = [policy.take(steps) for policy in self.policies]
-        for policy in self.policies:
-            if policy.full:
-                policy.next_rollout()
-        return rewards
+    def store(self, step: StepArrays) -> Array:
+        """Take what followed the action; return the rewards [lanes]."""
+        self._stack.push(self.actor.encoder.frames(step.observations), step)
+        return self.actor.encoder.rewards(step)
+
+
+class Play:
+    """The policies of a run in an open session."""
+
+    def __init__(
+        self, config: Config, timesteps: int, choices: Sequence[str], arenas: int, session: Session | Shards,
+        players: list[Player],
+    ) -> None:  # fmt: skip
+        """Play `arenas` arenas. timesteps: how long the policies have trained. choices: see `balanced_options`."""
+        self.config, self.timesteps, self.choices = config, timesteps, choices
+        self.session, self.players = session, players
+        self.spec = session.spec
+        self.arenas = arenas
+        self._acts = make_acts(self.spec, arenas)
+
+    def decisions(self, draw_every: int = 0) -> Iterator[Decision]:
+        """Play on for ever. draw_every: draw the first arena after every so many decisions; 0: never.
+
+        Only a session of one arena can be drawn. Raises SimulatorError.
+        """
+        session, number = self.session, 0
+        while True:
+            number += 1
+            before = session.steps
+            for player in self.players:
+                behavior = player.actor.behavior
+                player.act(before[behavior], self._acts[behavior])
+            pictures: list[Array] = []
+            if draw_every and number % draw_every == 0:
+                assert isinstance(session, Session)
+                after, pictures = session.step_and_draw(self._acts, [0])
+            else:
+                after = session.step(self._acts)
+            rewards = [player.store(after[player.actor.behavior]) for player in self.players]
+            yield Decision(before, self._acts, after, rewards, pictures)
+
+
+@contextmanager
+def open_play(
+    run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False
+) -> Iterator[Play]:
+    """Load the newest checkpoint of a run and open a session at a simulator; the session is closed on leaving.
+
+    episodes: 0 plays one arena under the options of the run. Otherwise arenas for so many episodes at once, at most
+    `arenas_limit` per choice of the option `evaluate_over`; arenas of the same choice are side by side.
+    `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
+    """
+    torch.set_num_threads(1)  # networks this small are slower with more
+    config = run_config(run)
+    spec = describe(address, config.game, config.options)
+    options = balanced_options(config, spec) if episodes else {"": config.options}
+    arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
+    state = load_state(run)
+    players = []
+    for actor in make_actors(config, spec):
+        actor.load(policy_state(state.arrays, actor.name))
+        lanes = lane_count(spec.behaviors[actor.behavior], arenas)
+        players.append(Player(actor, lanes, seed, deterministic=deterministic))
+    with _open_session(config, address, arenas, seed, list(options.values())) as session:
+        for player in players:
+            player.begin(session.steps[player.actor.behavior])
+        yield Play(config, state.timesteps, list(options), arenas, session, players)
+
+
+def _open_session(
+    config: Config, address: str, arenas: int, seed: int, options: list[dict[str, str]]
+) -> Session | Shards:
+    if arenas == 1:
+        return Session(
+            address, config.game, arenas=1, seed=seed, options=options[0], parameters=config.parameters
+        )
+    return Shards(
+        [address] * len(options), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
+    )
 
 
 def run_config(run: Path) -> Config:

@@ -6,9 +6,13 @@ torch tensors: the readable reference of what `kernels.py` samples and different
 """
 
 import math
+from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from joybridge.contract.tensors import Array
 
 FORBIDDEN = -1e9  # a logit whose probability is exactly 0 and whose p·log p is 0, not NaN
 
@@ -21,9 +25,19 @@ def chosen_log_probs(log_p: Tensor, discrete: Tensor) -> Tensor:
     return log_p.gather(-1, discrete.unsqueeze(-1)).sum((-1, -2))
 
 
-def branch_entropy(log_p: Tensor) -> Tensor:
-    """Return the entropy, summed over branches, [lanes]."""
-    return -(log_p.exp() * log_p).sum((-1, -2))
+def branch_entropies(log_p: Tensor) -> Tensor:
+    """Return the entropy of each branch, [lanes, branches]."""
+    return -(log_p.exp() * log_p).sum(-1)
+
+
+def fill_masks(allowed: Sequence[Array] | None, masks: Array) -> None:
+    """Write what to add to the logits into `masks` [lanes, branches, widest]: 0 or FORBIDDEN.
+
+    allowed: which choices each branch allows, bool [lanes, choices]; None: all.
+    """
+    masks[...] = 0.0
+    for branch, mask in enumerate(allowed or ()):
+        masks[:, branch, : mask.shape[1]] = np.where(mask, 0.0, FORBIDDEN)
 
 
 def gaussian_log_probs(mean: Tensor, log_variance: Tensor, continuous: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,7 +1,7 @@
-"""One policy's rollout: what its lanes saw, did and earned since its last update, in preallocated arrays."""
+"""The rollout of one policy: what its lanes observed, did and earned since its last update, in preallocated arrays."""
 
-import copy
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -9,23 +9,35 @@ import torch
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts import ActionSpace
-from joybridge.trainer.ppo.distributions import FORBIDDEN
+from joybridge.trainer.observations import final_observations, push_frames
+from joybridge.trainer.ppo.distributions import fill_masks
+from joybridge.trainer.ppo.fast.kernels import Action, Noise
 from joybridge.trainer.ppo.loss import Batch
 
 
-class Rollout:
+class Decision(NamedTuple):
+    """One decision of a group: what it is based on, and where its action and its values belong."""
+
+    observations: Array  # [lanes, observation]
+    masks: Array | None  # [lanes, branches, widest], added to the logits; None: all choices are allowed
+    noise: Noise
+    action: Action
+    values: Array  # [lanes]
+
+
+class RolloutBuffer:
     """`steps` decisions of all lanes. Row t of each array is about decision t.
 
-    Observations are stacked: the last `stack` frames, oldest first, zeros before an episode's first. Frames
-    of lanes that wait are not pushed.
+    Groups of lanes are filled one after the other; each has a row of its own, the next one to be filled.
     """
 
-    def __init__(self, steps: int, lanes: int, frame: int, stack: int, space: ActionSpace) -> None:
-        """Preallocate. frame: numbers per observation."""
-        self.frame = frame
+    def __init__(self, steps: int, groups: Sequence[slice], observation: int, space: ActionSpace) -> None:
+        """Preallocate. groups: the lanes of each group, in order. observation: numbers per observation."""
+        lanes = groups[-1].stop
+        self.groups = groups
+        self.rows = [0] * len(groups)
         self.space = space
-        self.step = 0
-        self.observations = np.zeros((steps + 1, lanes, frame * stack), np.float32)
+        self.observations = np.zeros((steps + 1, lanes, observation), np.float32)
         self.continuous = np.zeros((steps, lanes, space.continuous), np.float32)
         self.discrete = np.zeros((steps, lanes, len(space.branches)), np.int64)
         self.masks: Array | None = None  # [steps, lanes, branches, widest], made when a game first forbids a choice
@@ -34,92 +46,105 @@ class Rollout:
         self.rewards = np.zeros((steps, lanes), np.float32)
         self.terminated = np.zeros((steps, lanes), bool)
         self.truncated = np.zeros((steps, lanes), bool)
-        self.final_values = np.zeros((steps, lanes), np.float32)
+        self.final_values = np.zeros((steps, lanes), np.float32)  # at a truncation, of the last observation
         self.deciding = np.ones((steps + 1, lanes), bool)
-        self.open = np.full(lanes, -1)  # the decision each lane has made and not yet been paid for
-
-    def part(self, lanes: slice) -> "Rollout":
-        """Return some lanes of this rollout, which are filled at their own pace; the memory is the same."""
-        part = copy.copy(self)
-        for name, array in vars(self).items():
-            if isinstance(array, np.ndarray):
-                setattr(part, name, array[lanes] if name == "open" else array[:, lanes])
-        return part
+        self.pending = np.full(lanes, -1)  # the row of each lane's decision whose outcome is not known yet
+        self.noise = Noise(np.zeros(self.continuous.shape, np.float32), np.zeros(self.discrete.shape, np.float32))
 
     @property
     def full(self) -> bool:
         """Return whether an update is due."""
-        return self.step == len(self.rewards)
+        return all(row == len(self.rewards) for row in self.rows)
 
-    def begin(self, frames: Array, deciding: Array | None) -> None:
-        """Put first frames [lanes, frame] of new episodes."""
-        self.observations[0] = 0.0
-        self.observations[0, :, -self.frame :] = frames
-        self.deciding[0] = True if deciding is None else deciding
+    def begin(self, frames: Array, deciding: Array | None, group: int = 0) -> None:
+        """Put the first frames [lanes of the group, frame] of new episodes."""
+        lanes = self.groups[group]
+        self.observations[0, lanes] = 0.0
+        self.observations[0, lanes, -frames.shape[1] :] = frames
+        self.deciding[0, lanes] = True if deciding is None else deciding
 
-    def add_step(self, step: StepArrays, frames: Array, rewards: Array) -> None:
-        """Store what followed the present decision: the next frames [lanes, frame], and rewards [lanes].
+    def draw_noise(self, rng: np.random.Generator) -> None:
+        """Draw the random numbers of all decisions."""
+        self.noise = Noise(
+            rng.standard_normal(self.continuous.shape, np.float32), rng.random(self.discrete.shape, np.float32)
+        )
 
-        Final observations' values are filled in by the caller.
+    def next_decision(self, allowed: Sequence[Array] | None, group: int = 0) -> Decision:
+        """Return a group's next decision, whose action and values are still to be written.
+
+        allowed: which choices each branch allows, bool [lanes, choices]; None: all.
         """
-        t = self.step
-        now, after = self.observations[t], self.observations[t + 1]
-        after[:, : -self.frame] = now[:, self.frame :]
-        after[:, -self.frame :] = frames
-        after[step.ended, : -self.frame] = 0.0
-        if step.deciding is None and self.deciding[t].all():
-            self.rewards[t], self.terminated[t], self.truncated[t] = rewards, step.terminated, step.truncated
-            self.deciding[t + 1] = True
-        else:
-            self._add_skipping(step, rewards, now, after)
-        self.step += 1
+        t, lanes = self.rows[group], self.groups[group]
+        return Decision(
+            self.observations[t, lanes],
+            self._set_masks(allowed, t, lanes),
+            Noise(self.noise.normal[t, lanes], self.noise.uniform[t, lanes]),
+            Action(self.continuous[t, lanes], self.discrete[t, lanes], self.log_probs[t, lanes]),
+            self.values[t, lanes],
+        )
 
-    def _add_skipping(self, step: StepArrays, rewards: Array, now: Array, after: Array) -> None:
-        """Store a step in which some lanes wait: its rewards belong to each lane's last decision."""
-        t = self.step
+    def _set_masks(self, allowed: Sequence[Array] | None, t: int, lanes: slice) -> Array | None:
+        """Store which choices a decision allows; return what to add to the logits, None where all are allowed."""
+        if self.masks is None:
+            if allowed is None:
+                return None
+            self.masks = np.zeros((*self.discrete.shape, max(self.space.branches, default=0)), np.float32)
+        masks: Array = self.masks[t, lanes]
+        fill_masks(allowed, masks)
+        return masks
+
+    def final_observations(self, step: StepArrays, frames: Array, group: int = 0) -> Array:
+        """Return the last observations of the episodes that ended, [ended, observation], given their last frames."""
+        return final_observations(self.observations[self.rows[group], self.groups[group]], frames, step)
+
+    def store(
+        self, step: StepArrays, frames: Array, rewards: Array, final_values: Array | None = None, group: int = 0
+    ) -> None:
+        """Store the outcome of a group's decision.
+
+        frames [lanes, frame], rewards [lanes]; final_values [ended]: the values of `final_observations`, needed where
+        an episode was truncated.
+        """
+        t, lanes = self.rows[group], self.groups[group]
+        push_frames(self.observations[t, lanes], frames, step, self.observations[t + 1, lanes])
+        if final_values is not None:
+            self.final_values[t, lanes][step.ended] = final_values
+        if step.deciding is None and self.deciding[t, lanes].all():
+            self.rewards[t, lanes], self.terminated[t, lanes] = rewards, step.terminated
+            self.truncated[t, lanes] = step.truncated
+            self.deciding[t + 1, lanes] = True
+        else:
+            self._store_late(step, rewards, t, lanes)
+        self.rows[group] += 1
+
+    def _store_late(self, step: StepArrays, rewards: Array, t: int, lanes: slice) -> None:
+        """Store a step in which some lanes wait: its rewards belong to the last decision of each lane."""
         ended = step.terminated | step.truncated
         deciding = np.ones(len(ended), bool) if step.deciding is None else step.deciding
-        waiting = ~deciding & ~ended
-        after[waiting] = now[waiting]
-        self.open[self.deciding[t]] = t
-        paid = np.flatnonzero((deciding | ended) & (self.open >= 0))
-        rows = self.open[paid]
-        self.rewards[rows, paid] = rewards[paid]
-        self.terminated[rows, paid] = step.terminated[paid]
-        self.truncated[rows, paid] = step.truncated[paid]
-        self.final_values[rows, paid] = self.final_values[t, paid]  # counts where truncated only
-        self.open[paid] = -1
-        self.deciding[t + 1] = deciding
+        pending = self.pending[lanes]
+        pending[self.deciding[t, lanes]] = t
+        known = np.flatnonzero((deciding | ended) & (pending >= 0))  # lanes whose decision has its outcome now
+        rows, columns = pending[known], known + lanes.start
+        self.rewards[rows, columns] = rewards[known]
+        self.terminated[rows, columns] = step.terminated[known]
+        self.truncated[rows, columns] = step.truncated[known]
+        self.final_values[rows, columns] = self.final_values[t, columns]  # counts where truncated only
+        pending[known] = -1
+        self.deciding[t + 1, lanes] = deciding
 
-    def final_stack(self, ended: Array, frames: Array) -> Array:
-        """Return the stacked last observations of ended lanes, given their last frames [ended, frame]."""
-        now = self.observations[self.step, ended]
-        return np.concatenate([now[:, self.frame :], frames], axis=1)
-
-    def live(self) -> Array:
+    def decided(self) -> Array:
         """Return where a decision was made whose outcome this rollout holds, bool [steps, lanes]."""
-        live = self.deciding[:-1].copy()
-        waiting = np.flatnonzero(self.open >= 0)
-        live[self.open[waiting], waiting] = False
-        return live
+        decided = self.deciding[:-1].copy()
+        unknown = np.flatnonzero(self.pending >= 0)
+        decided[self.pending[unknown], unknown] = False
+        return decided
 
-    def join_masks(self, parts: Sequence["Rollout"]) -> None:
-        """Take the masks of all lanes from the parts that they are divided into."""
-        if any(part.masks is not None for part in parts):
-            self.masks = np.concatenate(
-                [part.masks if part.masks is not None else part.no_masks() for part in parts], 1
-            )
-
-    def no_masks(self) -> Array:
-        """Return masks that forbid nothing."""
-        return np.zeros((*self.discrete.shape, max(self.space.branches, default=0)), np.float32)
-
-    def batch(self, advantages: Array, live: Array) -> Batch:
-        """Return the live timesteps with these advantages [steps, lanes], normalised, as one flat batch."""
-        whole = live.all()
+    def batch(self, advantages: Array, decided: Array) -> Batch:
+        """Return the decided transitions with these advantages [steps, lanes], normalized, as one flat batch."""
+        whole = decided.all()
 
         def flat(array: Array) -> torch.Tensor:
-            return torch.from_numpy(array.reshape(live.size, *array.shape[2:]) if whole else array[live])
+            return torch.from_numpy(array.reshape(decided.size, *array.shape[2:]) if whole else array[decided])
 
         chosen = flat(advantages).numpy()
         return Batch(
@@ -133,24 +158,9 @@ class Rollout:
             returns=flat(advantages + self.values),
         )
 
-    def set_masks(self, masks: Sequence[Array] | None) -> Array | None:
-        """Store which choices the present decision allows, bool [lanes, choices] per branch; None: all.
-
-        Return what to add to the logits, [lanes, branches, widest], or None if no choice was ever forbidden.
-        """
-        if self.masks is None:
-            if masks is None:
-                return None
-            self.masks = self.no_masks()
-        row: Array = self.masks[self.step]
-        row[...] = 0.0
-        for branch, mask in enumerate(masks or ()):
-            row[:, branch, : mask.shape[1]] = np.where(mask, 0.0, FORBIDDEN)
-        return row
-
-    def continue_from(self, last: "Rollout") -> None:
-        """Begin anew where the rollout before ended, which stays as it is."""
-        self.observations[0] = last.observations[-1]
-        self.deciding[0] = last.deciding[-1]
-        self.open[:] = -1
-        self.step = 0
+    def restart(self) -> None:
+        """Begin the next rollout where this one ended."""
+        self.observations[0] = self.observations[-1]
+        self.deciding[0] = self.deciding[-1]
+        self.pending[:] = -1
+        self.rows = [0] * len(self.groups)

@@ -1,6 +1,6 @@
 """The gradient of the PPO loss in closed form: what autograd would compute, without its bookkeeping.
 
-Matrix products are torch's, what lies between them is compiled (`kernels.py`). A test holds the result to
+Matrix products are torch's; what lies between them is compiled (`kernels.py`). A test holds the result to
 autograd's within 1e-6.
 """
 
@@ -9,42 +9,43 @@ import torch
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.ppo.fast.kernels import differentiate
+from joybridge.trainer.ppo.fast.kernels import Action, Gradient, Head, Target, loss_gradient
 from joybridge.trainer.ppo.loss import Batch, Coefficients
 from joybridge.trainer.ppo.networks import Network, Tower
 
 
 class ClosedFormGradient:
-    """Sets a network's gradient on minibatches; a `Gradient` as `ppo.Update` takes it."""
+    """Sets the gradient of a network on minibatches; a `LossGradient` as `Learner` takes it."""
 
     def __init__(self, network: Network) -> None:
-        """Work on `network`, whose parameters must have gradients to write to (see flatten_parameters)."""
+        """Work on `network`, whose parameters must have gradients to write to (see `flatten_parameters`)."""
         self.network = network
         self.actor = TowerPass(network.actor)
         self.critic = TowerPass(network.critic) if network.critic is not None else None
-        self.sizes = np.array(network.space.branches, np.int64)
-        self.mean_bias, self.log_variance = network.mean_bias.detach().numpy(), network.log_variance.detach().numpy()
+        sizes = np.array(network.space.branches, np.int64)
+        self.head = Head(network.mean_bias.detach().numpy(), network.log_variance.detach().numpy(), sizes)
 
     @torch.no_grad()
-    def __call__(self, batch: Batch, coefficients: Coefficients) -> Tensor:
-        """Set the gradient of the loss on `batch`; return [policy loss, value loss, entropy]."""
+    def __call__(self, batch: Batch, coefficients: Coefficients) -> Array:
+        """Set the gradient of the loss on `batch`; return the statistics that `ppo_loss` returns."""
         network = self.network
         outputs = self.actor.forward(batch.observations)
         values = (outputs if self.critic is None else self.critic.forward(batch.observations))[:, -1]
-        slope = torch.empty_like(outputs)  # d loss / d outputs
-        value_slope = slope[:, -1] if self.critic is None else torch.empty_like(values)
-        parts = differentiate(
-            outputs.numpy(), (values + network.value_bias).numpy(), self.mean_bias, self.log_variance, self.sizes,
-            None if batch.masks is None else batch.masks.numpy(), batch.continuous.numpy(), batch.discrete.numpy(),
-            batch.log_probs.numpy(), batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy(),
-            coefficients.clip, coefficients.entropy, slope.numpy(), value_slope.numpy(),
-            _gradient(network.mean_bias), _gradient(network.log_variance),
+        d_outputs = torch.empty_like(outputs)
+        d_values = d_outputs[:, -1] if self.critic is None else torch.empty_like(values)
+        action = Action(batch.continuous.numpy(), batch.discrete.numpy(), batch.log_probs.numpy())
+        statistics = loss_gradient(
+            outputs.numpy(), (values + network.value_bias).numpy(), self.head,
+            None if batch.masks is None else batch.masks.numpy(),
+            Target(action, batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy()),
+            coefficients.clip_range, coefficients.entropy_coef,
+            Gradient(d_outputs.numpy(), d_values.numpy(), _gradient(network.mean_bias), _gradient(network.log_variance)),
         )  # fmt: skip
-        _into(network.value_bias, value_slope.sum())
+        _into(network.value_bias, d_values.sum())
         if self.critic is not None:
-            self.critic.backward(value_slope.unsqueeze(-1))
-        self.actor.backward(slope)
-        return torch.tensor(parts)
+            self.critic.backward(d_values.unsqueeze(-1))
+        self.actor.backward(d_outputs)
+        return statistics
 
 
 class TowerPass:
@@ -54,10 +55,10 @@ class TowerPass:
         self.layers = [(layer.weight, layer.bias) for layer in tower.layers]
         self.head = tower.head.weight
         self.inputs: list[Tensor] = []  # of each layer, and of the head last
-        self.slopes: list[Tensor] = []  # of each layer's activation
+        self.slopes: list[Tensor] = []  # derivative of each layer's activation
 
     def forward(self, features: Tensor) -> Tensor:
-        """Return the head's outputs [n, outputs]."""
+        """Return the outputs of the head [n, outputs]."""
         self.inputs, self.slopes = [features], []
         for weight, bias in self.layers:
             z = torch.addmm(bias, features, weight.t())
@@ -68,28 +69,28 @@ class TowerPass:
             self.inputs.append(features)
         return torch.mm(features, self.head.t())
 
-    def backward(self, slope: Tensor) -> None:
+    def backward(self, d_outputs: Tensor) -> None:
         """Set the gradients of all parameters from d loss / d outputs [n, outputs]."""
-        _product_into(self.head, slope, self.inputs[-1])
-        slope = torch.mm(slope, self.head)
+        _product_into(self.head, d_outputs, self.inputs[-1])
+        d_features = torch.mm(d_outputs, self.head)
         for index in reversed(range(len(self.layers))):
             weight, bias = self.layers[index]
-            slope.mul_(self.slopes[index])
-            _product_into(weight, slope, self.inputs[index])
-            _into(bias, slope.sum(0))
+            d_features.mul_(self.slopes[index])
+            _product_into(weight, d_features, self.inputs[index])
+            _into(bias, d_features.sum(0))
             if index:
-                slope = torch.mm(slope, weight)
+                d_features = torch.mm(d_features, weight)
 
 
 def _gradient(parameter: Tensor) -> Array:
-    """Return a parameter's gradient as an array to write to."""
+    """Return the gradient of a parameter as an array to write to."""
     assert parameter.grad is not None
     return parameter.grad.numpy()
 
 
-def _product_into(parameter: Tensor, slope: Tensor, features: Tensor) -> None:
+def _product_into(parameter: Tensor, d_outputs: Tensor, features: Tensor) -> None:
     assert parameter.grad is not None
-    torch.mm(slope.t(), features, out=parameter.grad)
+    torch.mm(d_outputs.t(), features, out=parameter.grad)
 
 
 def _into(parameter: Tensor, gradient: Tensor) -> None:

@@ -1,16 +1,15 @@
-"""The arithmetic between the matrix products, a row at a time, compiled by Numba.
+"""The arithmetic between the matrix products, one row at a time, compiled by Numba.
 
-In tensor operations it is dozens of small ones, each of which costs more to start than to run, and softmax
-over a handful of choices is among the slowest. `distributions.py` and `ppo.py` are the readable references;
-tests hold these functions to them.
+As tensor operations it would be dozens of small ones, each of which costs more to start than to run. The readable
+references are `ppo/distributions.py` and `ppo/loss.py`; tests hold these functions to them.
 
-Shapes: n rows, of a minibatch or one per lane; a network's `outputs` [n, columns] hold the logits of all
+Shapes: n rows, of a minibatch or one per lane. The `outputs` of a network [n, columns] hold the logits of all
 branches, each padded to the widest, then the means, then the value where the body is shared.
 """
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numba
 import numpy as np
@@ -25,6 +24,47 @@ F = TypeVar("F", bound=Callable[..., object])
 def compiled(function: F) -> F:
     """Compile a function at its first call and keep the machine code in a cache on disk."""
     return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
+class Head(NamedTuple):
+    """The parts of the action distribution that do not depend on the observation."""
+
+    mean_bias: Array  # [continuous]
+    log_variance: Array  # [continuous]
+    sizes: Array  # int64 [branches]: choices of each branch
+
+
+class Noise(NamedTuple):
+    """The random numbers behind one action per row."""
+
+    normal: Array  # [n, continuous]: noise of the Gaussians
+    uniform: Array  # [n, branches] in [0, 1): inverts the cumulative distribution of each branch
+
+
+class Action(NamedTuple):
+    """Sampled actions and their joint log-probabilities."""
+
+    continuous: Array  # [n, continuous]: not clipped
+    discrete: Array  # int64 [n, branches]
+    log_probs: Array  # [n]
+
+
+class Target(NamedTuple):
+    """What the loss compares the outputs with: a minibatch without its observations."""
+
+    action: Action  # with the log-probabilities of when it was sampled
+    values: Array  # [n]: of when the action was sampled
+    advantages: Array  # [n]
+    returns: Array  # [n]
+
+
+class Gradient(NamedTuple):
+    """Where the derivatives of the loss are written."""
+
+    outputs: Array  # [n, columns]
+    values: Array  # [n]; may be a column of `outputs`
+    mean_bias: Array  # [continuous]
+    log_variance: Array  # [continuous]
 
 
 @compiled
@@ -55,15 +95,10 @@ def softmax(
 
 
 @compiled
-def choose(
-    outputs: Array, mean_bias: Array, log_variance: Array, sizes: Array, masks: Array | None, uniform: Array,
-    normal: Array, likeliest: bool, continuous: Array, discrete: Array, log_probs: Array,
-) -> None:  # fmt: skip
-    """Sample each lane's action; write it and its joint log-probability, [lanes].
-
-    uniform [lanes, branches] in [0, 1) inverts the cumulative distribution of each branch, normal [lanes,
-    continuous] is the Gaussians' noise; likeliest: take the likeliest action instead.
-    """
+def sample(outputs: Array, head: Head, masks: Array | None, noise: Noise, likeliest: bool, action: Action) -> None:
+    """Sample an action per row and write it into `action`; likeliest: take the likeliest action instead."""
+    mean_bias, log_variance, sizes = head
+    continuous, discrete, log_probs = action
     branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
     p, log_p = np.empty(widest), np.empty(widest)
@@ -74,30 +109,29 @@ def choose(
             if likeliest:
                 choice = int(np.argmax(log_p[: sizes[b]]))
             else:
-                total = 0.0  # about 1; what is left of it by rounding decides that no impossible choice is reached
+                total = 0.0  # about 1; scaling by it keeps the search inside the choices that are possible
                 for j in range(sizes[b]):
                     total += p[j]
                 choice, cumulative = 0, p[0]
-                while cumulative <= uniform[i, b] * total:
+                while cumulative <= noise.uniform[i, b] * total:
                     choice += 1
                     cumulative += p[choice]
             discrete[i, b] = choice
             log_prob += log_p[choice]
         for k in range(dimensions):
-            noise = 0.0 if likeliest else normal[i, k]
+            deviation = 0.0 if likeliest else noise.normal[i, k]
             mean = outputs[i, branches * widest + k] + mean_bias[k]
-            continuous[i, k] = mean + math.exp(0.5 * log_variance[k]) * noise
-            log_prob -= 0.5 * (noise * noise + log_variance[k] + LOG_2_PI)
+            continuous[i, k] = mean + math.exp(0.5 * log_variance[k]) * deviation
+            log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
         log_probs[i] = log_prob
 
 
 @compiled
-def differentiate(
-    outputs: Array, values: Array, mean_bias: Array, log_variance: Array, sizes: Array, masks: Array | None,
-    continuous: Array, discrete: Array, old_log_probs: Array, old_values: Array, advantages: Array, returns: Array,
-    clip: float, entropy_weight: float, slope: Array, value_slope: Array, mean_slope: Array, spread_slope: Array,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Differentiate the branched PPO loss (`ppo.ppo_loss`) by a network's outputs.
+def loss_gradient(
+    outputs: Array, values: Array, head: Head, masks: Array | None, target: Target, clip: float, entropy_coef: float,
+    gradient: Gradient,
+) -> Array:  # fmt: skip
+    """Differentiate the branched PPO loss (`ppo_loss` in `ppo/loss.py`) by the outputs of a network.
 
     With r the ratio, A the advantage, R the return, for n rows:
 
@@ -107,53 +141,62 @@ def differentiate(
         d log-probability / d mean  = (a - mean) / variance
         d loss / d value            = (V - R) / n, or 0 where the clipped value is the worse
 
-    Writes d loss / d outputs into `slope` [n, columns], of the value into `value_slope` [n], which may be a column
-    of it, and the sums over rows for the means' bias and the log-variances, both [continuous]. sizes: the choices
-    of each branch. Return policy loss, value loss and entropy.
+    Return the statistics that `ppo_loss` returns, float64 [5 + branches].
     """
+    mean_bias, log_variance, sizes = head
+    continuous, discrete, old_log_probs = target.action
     n, branches, dimensions = len(outputs), len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
     p, log_p, entropies = np.zeros((branches, widest)), np.zeros((branches, widest)), np.empty(branches)
     precision = np.exp(-log_variance)
-    policy_loss = value_loss = entropy = 0.0
-    mean_slope[:] = 0.0
-    spread_slope[:] = 0.0
+    statistics = np.zeros(5 + branches)
+    policy_loss = value_loss = entropy = kl = clipped_rows = 0.0
+    gradient.mean_bias[:] = 0.0
+    gradient.log_variance[:] = 0.0
     for i in range(n):
         log_prob = 0.0
         for b in range(branches):
             entropies[b] = softmax(outputs, masks, i, b, widest, sizes[b], p[b], log_p[b])
             entropy += entropies[b]
+            statistics[5 + b] += entropies[b]
             log_prob += log_p[b, discrete[i, b]]
         for k in range(dimensions):
-            apart = continuous[i, k] - (outputs[i, branches * widest + k] + mean_bias[k])
-            log_prob -= 0.5 * (apart * apart * precision[k] + log_variance[k] + LOG_2_PI)
+            deviation = continuous[i, k] - (outputs[i, branches * widest + k] + mean_bias[k])
+            log_prob -= 0.5 * (deviation * deviation * precision[k] + log_variance[k] + LOG_2_PI)
 
-        ratio = math.exp(log_prob - old_log_probs[i])
-        unclipped = ratio * advantages[i]
-        clipped = min(max(ratio, 1.0 - clip), 1.0 + clip) * advantages[i]
+        log_ratio = log_prob - old_log_probs[i]
+        ratio = math.exp(log_ratio)
+        kl += ratio - 1.0 - log_ratio
+        clipped_rows += abs(ratio - 1.0) > clip
+        advantage = target.advantages[i]
+        unclipped = ratio * advantage
+        clipped = min(max(ratio, 1.0 - clip), 1.0 + clip) * advantage
         policy_loss -= min(unclipped, clipped)
-        push = -unclipped / n if unclipped <= clipped else 0.0  # d loss / d log-probability
+        d_log_prob = -unclipped / n if unclipped <= clipped else 0.0
         for b in range(branches):
             for j in range(widest):  # p is 0 beyond the branch's own choices
-                spread = (log_p[b, j] + entropies[b]) * entropy_weight / n
-                slope[i, b * widest + j] = p[b, j] * (spread - push)
-            slope[i, b * widest + discrete[i, b]] += push
+                d_entropy = (log_p[b, j] + entropies[b]) * entropy_coef / n
+                gradient.outputs[i, b * widest + j] = p[b, j] * (d_entropy - d_log_prob)
+            gradient.outputs[i, b * widest + discrete[i, b]] += d_log_prob
         for k in range(dimensions):
             column = branches * widest + k
-            apart = continuous[i, k] - (outputs[i, column] + mean_bias[k])
-            slope[i, column] = push * apart * precision[k]
-            mean_slope[k] += slope[i, column]
-            spread_slope[k] += 0.5 * push * (apart * apart * precision[k] - 1.0)
+            deviation = continuous[i, k] - (outputs[i, column] + mean_bias[k])
+            gradient.outputs[i, column] = d_log_prob * deviation * precision[k]
+            gradient.mean_bias[k] += gradient.outputs[i, column]
+            gradient.log_variance[k] += 0.5 * d_log_prob * (deviation * deviation * precision[k] - 1.0)
 
-        error = values[i] - returns[i]
-        moved = values[i] - old_values[i]
-        clipped_error = old_values[i] + min(max(moved, -clip), clip) - returns[i]
+        error = values[i] - target.returns[i]
+        moved = values[i] - target.values[i]
+        clipped_error = target.values[i] + min(max(moved, -clip), clip) - target.returns[i]
         value_loss += max(error * error, clipped_error * clipped_error)
         free = abs(moved) <= clip or error * error >= clipped_error * clipped_error
-        value_slope[i] = error / n if free else 0.0
+        gradient.values[i] = error / n if free else 0.0
 
     entropy /= n
-    for k in range(dimensions):  # a Gaussian's entropy does not depend on the row; the mean over dimensions counts
+    for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row; the mean over them counts
         entropy += 0.5 * (LOG_2_PI + 1.0 + log_variance[k]) / dimensions
-        spread_slope[k] -= 0.5 * entropy_weight / dimensions
-    return policy_loss / n, value_loss / n, entropy
+        gradient.log_variance[k] -= 0.5 * entropy_coef / dimensions
+    statistics[5:] /= n
+    statistics[0], statistics[1], statistics[2] = policy_loss / n, value_loss / n, entropy
+    statistics[3], statistics[4] = kl / n, clipped_rows / n
+    return statistics

@@ -1,0 +1,21 @@
+"""The trainer's exceptions, all of them JoybridgeErrors; those of the wire are in `wire/client.py`.
+
+JoybridgeError
+├── ConfigError        a configuration that cannot be used
+├── CheckpointError    a checkpoint that is missing or cannot be read
+└── DivergedError      an update has made a network useless
+"""
+
+from joybridge.contract.errors import JoybridgeError
+
+
+class ConfigError(JoybridgeError, ValueError):
+    """A setting that cannot be used; the text names the key, the value and what was expected."""
+
+
+class CheckpointError(JoybridgeError):
+    """A checkpoint that is missing or cannot be read; the text names the file and what to do."""
+
+
+class DivergedError(JoybridgeError):
+    """An update has made a network useless; the run keeps its state from before."""

@@ -1,0 +1,87 @@
+"""The learner of one policy: its optimizer, and an update from a batch."""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import torch
+
+from joybridge.contract.tensors import Array
+from joybridge.trainer.errors import DivergedError
+from joybridge.trainer.metrics import STATISTICS
+from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
+from joybridge.trainer.ppo.loss import Batch, Coefficients, LossGradient, autograd_gradient
+from joybridge.trainer.ppo.networks import Network, flatten_parameters
+
+
+class Learner:
+    """Improves a network: the optimizer (Adam) and the gradient of the loss."""
+
+    def __init__(
+        self, network: Network, *, branches: Sequence[str], axes: Sequence[str], autograd: bool
+    ) -> None:
+        """Learn for `network`, whose parameters are moved into one tensor.
+
+        branches, axes: names of its branches and Gaussians, for statistics. autograd: take the gradient from
+        autograd, the reference, rather than from its closed form, which needs the processor.
+        """
+        self.network, self.axes = network, axes
+        self.weights = flatten_parameters(network)
+        self.optimizer = torch.optim.Adam([self.weights], fused=True)
+        self.gradient: LossGradient = partial(autograd_gradient, network) if autograd else ClosedFormGradient(network)
+        self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in branches)]
+
+    def state(self) -> dict[str, Array]:
+        """Return copies of the optimizer's moments for a checkpoint."""
+        moments = self.optimizer.state_dict()["state"].get(0, {})
+        return {name: moment.detach().cpu().numpy().copy() for name, moment in moments.items()}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned."""
+        moments = {name: torch.from_numpy(array.copy()) for name, array in state.items()}
+        groups = self.optimizer.state_dict()["param_groups"]
+        self.optimizer.load_state_dict({"state": {0: moments} if moments else {}, "param_groups": groups})
+
+
+def ppo_update(
+    learner: Learner, batch: Batch, coefficients: Coefficients, *, epochs: int, minibatch_size: int,
+    rng: np.random.Generator,
+) -> dict[str, float]:  # fmt: skip
+    """Improve the network of `learner` on `batch`; return statistics by name, means over all minibatches.
+
+    Each epoch shuffles the batch with `rng` and takes as many whole minibatches as there are; the rest is left out. A
+    batch smaller than a minibatch is one. Raises DivergedError.
+    """
+    optimizer, accelerator = learner.optimizer, batch.returns.device
+    for group in optimizer.param_groups:
+        group["lr"] = coefficients.learning_rate
+    size = min(minibatch_size, len(batch))
+    rows = []
+    for _ in range(epochs):
+        shuffled = batch.rows(torch.from_numpy(rng.permutation(len(batch))).to(accelerator))
+        for start in range(0, len(batch) - size + 1, size):
+            rows.append(learner.gradient(shuffled.slice(start, start + size), coefficients))
+            optimizer.step()
+    statistics = dict(zip(learner.statistics, np.mean(rows, axis=0).tolist(), strict=True))
+    if not learner.weights.isfinite().all():
+        found = ", ".join(f"{name} {value:g}" for name, value in statistics.items())
+        raise DivergedError(
+            f"the network is no longer finite ({found}); look for huge rewards or observations, or take a smaller "
+            "learning_rate in a new run"
+        )
+    assert learner.weights.grad is not None
+    log_variance = learner.network.log_variance.tolist()
+    entropies = [0.5 * (math.log(2 * math.pi * math.e) + value) for value in log_variance]
+    statistics |= {f"entropy_{name}": entropy for name, entropy in zip(learner.axes, entropies, strict=True)}
+    return statistics | {
+        "explained_variance": explained_variance(batch.values, batch.returns),
+        "grad_norm": float(torch.linalg.vector_norm(learner.weights.grad)),  # of the last minibatch
+        "learning_rate": coefficients.learning_rate,
+    }
+
+
+def explained_variance(values: torch.Tensor, returns: torch.Tensor) -> float:
+    """Return 1 - var(returns - values) / var(returns): 1 for a perfect critic, 0 for a constant one."""
+    variance = float(returns.var(correction=0))
+    return 1.0 - float((returns - values).var(correction=0)) / variance if variance > 0 else 0.0

@@ -1,0 +1,69 @@
+"""The state of a run between two rollouts: what a checkpoint holds, and what a resumed run continues from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from joybridge.contract.tensors import Array
+from joybridge.trainer.agent import Agent
+from joybridge.trainer.checkpoint import load_checkpoint, save_checkpoint, select
+from joybridge.trainer.logger import Logger
+from joybridge.trainer.pipeline import Group
+from joybridge.trainer.wire.shards import Snapshot
+
+
+@dataclass
+class RunState:
+    """Everything that fixes how a run continues."""
+
+    timesteps: int = 0  # of the lanes of the first policy
+    arrays: dict[str, Array] = field(default_factory=dict)
+    snapshots: list[list[str]] | None = None  # names of the parts of each session's; None: the game has none
+
+    def save(self, run: Path) -> None:
+        """Write a checkpoint."""
+        save_checkpoint(run, self.arrays, {"timesteps": self.timesteps, "snapshots": self.snapshots})
+
+    def restore(self, agents: Sequence[Agent], loggers: Sequence[Logger]) -> None:
+        """Put agents and loggers into this state. Raises CheckpointError."""
+        for agent, logger in zip(agents, loggers, strict=True):
+            agent.load(select(self.arrays, f"{agent.actor.name}/policy/"))
+            logger.mean.load(select(self.arrays, f"{agent.actor.name}/means/"))
+
+    def simulators(self) -> list[Snapshot] | None:
+        """Return the snapshots of the sessions, or None where there are none."""
+        if self.snapshots is None:
+            return None
+        return [
+            {name: self.arrays[f"simulator/{index}/{name}"].tobytes() for name in names}
+            for index, names in enumerate(self.snapshots)
+        ]
+
+
+def load_state(run: Path) -> RunState:
+    """Return the state in the newest checkpoint of a run. Raises CheckpointError."""
+    arrays, manifest = load_checkpoint(run)
+    return RunState(manifest["timesteps"], arrays, manifest["snapshots"])
+
+
+def capture(timesteps: int, agents: Sequence[Agent], loggers: Sequence[Logger], groups: Sequence[Group]) -> RunState:
+    """Return the state of a run whose rollouts are all empty; without the simulators' if the game has no snapshots."""
+    arrays: dict[str, Array] = {}
+    for agent, logger in zip(agents, loggers, strict=True):
+        arrays |= {f"{agent.actor.name}/policy/{name}": array for name, array in agent.state().items()}
+        arrays |= {f"{agent.actor.name}/means/{name}": array for name, array in logger.mean.state().items()}
+    parts = None
+    if groups[0].simulators.spec.snapshot_bytes_per_arena:
+        snapshots = [snapshot for group in groups for snapshot in group.simulators.save()]
+        parts = [list(snapshot) for snapshot in snapshots]
+        for index, snapshot in enumerate(snapshots):
+            arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}
+    return RunState(timesteps, arrays, parts)
+
+
+def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Any]:
+    """Return the parameters of one policy's network from the arrays of a checkpoint."""
+    return select(arrays, f"{policy}/policy/network.")
