@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.agent import DivergedError, Policy
+from joybridge.trainer.agent import Agent
 from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.config import Config, ConfigError
-from joybridge.trainer.evaluate import balanced_choices
+from joybridge.trainer.config import Config
+from joybridge.trainer.errors import ConfigError, DivergedError
 from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.options import balanced_options
 from joybridge.trainer.progress import Display
 from joybridge.trainer.record import record
 from joybridge.trainer.train import train
@@ -23,7 +24,7 @@ from joybridge.trainer.wire.shards import Shards
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.awkward_games import LENGTH
 
-SMALL = {"hidden": [8], "rollout": 4, "horizon": 4, "minibatch": 8, "stack": 2}
+SMALL = {"hidden_sizes": [8], "rollout_steps": 4, "time_horizon": 4, "minibatch_size": 8, "frame_stack": 2}
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +36,8 @@ def awkward() -> Iterator[str]:
 
 
 def config(game: str, stop: int, **policy: object) -> Config:
-    return Config.model_validate(
-        {"game": game, "arenas": 3, "summary": 60, "checkpoint": 36, "stop": stop, "policy": SMALL | policy}
-    )
+    intervals = {"log_interval": 60, "checkpoint_interval": 36}
+    return Config.model_validate({"game": game, "arenas": 3, "stop": stop, "policy": SMALL | policy, **intervals})
 
 
 @pytest.fixture(scope="module")
@@ -74,14 +74,14 @@ def test_names_from_the_wire_are_neither_paths_nor_the_trainers_own_columns(talk
 
 
 def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, monkeypatch):
-    seen, act = [], Policy.act
+    seen, act = [], Agent.act
 
-    def spy(self, steps, acts, group=0, *, deterministic=False):
-        shown = self.senses.frames(steps[self.behavior].observations)
-        seen.append((self.parts[group].observations[self.parts[group].step].copy(), shown.copy()))
-        return act(self, steps, acts, group, deterministic=deterministic)
+    def spy(self, steps, acts, group=0):
+        shown = self.actor.encoder.frames(steps[self.actor.behavior].observations)
+        seen.append((self.rollout.next_decision(None, group).observations.copy(), shown.copy()))
+        act(self, steps, acts, group)
 
-    monkeypatch.setattr(Policy, "act", spy)
+    monkeypatch.setattr(Agent, "act", spy)
     train(config("talkative", 600), talked, [awkward], resume=True, report=lambda *_: None)
     stack, shown = seen[0]
     np.testing.assert_array_equal(stack, np.concatenate([np.zeros_like(shown), shown], axis=1))
@@ -100,18 +100,16 @@ def test_an_odd_picture_can_be_recorded(talked, awkward, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize("overlap", [False, True])
-def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved(overlap, awkward, tmp_path):
+def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved(awkward, tmp_path):
     with pytest.raises(DivergedError, match=r"the network of player is no longer finite .*smaller learning_rate"):
-        train(config("generous", 600, overlap=overlap), tmp_path, [awkward], resume=False, report=lambda *_: None)
+        train(config("generous", 600), tmp_path, [awkward], resume=False, report=lambda *_: None)
     arrays, manifest = load_checkpoint(tmp_path)
     assert 150 < manifest["timesteps"] < 200
     assert all(np.isfinite(array).all() for name, array in arrays.items() if "/network." in name)
 
 
-@pytest.mark.parametrize("overlap", [False, True])
-def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(overlap, simulator, tmp_path):
-    train(config("duel", 240, overlap=overlap), tmp_path, [simulator], resume=False, report=lambda *_: None)
+def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(simulator, tmp_path):
+    train(config("duel", 240), tmp_path, [simulator], resume=False, report=lambda *_: None)
     rows = read_rows(tmp_path / "metrics-judge.csv")
     assert len(rows) == 4
     assert all(np.isfinite(value) for row in rows for value in row.values())
@@ -132,4 +130,4 @@ def test_what_evaluation_cannot_balance_is_refused_before_training(simulator, tm
 def test_an_option_without_alternatives_cannot_be_balanced():
     spec = pb.GameSpec(name="one", options=[pb.Option(name="rules", choices=["all"], default_choice="all")])
     with pytest.raises(ConfigError, match="option 'rules' of one has no choice but its default"):
-        balanced_choices(config("one", 60).model_copy(update={"evaluate_over": "rules"}), spec)
+        balanced_options(config("one", 60).model_copy(update={"evaluate_over": "rules"}), spec)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from joybridge.trainer.config import ConfigError, load_config
-from joybridge.trainer.evaluate import balanced_choices
-from joybridge.trainer.playing import run_config
+from joybridge.trainer import playing
+from joybridge.trainer.config import load_config, run_config
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.options import balanced_options
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import describe
 from tools.paper import behavior, videos
@@ -204,10 +205,10 @@ def runs(simulator, tmp_path_factory) -> dict[str, Path]:
 
 def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, capsys, monkeypatch):
     config = run_config(runs["shooting_birds"])
-    assert balanced_choices(config, describe(simulator, config.game, {})) == list("0123456")
-    monkeypatch.setattr(
-        behavior, "balanced_choices", lambda config, _: ["2", "6"] if config.evaluate_over else [""]
-    )  # faster
+    levels = balanced_options(config, describe(simulator, config.game, {}))
+    assert list(levels) == list("0123456")
+    fewer = {level: levels[level] for level in "26"}
+    monkeypatch.setattr(playing, "balanced_options", lambda config, _: fewer if config.evaluate_over else {"": {}})
     output = tmp_path / "behavior.json"
     assert behavior.main([*map(str, runs.values()), "--episodes", "4", "--output", str(output)]) == 0
     found = json.loads(output.read_text())

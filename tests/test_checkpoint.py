@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint, save_checkpoint
+from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from joybridge.trainer.errors import CheckpointError
 
 ARRAYS: dict[str, Array] = {
     "a": np.arange(6, dtype=np.float32).reshape(2, 3),

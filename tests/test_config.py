@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import ConfigError, dump_config, load_config
+from joybridge.trainer.config import dump_config, load_config
+from joybridge.trainer.errors import ConfigError
 
 CONFIGS = sorted(Path(__file__).parents[1].glob("configs/*/*.yaml"))
 BUCKET = Path(__file__).parents[1] / "configs/shooting_birds/bucket-11.yaml"

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import ConfigError, load_config
+from joybridge.trainer.config import load_config
 from joybridge.trainer.config_files import config_names, find_config
+from joybridge.trainer.errors import ConfigError
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 

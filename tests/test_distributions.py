@@ -7,11 +7,12 @@ from torch.distributions import Categorical, Normal
 
 from joybridge.trainer.ppo.distributions import (
     FORBIDDEN,
-    branch_entropy,
+    branch_entropies,
     chosen_log_probs,
+    fill_masks,
     gaussian_log_probs,
 )
-from joybridge.trainer.ppo.fast.kernels import choose
+from joybridge.trainer.ppo.fast.kernels import Action, Head, Noise, sample
 
 SIZES = (5, 3, 2)
 
@@ -33,7 +34,7 @@ def test_branch_log_probs_and_entropies_are_those_of_independent_categoricals():
     branches = random_branches(64)
     choices = torch.stack([torch.arange(64) % size for size in SIZES], 1)
     log_p = torch.log_softmax(padded(*branches), -1)
-    log_probs, entropy = chosen_log_probs(log_p, choices), branch_entropy(log_p)
+    log_probs, entropy = chosen_log_probs(log_p, choices), branch_entropies(log_p).sum(-1)
     truth = [Categorical(logits=logits) for logits in branches]
     torch.testing.assert_close(log_probs, sum(d.log_prob(choices[:, i]) for i, d in enumerate(truth)))
     torch.testing.assert_close(entropy, sum(d.entropy() for d in truth))
@@ -48,16 +49,14 @@ def test_gaussian_log_probs_are_summed_and_their_entropy_is_the_mean_over_dimens
     torch.testing.assert_close(entropy, truth.entropy()[0].mean())
 
 
-def choose_in(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=False):
+def sampled(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=False, masks=None):
     """Return the choices, continuous actions and log-probabilities that the compiled sampling gives."""
     lanes, dimensions = len(outputs), len(log_variance)
     discrete, continuous = np.zeros((lanes, len(sizes)), np.int64), np.zeros((lanes, dimensions), np.float32)
     log_probs = np.zeros(lanes, np.float32)
-    bias, spread = np.zeros(dimensions, np.float32), np.array(log_variance, np.float32)
-    choose(
-        outputs.numpy(), bias, spread, np.array(sizes, np.int64), None, uniform, normal, likeliest,
-        continuous, discrete, log_probs,
-    )  # fmt: skip
+    head = Head(np.zeros(dimensions, np.float32), np.array(log_variance, np.float32), np.array(sizes, np.int64))
+    masks = None if masks is None else masks.numpy()
+    sample(outputs.numpy(), head, masks, Noise(normal, uniform), likeliest, Action(continuous, discrete, log_probs))
     return torch.from_numpy(discrete), torch.from_numpy(continuous), torch.from_numpy(log_probs)
 
 
@@ -66,7 +65,7 @@ def test_sampled_branches_follow_their_probabilities_and_never_take_a_forbidden_
     logits = padded(*[branch[:1] for branch in random_branches(1)]).repeat(lanes, 1, 1)
     logits[:, 0, 1] = FORBIDDEN
     uniform = np.random.default_rng(1).random((lanes, 3), np.float32)
-    choices, _, log_probs = choose_in(logits.reshape(lanes, -1), uniform, np.zeros((lanes, 0), np.float32))
+    choices, _, log_probs = sampled(logits.reshape(lanes, -1), uniform, np.zeros((lanes, 0), np.float32))
     truth = torch.softmax(logits[0], -1)
     for branch, size in enumerate(SIZES):
         frequency = torch.bincount(choices[:, branch], minlength=5) / len(choices)
@@ -76,11 +75,28 @@ def test_sampled_branches_follow_their_probabilities_and_never_take_a_forbidden_
     torch.testing.assert_close(log_probs, chosen_log_probs(torch.log_softmax(logits, -1), choices))
 
 
+def test_masked_choices_are_never_sampled_and_the_log_probability_is_that_of_the_masked_distribution():
+    lanes = 20_000
+    rng = np.random.default_rng(4)
+    logits = padded(*random_branches(lanes))
+    allowed = [rng.random((lanes, size)) < 0.5 for size in SIZES]
+    for branch in allowed:
+        branch[np.arange(lanes), rng.integers(branch.shape[1], size=lanes)] = True  # one is always allowed
+    masks = np.zeros((lanes, 3, 5), np.float32)
+    fill_masks(allowed, masks)
+    uniform, nothing = rng.random((lanes, 3), np.float32), np.zeros((lanes, 0), np.float32)
+    choices, _, log_probs = sampled(logits.reshape(lanes, -1), uniform, nothing, masks=torch.from_numpy(masks))
+    for column, mask in enumerate(allowed):
+        assert mask[np.arange(lanes), choices[:, column]].all()
+    masked = torch.log_softmax(logits + torch.from_numpy(masks), -1)
+    torch.testing.assert_close(log_probs, chosen_log_probs(masked, choices))
+
+
 @pytest.mark.parametrize(("uniform", "choice"), [(0.0, 1), (1.0 - 2**-24, 2)])
 def test_the_extremes_of_the_uniform_numbers_stay_within_allowed_choices(uniform, choice):
     outputs = torch.tensor([[FORBIDDEN, 0.3, 0.1, FORBIDDEN]])
     noise = np.zeros((1, 0), np.float32)
-    choices, _, _ = choose_in(outputs, np.array([[uniform]], np.float32), noise, sizes=(4,))
+    choices, _, _ = sampled(outputs, np.array([[uniform]], np.float32), noise, sizes=(4,))
     assert choices.item() == choice
 
 
@@ -88,7 +104,7 @@ def test_sampled_gaussians_have_the_mean_and_spread_asked_for_and_their_log_prob
     lanes, log_variance = 100_000, (0.0, -2.0)
     mean = torch.tensor([[1.0, -2.0]]).repeat(lanes, 1)
     noise = np.random.default_rng(2).standard_normal((lanes, 2), np.float32)
-    _, samples, log_probs = choose_in(mean, np.zeros((lanes, 0), np.float32), noise, log_variance, sizes=())
+    _, samples, log_probs = sampled(mean, np.zeros((lanes, 0), np.float32), noise, log_variance, sizes=())
     torch.testing.assert_close(samples.mean(0), torch.tensor([1.0, -2.0]), atol=0.02, rtol=0)
     torch.testing.assert_close(samples.std(0), torch.exp(torch.tensor([0.0, -1.0])), atol=0.02, rtol=0)
     torch.testing.assert_close(log_probs, gaussian_log_probs(mean, torch.tensor(log_variance), samples)[0])
@@ -98,5 +114,5 @@ def test_the_likeliest_action_is_the_largest_logit_and_the_mean():
     logits = padded(*random_branches(64))
     outputs = torch.cat([logits.reshape(64, -1), torch.randn(64, 2)], 1)
     uniform, normal = np.full((64, 3), 0.99, np.float32), np.ones((64, 2), np.float32)
-    choices, samples, _ = choose_in(outputs, uniform, normal, (0.0, 0.0), likeliest=True)
+    choices, samples, _ = sampled(outputs, uniform, normal, (0.0, 0.0), likeliest=True)
     assert (choices == logits.argmax(-1)).all() and (samples == outputs[:, -2:]).all()

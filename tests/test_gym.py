@@ -493,7 +493,7 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
         (BridgeEnv, "brief", {"frame_stack": 0}, "frame_stack is 0, expected at least 1"),
         (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
         (BridgeEnv, "brief", {"render_mode": "human"}, "render_mode is 'human', expected None or 'rgb_array'"),
-        (BridgeEnv, "brief", {"reward_weights": {"pres": 1}}, "reward_weights: player has no 'pres'; it has lever, press"),
+        (BridgeEnv, "brief", {"reward_weights": {"pres": 1}}, "reward_weights: player has no 'pres'; it has lever"),
         (BridgeVectorEnv, "turns", {"render_mode": "rgb_array"}, "turns cannot be drawn"),
         (BridgeVectorEnv, "brief", {"arenas": 65, "render_mode": "rgb_array"}, "65 arenas, at most 64 can be drawn"),
         (BridgeParallelEnv, "chase", {"reward_weights": {"runner": {}}}, "no agent 'runner'; there are hunter"),

@@ -13,7 +13,7 @@ import pytest
 
 from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.pipeline import share_out
+from joybridge.trainer.pipeline import assign
 from joybridge.trainer.wire.launch import simulator_process
 
 CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.yaml"
@@ -85,11 +85,11 @@ def test_another_seed_gives_other_weights(whole, address, tmp_path):
     assert (weights(tmp_path / "run")[name] != weights(whole)[name]).any()
 
 
-def test_groups_are_shared_out_among_simulators_and_simulators_among_groups():
-    assert share_out(["a"], [5, 5, 5]) == [["a"], ["a"], ["a"]]
-    assert share_out(["a", "b"], [5, 5, 5]) == [["a"], ["b"], ["a"]]
-    assert share_out(["a", "b", "c"], [5, 5]) == [["a", "c"], ["b"]]
-    assert share_out(["a", "b", "c"], [1, 1]) == [["a"], ["b"]]  # no simulator without an arena
+def test_groups_are_assigned_to_simulators_and_simulators_to_groups():
+    assert assign(["a"], [5, 5, 5]) == [["a"], ["a"], ["a"]]
+    assert assign(["a", "b"], [5, 5, 5]) == [["a"], ["b"], ["a"]]
+    assert assign(["a", "b", "c"], [5, 5]) == [["a", "c"], ["b"]]
+    assert assign(["a", "b", "c"], [1, 1]) == [["a"], ["b"]]  # no simulator without an arena
 
 
 def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, address, tmp_path):
@@ -107,7 +107,7 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
     assert train(run, *SMALL, "stop=700", "--simulator", address).returncode == 0
     again = train(run, *SMALL, "stop=1900", "--simulator", address)
     assert again.returncode == 1
-    assert "go on with --resume, or name another folder with --run" in again.stderr
+    assert "continue it with --resume, or name another folder with --run" in again.stderr
     with simulator_process() as other:  # one for each group, where there was one for both
         both = ["--simulator", address, "--simulator", other]
         assert train(run, *SMALL, "stop=1900", "--resume", *both).returncode == 0
@@ -116,18 +116,6 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
                for path in (run, whole) for r in read_rows(path / "metrics-hunter.csv")]  # fmt: skip
     assert len(figures) == 8
     assert figures[:4] == figures[4:]
-
-
-def test_overlapped_learning_resumes_to_the_same_bits_too_and_lags_by_one_update(whole, address, tmp_path):
-    overlap = [*SMALL, "policy.overlap=true", "--simulator", address]
-    assert train(tmp_path / "once", *overlap, "stop=900").returncode == 0
-    assert train(tmp_path / "twice", *overlap, "stop=500").returncode == 0
-    assert train(tmp_path / "twice", *overlap, "stop=900", "--resume").returncode == 0
-    assert_same(weights(tmp_path / "twice"), weights(tmp_path / "once"))
-    # Its first update is applied when its second rollout is full, so its networks are others.
-    name = "hunter/policy/network.actor.head.weight"
-    assert (weights(tmp_path / "once")[name] != weights(whole)[name]).any()
-    assert "hunter/policy/batch.returns" in weights(tmp_path / "once")
 
 
 def start_and_wait_for_a_row(run: Path, *more: str) -> subprocess.Popen[str]:

@@ -35,9 +35,9 @@ from joybridge.gym import BridgeEnv, BridgeVectorEnv
 from joybridge.simulator.catalog import load_games
 from joybridge.trainer.config import load_config
 from joybridge.trainer.layouts import make_layouts
-from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.loss import Batch, Coefficients, Gradient, Update, autograd_gradient
-from joybridge.trainer.ppo.networks import Network, flatten_parameters
+from joybridge.trainer.ppo.loss import Batch, Coefficients
+from joybridge.trainer.ppo.networks import Network
+from joybridge.trainer.ppo.update import Learner, ppo_update
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
@@ -171,25 +171,24 @@ def bench_learner() -> Figures:
     layout = make_layouts("bucket-11", _device())[""]
     for shared in (True, False):
         body = "one tower" if shared else "two towers"
-        network = Network(inputs, layout.space, [hidden, hidden], shared, 0)
-        flat = flatten_parameters(network)
-        optimizer = torch.optim.Adam([flat], fused=True)
+        network, reference = (Network(inputs, layout.space, [hidden, hidden], shared, 0) for _ in range(2))
+        names = [str(branch) for branch in range(len(layout.space.branches))]
+        learners = {
+            name: Learner(name, made, branches=names, axes=[], autograd=name == "autograd")
+            for name, made in (("autograd", reference), ("closed form", network))
+        }
         batch = Batch(
             torch.randn(rows, inputs), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
             torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
         )  # fmt: skip
 
-        def autograd(minibatch: Batch, coefficients: Coefficients, network: Network = network) -> torch.Tensor:
-            return autograd_gradient(network, minibatch, coefficients)
+        for name, learner in learners.items():
 
-        gradients: dict[str, Gradient] = {"autograd": autograd, "closed form": ClosedFormGradient(network)}
-        for name, gradient in gradients.items():
-
-            def work(gradient=gradient, optimizer=optimizer, batch=batch) -> float:  # type: ignore[no-untyped-def]
-                Update(
-                    gradient, optimizer, batch, Coefficients(3e-4, 0.2, 0.05),
-                    epochs=4, minibatch=minibatch, rng=np.random.default_rng(0),
-                ).finish()  # fmt: skip
+            def work(learner=learner, batch=batch) -> float:  # type: ignore[no-untyped-def]
+                ppo_update(
+                    learner, batch, Coefficients(3e-4, 0.2, 0.05),
+                    epochs=4, minibatch_size=minibatch, rng=np.random.default_rng(0),
+                )  # fmt: skip
                 return 4.0 * (rows // minibatch) * minibatch
 
             figures[f"{name}, {body}, sample passes/s"] = measure(work)

@@ -14,7 +14,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import count, pairwise
+from itertools import count, islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +26,11 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.checkpoint import CheckpointError
-from joybridge.trainer.config import ConfigError
-from joybridge.trainer.evaluate import balanced_choices
-from joybridge.trainer.playing import Players, run_config
-from joybridge.trainer.wire.client import SimulatorError, describe
+from joybridge.trainer.config import run_config
+from joybridge.trainer.errors import CheckpointError, ConfigError
+from joybridge.trainer.playing import open_play
+from joybridge.trainer.wire.client import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
-from joybridge.trainer.wire.shards import Shards
 from tools.paper.figures import COLOURS, save_figure
 
 Measures = dict[str, Any]  # of one run, as they go to JSON
@@ -171,42 +169,26 @@ def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, i
     Where the configuration names an option to balance, its choices are the groups of the trace. Raises as
     `measure` does.
     """
-    config = run_config(run)
-    spec = describe(address, config.game, config.options)
-    choices = balanced_choices(config, spec)
-    arenas = math.ceil(episodes / len(choices)) * len(choices)
-    options = [
-        config.options | ({config.evaluate_over: choice} if config.evaluate_over and choice else {})
-        for choice in choices
-    ]
-    behavior, decisions = spec.behaviors[0], spec.max_episode_decisions
-    shape = (decisions, arenas)
-    trace = Trace(
-        seconds=spec.tick_seconds * spec.decision_interval,
-        sensors={sensor.name: np.empty((*shape, *sensor.shape), np.float32) for sensor in behavior.sensors},
-        pressed={branch.name: np.empty(shape, bool) for branch in behavior.device.branches},
-        ended=np.empty(shape, bool),
-        metrics={metric.name: np.full(shape, np.nan) for metric in behavior.metrics},
-        groups=len(choices),
-    )
-    players = Players(run, spec, arenas, seed, deterministic=False)
-    simulators = Shards(
-        [address] * len(choices), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
-    )
-    try:
-        players.begin(simulators.steps)
-        for t in range(decisions):
-            _fill(trace.sensors.values(), t, simulators.steps[0].observations)
-            acts = players.act(simulators.steps)
-            _fill(trace.pressed.values(), t, acts[0].choices.T == 1)
-            steps = simulators.step(acts)
-            players.take(steps)
-            trace.ended[t] = steps[0].terminated | steps[0].truncated
-            if steps[0].metrics is not None:
-                _fill(trace.metrics.values(), (t, trace.ended[t]), steps[0].metrics.T)
-    finally:
-        simulators.close()
-    return trace, players.timesteps
+    with open_play(run, address, seed=seed, episodes=episodes, arenas_limit=episodes) as played:
+        spec = played.spec
+        behavior, decisions = spec.behaviors[0], spec.max_episode_decisions
+        shape = (decisions, played.arenas)
+        trace = Trace(
+            seconds=spec.tick_seconds * spec.decision_interval,
+            sensors={sensor.name: np.empty((*shape, *sensor.shape), np.float32) for sensor in behavior.sensors},
+            pressed={branch.name: np.empty(shape, bool) for branch in behavior.device.branches},
+            ended=np.empty(shape, bool),
+            metrics={metric.name: np.full(shape, np.nan) for metric in behavior.metrics},
+            groups=len(played.choices),
+        )
+        for t, decision in enumerate(islice(played.decisions(), decisions)):
+            step = decision.after[0]
+            _fill(trace.sensors.values(), t, decision.before[0].observations)
+            _fill(trace.pressed.values(), t, decision.acts[0].choices.T == 1)
+            trace.ended[t] = step.terminated | step.truncated
+            if step.metrics is not None:
+                _fill(trace.metrics.values(), (t, trace.ended[t]), step.metrics.T)
+        return trace, played.timesteps
 
 
 def _fill(arrays: Iterable[Array], index: Any, columns: Iterable[Array]) -> None:

@@ -16,11 +16,11 @@ from typing import NamedTuple, cast
 
 import av
 
-from joybridge.trainer.checkpoint import CheckpointError
-from joybridge.trainer.config import ConfigError
+from joybridge.trainer.config import run_config
+from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.playing import Players, run_config
-from joybridge.trainer.wire.client import Session, SimulatorError, describe
+from joybridge.trainer.playing import open_play
+from joybridge.trainer.wire.client import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
 
 RATE = 25  # frames per second
@@ -45,24 +45,16 @@ def frames(run: Path, address: str, seed: int) -> Iterator[av.VideoFrame]:
 
     Raises SimulatorError, CheckpointError or ConfigError.
     """
-    config = run_config(run)
-    spec = describe(address, config.game, config.options)
-    if not spec.HasField("picture"):
-        raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
-    every = max(1, round(1 / (spec.tick_seconds * spec.decision_interval * RATE))) if spec.tick_seconds else 1
-    with Session(
-        address, config.game, arenas=1, seed=seed, options=config.options, parameters=config.parameters
-    ) as session:
-        players = Players(run, spec, 1, seed, deterministic=False)
-        players.begin(session.steps)
-        for _ in range(spec.max_episode_decisions // 2):
-            players.take(session.step(players.act(session.steps)))
-        while True:
-            for _ in range(every - 1):
-                players.take(session.step(players.act(session.steps)))
-            steps, pictures = session.step_and_draw(players.act(session.steps), [0])
-            players.take(steps)
-            yield av.VideoFrame.from_ndarray(pictures[0], "rgb24")
+    with open_play(run, address, seed=seed) as played:
+        spec = played.spec
+        if not spec.HasField("picture"):
+            raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
+        every = max(1, round(1 / (spec.tick_seconds * spec.decision_interval * RATE))) if spec.tick_seconds else 1
+        for _ in islice(played.decisions(), spec.max_episode_decisions // 2):
+            pass
+        for decision in played.decisions(draw_every=every):
+            for picture in decision.pictures:
+                yield av.VideoFrame.from_ndarray(picture, "rgb24")
 
 
 def encode(pictures: Sequence[av.VideoFrame], output: Path, kind: Format, rate: int) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 from joybridge.experiments.display import Display
 from joybridge.experiments.job import Job, Process, start
 from joybridge.experiments.names import ResultName, find_results
-from joybridge.trainer.config import ConfigError, load_config
+from joybridge.trainer.config import load_config
+from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.metrics import read_rows
 
 POLL_SECONDS = 0.5

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Protocol
 
 from joybridge.experiments.names import RunName
-from joybridge.trainer.checkpoint import CheckpointError, has_checkpoint, load_checkpoint
-from joybridge.trainer.config import ConfigError, changes, load_config
+from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
+from joybridge.trainer.config import changes, load_config
+from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.metrics import read_rows
 
 LOCK_SECONDS = 10.0  # to wait for the lock of a run's folder

@@ -11,7 +11,7 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from joybridge.contract.spec import MAX_PICTURES, choose_parameters
 from joybridge.contract.tensors import Array
 from joybridge.gym.lanes import Lanes, Player
-from joybridge.trainer.layouts import make_acts, make_layouts, policy_name
+from joybridge.trainer.layouts import list_roles, make_acts
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
 
@@ -67,14 +67,12 @@ class Bridge:
     ) -> dict[str, Player]:
         """Return the players by name. Raises ValueError."""
         planned = {}
-        for lanes in self.lanes:
-            behavior = lanes.behavior
-            agents = behavior.agents_per_arena if split else 1
-            for part, hand in make_layouts(layout, behavior.device).items():
-                policy = policy_name(behavior.name, part, alone=len(self.lanes) == 1)
-                for agent in range(agents):
-                    rows = slice(agent, agent + 1) if agents > 1 else slice(None)
-                    planned[f"{policy}_{agent}" if agents > 1 else policy] = (lanes, rows, hand)
+        for policy, behavior, hand in list_roles(layout, self.spec):
+            lanes = self.lanes[behavior]
+            agents = lanes.behavior.agents_per_arena if split else 1
+            for agent in range(agents):
+                rows = slice(agent, agent + 1) if agents > 1 else slice(None)
+                planned[f"{policy}_{agent}" if agents > 1 else policy] = (lanes, rows, hand)
         if single and len(planned) > 1:
             raise ValueError(
                 f"{self.spec.name} with layout {layout!r} is played by {len(planned)} ({', '.join(planned)}) and this "

@@ -49,7 +49,8 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         """
         self._bridge = Bridge(
             game, arenas=arenas, layout=layout, frame_stack=frame_stack, seed=seed, options=options,
-            parameters=parameters, simulator=simulator, reward_weights=reward_weights, render_mode=render_mode, single=True, split=False,
+            parameters=parameters, simulator=simulator, reward_weights=reward_weights, render_mode=render_mode,
+            single=True, split=False,
         )  # fmt: skip
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)

@@ -13,6 +13,7 @@ from joybridge.trainer.ppo.fast.kernels import Action, Head, Noise, sample
 from joybridge.trainer.ppo.networks import Network
 from joybridge.v1 import bridge_pb2 as pb
 
+
 class Actor:
     """One policy: from the step of its behavior to actions of its part of the device."""
 
@@ -94,4 +95,3 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
 def to_array(tensor: torch.Tensor) -> Array:
     """Return the numbers of a tensor: the same memory where it lives on the processor, else a copy."""
     return tensor.detach().cpu().numpy()
-

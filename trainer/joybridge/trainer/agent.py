@@ -32,7 +32,7 @@ class Agent:
         space, observation = actor.layout.space, actor.encoder.size * self.config.frame_stack
         self.rollout = RolloutBuffer(self.config.rollout_steps, groups, observation, space)
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
-        self.learner = Learner(actor.network, branches=actor.branches, axes=actor.axes, autograd=autograd)
+        self.learner = Learner(actor.name, actor.network, branches=actor.branches, axes=actor.axes, autograd=autograd)
         self.episodes = Episodes(self.lanes, actor.metrics)
         self.updates = 0
         self.rollout.draw_noise(self._rng(SAMPLES))

@@ -116,22 +116,30 @@ def dump_config(config: Config) -> str:
     return yaml.safe_dump(config.model_dump(), sort_keys=False)
 
 
-def keep_config(config: Config, run: Path, resume: bool) -> None:
-    """Write the whole configuration into the folder of a run. A resumed run must have been configured alike.
+def check_run(config: Config, run: Path, *, resume: bool) -> None:
+    """Raise ConfigError unless `config` can be trained in the folder `run`.
 
-    Only MAY_CHANGE may differ. Raises ConfigError.
+    A resumed run must have been configured alike; only MAY_CHANGE may differ.
     """
-    run.mkdir(parents=True, exist_ok=True)
-    path = run / "config.yaml"
     if resume:
-        if changed := changes(load_config(path), config):
+        if changed := changes(run_config(run), config):
             raise ConfigError(
                 f"cannot resume {run}: {', '.join(changed)} changed "
                 f"(was {json.dumps(changed)}); use another --run for a new configuration"
             )
     elif has_checkpoint(run):
         raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")
-    write_atomically(path, dump_config(config).encode())
+
+
+def keep_config(config: Config, run: Path) -> None:
+    """Write the whole configuration into the folder of a run."""
+    run.mkdir(parents=True, exist_ok=True)
+    write_atomically(run / "config.yaml", dump_config(config).encode())
+
+
+def run_config(run: Path) -> Config:
+    """Return the configuration that a run was made with. Raises ConfigError."""
+    return load_config(run / "config.yaml")
 
 
 def changes(before: Config, now: Config) -> dict[str, Any]:

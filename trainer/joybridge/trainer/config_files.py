@@ -6,7 +6,7 @@ The wheel holds `configs/` as `joybridge/configs`. An editable install has no co
 import difflib
 from pathlib import Path
 
-from joybridge.trainer.config import ConfigError
+from joybridge.trainer.errors import ConfigError
 
 _INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
 _CHECKOUT = Path(__file__).parents[3] / "configs"

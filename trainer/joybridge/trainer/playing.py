@@ -1,13 +1,13 @@
 """Play the policies of a run without learning: what evaluation, recording and the tools share.
 
-    with open_play(run, address, seed=1) as play:
-        for decision in play.decisions():
-            ...
+with open_play(run, address, seed=1) as play:
+    for decision in play.decisions():
+        ...
 """
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import torch
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor, make_actors
-from joybridge.trainer.config import Config, load_config
+from joybridge.trainer.config import Config, run_config
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
@@ -134,7 +134,7 @@ def open_play(
         actor.load(policy_state(state.arrays, actor.name))
         lanes = lane_count(spec.behaviors[actor.behavior], arenas)
         players.append(Player(actor, lanes, seed, deterministic=deterministic))
-    with _open_session(config, address, arenas, seed, list(options.values())) as session:
+    with closing(_open_session(config, address, arenas, seed, list(options.values()))) as session:
         for player in players:
             player.begin(session.steps[player.actor.behavior])
         yield Play(config, state.timesteps, list(options), arenas, session, players)
@@ -144,14 +144,7 @@ def _open_session(
     config: Config, address: str, arenas: int, seed: int, options: list[dict[str, str]]
 ) -> Session | Shards:
     if arenas == 1:
-        return Session(
-            address, config.game, arenas=1, seed=seed, options=options[0], parameters=config.parameters
-        )
+        return Session(address, config.game, arenas=1, seed=seed, options=options[0], parameters=config.parameters)
     return Shards(
         [address] * len(options), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
     )
-
-
-def run_config(run: Path) -> Config:
-    """Return the configuration that a run was made with. Raises ConfigError."""
-    return load_config(run / "config.yaml")

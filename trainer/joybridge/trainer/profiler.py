@@ -12,7 +12,8 @@ class Simulated(Protocol):
     """Something that knows how long the games took in the last step."""
 
     @property
-    def simulate_seconds(self) -> float: ...
+    def simulate_seconds(self) -> float:
+        """Return seconds."""
 
 
 class Profiler:

@@ -6,7 +6,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from joybridge.trainer.metrics import ACTIVITIES, OF_EVERY_GAME, Row
+from joybridge.trainer.metrics import ACTIVITIES, Row, is_trainers
 
 
 class Display:
@@ -32,7 +32,7 @@ class Display:
         speed = f"{live['timesteps_per_second'] / 1000:.1f} k timesteps/s"
         if row is not None and "reward" in row:
             self.reward = f"reward {row['reward']:.1f}"
-            metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if name not in OF_EVERY_GAME)
+            metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name))
             text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {speed}  ({shares})"
             text = f"{timesteps:>11,}  {text}"
             self.console.print(text, soft_wrap=True, markup=False)

@@ -1,6 +1,7 @@
 """Recording: watch a run's policy play, as an mp4."""
 
 import math
+from collections.abc import Callable
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -34,9 +35,11 @@ def record(
             stream = video.add_stream("libx264", rate=Fraction(pace / every).limit_denominator(1000))
             stream.width, stream.height = (side // 2 * 2 for side in (spec.picture.width, spec.picture.height))
             stream.pix_fmt = "yuv420p"  # of even sizes: an odd picture loses its last row or column
-            for decision in islice(play.decisions(draw_every=every), frames * every):
+            for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
                     even = np.ascontiguousarray(picture[: stream.height, : stream.width])
                     video.mux(stream.encode(av.VideoFrame.from_ndarray(even, "rgb24")))
+                if number % (100 * every) == 0:
+                    say(f"{number // every} of {frames} frames")
             video.mux(stream.encode())
     return frames

@@ -13,7 +13,7 @@ import torch
 
 from joybridge.trainer.actor import make_actors
 from joybridge.trainer.agent import Agent
-from joybridge.trainer.config import Config, keep_config
+from joybridge.trainer.config import Config, check_run, keep_config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.metrics import Row
@@ -37,6 +37,7 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     state between two rollouts has been saved.
     """
     torch.set_num_threads(1)  # two threads are slower than one when the simulator keeps the other core busy
+    check_run(config, run, resume=resume)
     state = load_state(run) if resume else RunState()
     spec = describe(addresses[0], config.game, config.options)
     balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
@@ -45,7 +46,7 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
         for actor in make_actors(config, spec, config.accelerator)
     ]
     cycle, stretch = rollout_cycle(agents)
-    keep_config(config, run, resume)
+    keep_config(config, run)
 
     timesteps, lanes = state.timesteps, agents[0].lanes
     groups = open_groups(config, addresses, state.simulators())

@@ -66,7 +66,8 @@ class RolloutBuffer:
     def draw_noise(self, rng: np.random.Generator) -> None:
         """Draw the random numbers of all decisions."""
         self.noise = Noise(
-            rng.standard_normal(self.continuous.shape, np.float32), rng.random(self.discrete.shape, np.float32)
+            np.asarray(rng.standard_normal(self.continuous.shape, np.float32)),
+            np.asarray(rng.random(self.discrete.shape, np.float32)),
         )
 
     def next_decision(self, allowed: Sequence[Array] | None, group: int = 0) -> Decision:

@@ -19,14 +19,15 @@ class Learner:
     """Improves a network: the optimizer (Adam) and the gradient of the loss."""
 
     def __init__(
-        self, network: Network, *, branches: Sequence[str], axes: Sequence[str], autograd: bool
+        self, name: str, network: Network, *, branches: Sequence[str], axes: Sequence[str], autograd: bool
     ) -> None:
         """Learn for `network`, whose parameters are moved into one tensor.
 
-        branches, axes: names of its branches and Gaussians, for statistics. autograd: take the gradient from
-        autograd, the reference, rather than from its closed form, which needs the processor.
+        name: of the policy, for errors. branches, axes: names of its branches and Gaussians, for statistics.
+        autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
+        processor.
         """
-        self.network, self.axes = network, axes
+        self.name, self.network, self.axes = name, network, axes
         self.weights = flatten_parameters(network)
         self.optimizer = torch.optim.Adam([self.weights], fused=True)
         self.gradient: LossGradient = partial(autograd_gradient, network) if autograd else ClosedFormGradient(network)
@@ -67,8 +68,8 @@ def ppo_update(
     if not learner.weights.isfinite().all():
         found = ", ".join(f"{name} {value:g}" for name, value in statistics.items())
         raise DivergedError(
-            f"the network is no longer finite ({found}); look for huge rewards or observations, or take a smaller "
-            "learning_rate in a new run"
+            f"the network of {learner.name} is no longer finite ({found}); look for huge rewards or "
+            "observations, or take a smaller learning_rate in a new run"
         )
     assert learner.weights.grad is not None
     log_variance = learner.network.log_variance.tolist()

@@ -39,7 +39,9 @@ class ClosedFormGradient:
             None if batch.masks is None else batch.masks.numpy(),
             Target(action, batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy()),
             coefficients.clip_range, coefficients.entropy_coef,
-            Gradient(d_outputs.numpy(), d_values.numpy(), _gradient(network.mean_bias), _gradient(network.log_variance)),
+            Gradient(
+                d_outputs.numpy(), d_values.numpy(), _gradient(network.mean_bias), _gradient(network.log_variance)
+            ),
         )  # fmt: skip
         _into(network.value_bias, d_values.sum())
         if self.critic is not None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from joybridge.trainer.ppo.gae import estimate_advantages
+from joybridge.trainer.ppo.gae import gae
 
 GAMMA, LAM = 0.9, 0.8
 
@@ -13,7 +13,7 @@ def estimate(rewards, values, last=0.0, *, terminated=(), truncated=(), final=0.
     steps = len(rewards)
     flags = {name: np.isin(np.arange(steps), at)[:, None] for name, at in (("t", terminated), ("c", truncated))}
     column = np.array(rewards, np.float32)[:, None]
-    advantages = estimate_advantages(
+    advantages = gae(
         column,
         np.array(values, np.float32)[:, None],
         np.array([last], np.float32),
@@ -22,8 +22,8 @@ def estimate(rewards, values, last=0.0, *, terminated=(), truncated=(), final=0.
         np.where(flags["c"], np.float32(final), 0).astype(np.float32),
         np.ones((steps, 1), bool) if deciding is None else np.array(deciding)[:, None],
         gamma=GAMMA,
-        lam=LAM,
-        horizon=horizon,
+        gae_lambda=LAM,
+        time_horizon=horizon,
     )
     assert advantages.dtype == np.float32
     return advantages[:, 0].tolist()

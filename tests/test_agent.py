@@ -1,0 +1,104 @@
+"""An agent acts and learns alike with either gradient and on any accelerator."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+
+from joybridge.contract.codec import Codec, pack_act
+from joybridge.simulator.catalog import load_games
+from joybridge.simulator.session import Session
+from joybridge.trainer.actor import make_actors
+from joybridge.trainer.agent import Agent
+from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.metrics import STATISTICS
+from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
+from joybridge.trainer.ppo.loss import Coefficients, autograd_gradient, joint_log_probs
+from joybridge.trainer.train import learn
+from joybridge.v1 import bridge_pb2 as pb
+from tests.support.games import PLACES
+
+ARENAS = 4
+cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device here")
+
+
+def full_agents(game: str, options: dict[str, str], config: Config, accelerator: str = "cpu") -> list[Agent]:
+    """Return agents with a full rollout of a game that is played in this process."""
+    session = Session(load_games(PLACES))
+    start = pb.Start(game=game, arenas=ARENAS, options=options)
+    started = session.answer(pb.PlayRequest(start=start)).started
+    codecs = [Codec(behavior, ARENAS) for behavior in started.spec.behaviors]
+
+    def unpack(step):
+        return [codec.unpack_step(message) for codec, message in zip(codecs, step.behaviors, strict=True)]
+
+    agents = [
+        Agent(actor, started.spec.behaviors[actor.behavior], [0, ARENAS])
+        for actor in make_actors(config, started.spec, accelerator)
+    ]
+    acts, steps = make_acts(started.spec, ARENAS), unpack(started.step)
+    for agent in agents:
+        agent.begin([steps])
+    while not agents[0].rollout.full:
+        for agent in agents:
+            agent.act(steps, acts)
+        request = pb.PlayRequest(act=pb.Act(behaviors=[pack_act(act) for act in acts]))
+        steps = unpack(session.answer(request).step)
+        for agent in agents:
+            agent.store(steps)
+    return agents
+
+
+def small(layout: str, *, autograd: bool, game: str = "ferry") -> Config:
+    policy = PolicyConfig(
+        hidden_sizes=[16], rollout_steps=20, time_horizon=20, minibatch_size=16, epochs=2, autograd=autograd
+    )
+    return Config(game=game, layout=layout, arenas=ARENAS, policy=policy)
+
+
+def weights_after_an_update(layout: str, accelerator: str, *, autograd: bool) -> dict[str, np.ndarray]:
+    """Return the weights of all policies after a rollout of Ferry and its update."""
+    agents = full_agents("ferry", {}, small(layout, autograd=autograd), accelerator)
+    for agent in agents:
+        learn(agent, 0.1)
+    return {f"{agent.actor.name} {name}": array for agent in agents for name, array in agent.actor.state().items()}
+
+
+@pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "threshold-0.0", "multiagent"])
+def test_before_any_update_the_ratio_of_what_was_sampled_is_1_by_autograd_and_by_the_closed_form(layout):
+    """Axes, branches and masks: sampling, the reference and the compiled loss agree on every log-probability."""
+    coefficients = Coefficients(1e-3, 1e-4, 0.01)  # so narrow a clip range that any disagreement is counted
+    masked = False
+    for agent in full_agents("hybrid", {"masks": "on"}, small(layout, autograd=False, game="hybrid")):
+        decided = agent.rollout.decided()
+        assert decided.sum() > ARENAS * 10
+        batch = agent.rollout.batch(np.ones_like(agent.rollout.rewards), decided)
+        masked |= batch.masks is not None and bool((batch.masks < 0).any())
+        network = agent.actor.network
+        log_probs, _, _ = joint_log_probs(network(batch.observations), network.log_variance, batch)
+        torch.testing.assert_close(log_probs, batch.log_probs, atol=2e-5, rtol=0)
+        for gradient in (partial(autograd_gradient, network), ClosedFormGradient(network)):
+            statistics = dict(zip(STATISTICS, gradient(batch, coefficients)[: len(STATISTICS)], strict=True))
+            assert statistics["approx_kl"] == pytest.approx(0.0, abs=1e-7)
+            assert statistics["clip_fraction"] == 0.0
+    assert masked is (layout != "threshold-0.0")
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=cuda)])
+@pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "threshold-0.0", "multiagent"])
+def test_autograd_learns_on_any_device_what_the_closed_form_does(layout, device):
+    closed = weights_after_an_update(layout, "cpu", autograd=False)
+    other = weights_after_an_update(layout, device, autograd=True)
+    assert closed.keys() == other.keys()
+    for name, array in closed.items():
+        np.testing.assert_allclose(other[name], array, atol=2e-5, err_msg=name)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="torch finds a CUDA device here")
+def test_a_device_that_is_not_there_is_refused_by_its_name():
+    spec = load_games()["ferry"].describe({})
+    with pytest.raises(ConfigError, match="accelerator is cuda, but torch finds no such device"):
+        make_actors(Config(game="ferry"), spec, "cuda")
