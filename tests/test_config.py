@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import dump_config, load_config
+from joybridge.trainer.config import OTHER_NAMES, Config, PolicyConfig, dump_config, load_config
 from joybridge.trainer.errors import ConfigError
 
 CONFIGS = sorted(Path(__file__).parents[1].glob("configs/*/*.yaml"))
@@ -37,7 +37,12 @@ def test_there_is_a_file_for_each_experiment():
         ("game: g\nlayuot: x", "unknown key 'layuot'; did you mean 'layout'"),
         ("game: g\npolicy: {learning_rat: 1}", r"unknown key 'policy.learning_rat'; did you mean 'learning_rate'"),
         ("game: g\npolicies: {axes: {epoch: 1}}", r"unknown key 'policies.axes.epoch'; did you mean 'epochs'"),
-        ("game: g\nzzzz: 1", "known keys are game, options"),
+        ("game: g\nnum_envs: 8", "unknown key 'num_envs'; the key is 'arenas'"),
+        ("game: g\npolicy: {ent_coef: 0.1}", "the key is 'policy.entropy_coef'"),
+        ("game: g\nlearning_rate: 0.1", "did you mean 'policy.learning_rate'"),
+        ("game: g\nepocs: 3", "did you mean 'policy.epochs'"),
+        ("game: g\npolicy: {seed: 3}", "'seed' is a key of the whole run, outside `policy`"),
+        ("game: g\nzzzz: 1", "known keys are policy.sensors, .*game, options"),
         ("game: g\narenas: 0", "arenas: got 0"),
         ("game: g\narenas: many", "arenas: got 'many'"),
         ("game: g\npolicy: {clip_range: .nan}", "policy.clip_range: got nan"),
@@ -45,7 +50,7 @@ def test_there_is_a_file_for_each_experiment():
         ("layout: hybrid", "game: "),
         ("- a", "holds list"),
         ("a: [", "is not YAML"),
-        ("extends: config.yaml", "leads back to itself"),
+        ("extends: config.yaml", "leads back to the file itself"),
         ("extends: gone.yaml", "cannot read the configuration .*gone.yaml"),
     ],
 )
@@ -73,3 +78,17 @@ def test_what_differs_for_one_policy_lies_on_top_of_what_all_share():
     config = load_config(BUCKET.with_name("multiagent.yaml"))
     assert (config.policy_config("axes").minibatch_size, config.policy_config("buttons").minibatch_size) == (512, 256)
     assert config.policy_config("axes").entropy_coef == config.policy.entropy_coef
+
+
+def test_numbers_and_words_are_those_of_yaml_1_2(tmp_path):
+    text = "game: g\ntotal_timesteps: 3e6\npolicy: {learning_rate: 1e-4}\noptions: {blink: off, walk: on}"
+    config = load_config(write(tmp_path, text), ["stop=1e6"])
+    assert (config.total_timesteps, config.stop, config.policy.learning_rate) == (3_000_000, 1_000_000, 1e-4)
+    assert config.options == {"blink": "off", "walk": "on"}
+
+
+def test_every_name_of_another_library_leads_to_a_key_that_exists():
+    for name, key in OTHER_NAMES.items():
+        assert name not in Config.model_fields and name not in PolicyConfig.model_fields, name
+        where, _, last = key.rpartition(".")
+        assert last in (PolicyConfig if where else Config).model_fields, name

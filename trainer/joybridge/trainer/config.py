@@ -1,7 +1,4 @@
-"""The configuration of a run: every key with its default, checked; files hold only what differs.
-
-A YAML file may name another one with `extends:`; mappings are merged, everything else is replaced.
-"""
+"""The configuration of a run: every key with its default, checked. Files hold only what differs."""
 
 import difflib
 import json
@@ -9,29 +6,36 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from joybridge.trainer.checkpoint import has_checkpoint
+from joybridge.trainer.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import write_atomically
 
-MAY_CHANGE = (
-    "stop",
-    "checkpoint_interval",
-    "log_interval",
-    "evaluate_over",
-)  # in the middle of a run: nothing that is learned from
+MAY_CHANGE = ("stop", "checkpoint_interval", "log_interval", "evaluate_over")  # in a resumed run
+
+# Names of other libraries, and earlier ones of Joybridge, with the key to use instead.
+OTHER_NAMES = {
+    "num_envs": "arenas", "n_envs": "arenas", "num_agents": "arenas", "max_steps": "total_timesteps",
+    "total_steps": "total_timesteps", "num_timesteps": "total_timesteps", "transitions": "total_timesteps",
+    "summary_freq": "log_interval", "summary": "log_interval", "checkpoint": "checkpoint_interval",
+    "save_freq": "checkpoint_interval", "checkpoint_freq": "checkpoint_interval", "device": "accelerator",
+    "balance": "evaluate_over", "action_space": "layout", "n_steps": "policy.rollout_steps",
+    "num_steps": "policy.rollout_steps", "rollout": "policy.rollout_steps", "rollout_length": "policy.rollout_steps",
+    "buffer_size": "policy.rollout_steps", "horizon": "policy.time_horizon", "stack": "policy.frame_stack",
+    "n_stack": "policy.frame_stack", "stacked_vectors": "policy.frame_stack", "hidden": "policy.hidden_sizes",
+    "hidden_units": "policy.hidden_sizes", "net_arch": "policy.hidden_sizes", "batch_size": "policy.minibatch_size",
+    "minibatch": "policy.minibatch_size", "sgd_minibatch_size": "policy.minibatch_size", "n_epochs": "policy.epochs",
+    "num_epoch": "policy.epochs", "num_epochs": "policy.epochs", "update_epochs": "policy.epochs",
+    "lr": "policy.learning_rate", "entropy": "policy.entropy_coef", "ent_coef": "policy.entropy_coef",
+    "beta": "policy.entropy_coef", "clip": "policy.clip_range", "clip_coef": "policy.clip_range",
+    "epsilon": "policy.clip_range", "clip_eps": "policy.clip_range", "discount": "policy.gamma",
+    "lam": "policy.gae_lambda", "lambd": "policy.gae_lambda", "gae": "policy.gae_lambda",
+    "channels": "policy.reward_weights", "reward_signals": "policy.reward_weights",
+}  # fmt: skip
 
 T = TypeVar("T", bound=BaseModel)
-
-
-def _switch(value: Any) -> Any:
-    """Return "on" and "off" for what YAML 1.1 makes of them."""
-    return {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
-
-
-Choice = Annotated[str, BeforeValidator(_switch)]
 
 
 class _Checked(BaseModel):
@@ -39,7 +43,7 @@ class _Checked(BaseModel):
 
 
 class PolicyConfig(_Checked):
-    """What one policy senses, is paid by, and how it learns."""
+    """What one policy observes, its rewards, and how it learns."""
 
     sensors: list[str] | None = Field(None, min_length=1)  # names of the sensors it sees; None: all
     reward_weights: dict[str, float] = {}  # reward channel -> weight; those left out have the game's default
@@ -62,9 +66,9 @@ class Config(_Checked):
     """A whole run."""
 
     game: str
-    options: dict[str, Choice] = {}  # option -> choice
+    options: dict[str, str] = {}  # option -> choice
     parameters: dict[str, float] = {}  # parameter -> value
-    layout: str = "hybrid"  # how policies map to the device; see trainer/actions.py
+    layout: str = "hybrid"  # how policies map to the device; see layouts.py
     arenas: int = Field(75, ge=1)
     groups: int = Field(2, ge=1)  # parts of the arenas that take turns: one is played while others are decided for
     accelerator: Literal["cpu", "cuda"] = "cpu"  # where networks live; small ones are faster on the processor
@@ -93,15 +97,12 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
 
     Keys of overrides may be dotted ("policy.learning_rate=1e-4"); values are YAML.
     """
-    data = _read(path)
+    data = read_yaml(path)
     for override in overrides:
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise ConfigError(f"override {override!r} is not of the form key=value")
-        try:
-            value = _number(yaml.safe_load(text))
-        except yaml.YAMLError as error:
-            raise ConfigError(f"override {override!r}: {text!r} is not YAML: {error}") from error
+        value = parse_yaml(text, f"override {override!r}: {text!r}")
         for part in reversed(key.split(".")):
             value = {part: value}
         data = merge(data, value)
@@ -113,7 +114,7 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
 
 def dump_config(config: Config) -> str:
     """Return the whole configuration as YAML that `load_config` reads back."""
-    return yaml.safe_dump(config.model_dump(), sort_keys=False)
+    return dump_yaml(config.model_dump())
 
 
 def check_run(config: Config, run: Path, *, resume: bool) -> None:
@@ -148,49 +149,28 @@ def changes(before: Config, now: Config) -> dict[str, Any]:
     return {key: old[key] for key in new if old[key] != new[key] and key not in MAY_CHANGE}
 
 
-def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """Return `base` with `over` laid on top; mappings are merged, everything else is replaced."""
-    merged = dict(base)
-    for key, value in over.items():
-        both = isinstance(merged.get(key), dict) and isinstance(value, dict)
-        merged[key] = merge(merged[key], value) if both else value
-    return merged
-
-
-def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    if path.resolve() in seen:
-        raise ConfigError(f"{path}: `extends` leads back to itself")
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {error}") from error
-    if not isinstance(data, dict):
-        raise ConfigError(f"{path} holds {type(data).__name__}, expected keys and values")
-    base = data.pop("extends", None)
-    if base is None:
-        return data
-    return merge(_read(path.parent / str(base), (*seen, path.resolve())), data)
-
-
-def _number(value: Any) -> Any:
-    """Return YAML 1.1's strings of the form 1e-4 as the numbers that people mean."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
-
-
 def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
     try:
         return model.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
         key = prefix + ".".join(str(part) for part in first["loc"])
-        if first["type"] != "extra_forbidden":
-            raise ConfigError(f"{key}: got {first['input']!r}; {first['msg']}") from None
-        fields = PolicyConfig.model_fields if key.startswith(("policy.", "policies.")) else Config.model_fields
-        near = difflib.get_close_matches(str(first["loc"][-1]), fields, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known keys are {', '.join(fields)}"
-        raise ConfigError(f"unknown key {key!r}; {hint}") from None
+        if first["type"] == "extra_forbidden":
+            raise ConfigError(f"unknown key {key!r}; {_hint(key)}") from None
+        raise ConfigError(f"{key}: got {first['input']!r}; {first['msg']}") from None
+
+
+def _hint(key: str) -> str:
+    """Return what to write instead of an unknown key."""
+    where, _, name = key.rpartition(".")
+    if name in OTHER_NAMES:
+        return f"the key is {OTHER_NAMES[name]!r}"
+    in_policy = where.startswith("polic")
+    if in_policy and name in Config.model_fields:
+        return f"{name!r} is a key of the whole run, outside `{where}`"
+    known = {field: field for field in PolicyConfig.model_fields}
+    if not in_policy:
+        known = {field: f"policy.{field}" for field in known} | {field: field for field in Config.model_fields}
+    if near := difflib.get_close_matches(name, known, n=1):
+        return f"did you mean {known[near[0]]!r}?"
+    return f"known keys are {', '.join(known.values())}"

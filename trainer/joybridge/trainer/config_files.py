@@ -1,10 +1,17 @@
-"""Find a configuration by the name of its file or by its name among those that are installed with Joybridge.
+"""Files of configurations: finding them, by path or by the name of an installed one, and reading them.
+
+A YAML file (version 1.2) may name another one with `extends:`; mappings are merged, everything else is replaced.
 
 The wheel holds `configs/` as `joybridge/configs`. An editable install has no copy of it and reads the checkout's own.
 """
 
 import difflib
+import io
 from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from joybridge.trainer.errors import ConfigError
 
@@ -35,3 +42,48 @@ def find_config(text: str) -> Path:
     near = in_folder or difflib.get_close_matches(name, names, n=3)
     hint = f"did you mean {', '.join(near)}?" if near else f"installed are {', '.join(names)}"
     raise ConfigError(f"there is no configuration {text!r}: no such file, and none of that name is installed; {hint}")
+
+
+def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return the keys and values of a file, on top of those of the file that it extends. Raises ConfigError."""
+    if path.resolve() in seen:
+        raise ConfigError(f"{path}: `extends` leads back to the file itself")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path} is not YAML: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+    data = parse_yaml(text, str(path))
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path} holds {type(data).__name__}, expected keys and values")
+    base = data.pop("extends", None)
+    if base is None:
+        return data
+    return merge(read_yaml(path.parent / str(base), (*seen, path.resolve())), data)
+
+
+def parse_yaml(text: str, what: str) -> Any:
+    """Return the content of a YAML text; `what` names it in errors. Raises ConfigError."""
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except YAMLError as error:
+        raise ConfigError(f"{what} is not YAML: {error}") from error
+
+
+def dump_yaml(data: dict[str, Any]) -> str:
+    """Return keys and values as YAML."""
+    yaml, text = YAML(typ="safe", pure=True), io.StringIO()
+    yaml.default_flow_style = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.dump(data, text)
+    return text.getvalue()
+
+
+def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Return `base` with `over` laid on top; mappings are merged, everything else is replaced."""
+    merged = dict(base)
+    for key, value in over.items():
+        both = isinstance(merged.get(key), dict) and isinstance(value, dict)
+        merged[key] = merge(merged[key], value) if both else value
+    return merged

@@ -1,4 +1,4 @@
-"""What a person sees of a run: a live line in a terminal, and a line per row of metrics everywhere."""
+"""The progress of a run on screen: a live line in a terminal, and a line per row of metrics everywhere."""
 
 from types import TracebackType
 from typing import Self
@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from joybridge.trainer.metrics import ACTIVITIES, Row, is_trainers
+
+LEARNER = ("entropy", "approx_kl", "explained_variance")  # of the statistics of updates: whether it learns at all
 
 
 class Display:
@@ -33,7 +35,8 @@ class Display:
         if row is not None and "reward" in row:
             self.reward = f"reward {row['reward']:.1f}"
             metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name))
-            text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {speed}  ({shares})"
+            learner = "  ".join(f"{name} {row[name]:.2g}" for name in LEARNER if name in row)
+            text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {learner}  {speed}  ({shares})"
             text = f"{timesteps:>11,}  {text}"
             self.console.print(text, soft_wrap=True, markup=False)
         self.bar.update(self.task, completed=timesteps, text=f"{self.reward}  {speed}  ({shares})")

@@ -1,0 +1,84 @@
+"""The trainer's command line: what is refused, and in which words. In process: only errors are looked at."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from joybridge.trainer.__main__ import main
+
+CONFIG = "shooting_birds/bucket-11"
+SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "stop=100"]
+
+
+@pytest.fixture(autouse=True)
+def signals() -> Iterator[None]:
+    """Put back the handlers of signals that the command line replaces."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, handlers, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--simulator", "127.0.0.1:1", "--wait", "1.2"], "no simulator at 127.0.0.1:1 after 1.2 s"),
+        (["game=shooting_brids"], "no game named 'shooting_brids'; this server has beastly_rivals, shooting_birds"),
+        (["options.rules=strict"], "option 'rules' got 'strict', expected one of original, corrected"),
+        (["options.wind=on"], "unknown option 'wind', expected one of rules, locomotion, level"),
+        (["parameters.bird_speed=9"], "parameter 'bird_speed' got 9, expected 0..4"),
+        (["parameters.wind=9"], "unknown parameter 'wind'"),
+        (["layout=bukket-11"], "unknown layout 'bukket-11'"),
+        (["policy.sensors=[gnu]"], "hunter: sensors: the game has no 'gnu'; it has gun, crosshair"),
+        (["policy.reward_weights={hits: 1}"], "hunter: reward_weights: the game has no 'hits'"),
+        (["policies.hnter.epochs=1"], "there is no policy 'hnter'; this game and layout have hunter"),
+        (["arenas=99999", "groups=1"], "arenas is 99999, expected 1..4096"),
+        (["epocs=3"], "unknown key 'epocs'"),
+        (["layout=bucket-²"], "unknown layout 'bucket-²'"),
+        (["policy.hidden_sizes=[0]"], "policy.hidden_sizes.0: got 0"),
+        (["policy.hidden_sizes=[100"], "override 'policy.hidden_sizes=[100': '[100' is not YAML"),
+        (["policy.sensors=[]"], "policy.sensors: got []"),
+    ],
+)
+def test_a_wrong_setting_is_refused_in_one_sentence_that_names_it(more, message, simulator, tmp_path, capsys):
+    address = [] if "--simulator" in more else ["--simulator", simulator]
+    assert main(["train", CONFIG, "--run", str(tmp_path / "run"), *SMALL, *more, *address]) == 1
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert errors.splitlines()[-1].startswith("error: ")
+    assert not list(Path(tmp_path).glob("run/checkpoints/*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train", CONFIG, "epocs=3"], "unknown key 'epocs'; did you mean 'policy.epochs'?"),
+        (["train", CONFIG, "--resume", "--run", "gone"], "cannot read the configuration gone/config.yaml"),
+        (["train", "shooting_birds/bucket-12"], "there is no configuration 'shooting_birds/bucket-12'"),
+        (["evaluate", "gone"], "cannot read the configuration gone/config.yaml"),
+        (["record", "gone", "play.mp4"], "cannot read the configuration gone/config.yaml"),
+    ],
+)
+def test_settings_are_checked_before_a_simulator_is_waited_for(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([*arguments, "--simulator", "127.0.0.1:1", "--wait", "100"]) == 1
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert "waiting" not in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train", CONFIG, "--game", "a:B", "--simulator", "127.0.0.1:1"], "--game is for a simulator that this"),
+        (["evaluate", "run", "--simulator", "a:1", "--simulator", "b:2"], "evaluate uses one simulator, got 2"),
+        (["train", CONFIG, "--sed", "1"], "unrecognized arguments: --sed"),
+    ],
+)
+def test_wrong_arguments_end_with_the_usage(arguments, message, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    assert message in capsys.readouterr().err
