@@ -68,7 +68,10 @@ def parse_yaml(text: str, what: str) -> Any:
     try:
         return YAML(typ="safe", pure=True).load(text)
     except YAMLError as error:
-        raise ConfigError(f"{what} is not YAML: {error}") from error
+        problem = getattr(error, "problem", None) or "unreadable"
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark is not None else ""
+        raise ConfigError(f"{what} is not YAML{where}: {problem}") from error
 
 
 def dump_yaml(data: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ from typing import Any, Self, TypeVar
 import grpc
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_act
+from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, response_bytes
 from joybridge.contract.tensors import Array, Format, TensorError
 from joybridge.trainer.wire.event_loop import finish, run, the_loop
@@ -28,7 +29,7 @@ _KEEPALIVE = [("grpc.keepalive_time_ms", 330_000), ("grpc.keepalive_timeout_ms",
 T = TypeVar("T")
 
 
-class SimulatorError(Exception):
+class SimulatorError(JoybridgeError):
     """A simulator refused a request, failed, or sent something that breaks the contract."""
 
 
