@@ -26,10 +26,10 @@ PILOT = pb.Behavior(
     name="pilot",
     agents_per_arena=2,
     sensors=[
-        pb.Sensor(name="radar", dtype=pb.FLOAT32, shape=[2, 2]),
-        pb.Sensor(name="fuel", dtype=pb.INT32, shape=[1]),
-        pb.Sensor(name="camera", dtype=pb.UINT8, shape=[3, 2, 1]),
-        pb.Sensor(name="lamps", dtype=pb.BOOL, shape=[4]),
+        pb.Sensor(name="radar", dtype=pb.DTYPE_FLOAT32, shape=[2, 2]),
+        pb.Sensor(name="fuel", dtype=pb.DTYPE_INT32, shape=[1]),
+        pb.Sensor(name="camera", dtype=pb.DTYPE_UINT8, shape=[3, 2, 1]),
+        pb.Sensor(name="lamps", dtype=pb.DTYPE_BOOL, shape=[4]),
     ],
     device=pb.Device(
         axes=[pb.Axis(name="pitch", low=-1.0, high=1.0), pb.Axis(name="throttle", low=0.25, high=4.0)],
@@ -289,7 +289,7 @@ def test_a_full_step_is_accepted():
 def test_every_tensor_of_a_step_is_checked_and_named(field):
     for damage in (
         lambda t: t.Clear(),
-        lambda t: setattr(t, "dtype", pb.UINT8 if t.dtype != pb.UINT8 else pb.BOOL),
+        lambda t: setattr(t, "dtype", pb.DTYPE_UINT8 if t.dtype != pb.DTYPE_UINT8 else pb.DTYPE_BOOL),
         lambda t: t.shape.append(1),
         lambda t: t.shape.__setitem__(0, t.shape[0] + 1),
         lambda t: setattr(t, "data", t.data + b"\0"),

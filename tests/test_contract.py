@@ -101,7 +101,7 @@ def test_the_contract_keeps_what_v1_began_with():
 
 def test_the_check_sees_every_name_of_the_proto_file():
     names = dict(facts(read(GENERATED / "bridge.binpb")))
-    assert "method joybridge.v1.Simulator.Play" in names and "enum value joybridge.v1.DType.BOOL" in names
+    assert "method joybridge.v1.SimulatorService.Play" in names and "enum value joybridge.v1.Dtype.DTYPE_BOOL" in names
     messages = pb.DESCRIPTOR.message_types_by_name
     fields = {f"field {field.full_name}" for message in messages.values() for field in message.fields}
     assert fields and fields <= names.keys()
@@ -161,28 +161,28 @@ BREAKING = {
         "field joybridge.v1.Start.ParametersEntry.value",
     ),
     "a message removed": (lambda f: remove(f.file[0].message_type, "Ended"), "message joybridge.v1.Ended"),
-    "an enum removed": (lambda f: remove(f.file[0].enum_type, "DType"), "enum joybridge.v1.DType"),
+    "an enum removed": (lambda f: remove(f.file[0].enum_type, "Dtype"), "enum joybridge.v1.Dtype"),
     "an enum value removed": (
-        lambda f: remove(f.file[0].enum_type[0].value, "UINT8"),
-        "enum value joybridge.v1.DType.UINT8",
+        lambda f: remove(f.file[0].enum_type[0].value, "DTYPE_UINT8"),
+        "enum value joybridge.v1.Dtype.DTYPE_UINT8",
     ),
     "an enum value renumbered": (
         lambda f: setattr(f.file[0].enum_type[0].value[1], "number", 7),
-        "enum value joybridge.v1.DType.FLOAT32",
+        "enum value joybridge.v1.Dtype.DTYPE_FLOAT32",
     ),
     "a method removed": (
         lambda f: remove(f.file[0].service[0].method, "ListGames"),
-        "method joybridge.v1.Simulator.ListGames",
+        "method joybridge.v1.SimulatorService.ListGames",
     ),
     "a method made unary": (
         lambda f: (method(f, "Play").ClearField("client_streaming"), method(f, "Play").ClearField("server_streaming")),
-        "method joybridge.v1.Simulator.Play",
+        "method joybridge.v1.SimulatorService.Play",
     ),
     "a method that answers otherwise": (
         lambda f: setattr(method(f, "DescribeGame"), "output_type", ".joybridge.v1.GameSpec"),
-        "method joybridge.v1.Simulator.DescribeGame",
+        "method joybridge.v1.SimulatorService.DescribeGame",
     ),
-    "a service removed": (lambda f: f.file[0].service.pop(), "service joybridge.v1.Simulator"),
+    "a service removed": (lambda f: f.file[0].service.pop(), "service joybridge.v1.SimulatorService"),
     "another package": (lambda f: setattr(f.file[0], "package", "joybridge.v2"), "message joybridge.v1.Tensor"),
     "another syntax": (lambda f: setattr(f.file[0], "syntax", "proto2"), "joybridge.v1: syntax"),
 }

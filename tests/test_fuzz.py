@@ -54,7 +54,7 @@ def valid_act(game: str) -> pb.PlayRequest:
 
 # ---------------------------------------------------------------------------------------- tensors of actions
 
-DTYPES = [pb.FLOAT32, pb.INT32, pb.UINT8, pb.BOOL]
+DTYPES = [pb.DTYPE_FLOAT32, pb.DTYPE_INT32, pb.DTYPE_UINT8, pb.DTYPE_BOOL]
 SHAPES = {
     "no shape": lambda rows, columns: [],
     "flat": lambda rows, columns: [rows * columns],
@@ -366,7 +366,7 @@ def play(channel, requests):
 
 def assert_well(channel):
     """Assert that the server says that it is well and that a new session plays."""
-    check = health_pb2.HealthCheckRequest(service="joybridge.v1.Simulator")
+    check = health_pb2.HealthCheckRequest(service="joybridge.v1.SimulatorService")
     answer = health_pb2_grpc.HealthStub(channel).Check(check, timeout=SECONDS)
     assert answer.status == health_pb2.HealthCheckResponse.SERVING
     responses, code, _ = play(channel, [start("hybrid", ARENAS), valid_act("hybrid")])

@@ -68,8 +68,8 @@ def test_importing_the_package_loads_no_server_no_compiler_and_no_drawing():
 @pytest.mark.parametrize(
     ("dtype", "wire"),
     [
-        ("float32", pb.FLOAT32), (np.int32, pb.INT32), (np.uint8, pb.UINT8), (bool, pb.BOOL),
-        (np.dtype(">i4"), pb.INT32),
+        ("float32", pb.DTYPE_FLOAT32), (np.int32, pb.DTYPE_INT32), (np.uint8, pb.DTYPE_UINT8), (bool, pb.DTYPE_BOOL),
+        (np.dtype(">i4"), pb.DTYPE_INT32),
     ],
 )  # fmt: skip
 def test_a_sensor_has_the_dtype_that_is_asked_for(dtype, wire):
@@ -83,7 +83,7 @@ def test_a_sensor_of_a_dtype_that_cannot_be_sent_is_refused(dtype):
 
 
 def test_bounds_of_a_sensor_are_none_or_one_or_one_per_element():
-    assert sensor("a", [2, 2]) == pb.Sensor(name="a", dtype=pb.FLOAT32, shape=[2, 2])
+    assert sensor("a", [2, 2]) == pb.Sensor(name="a", dtype=pb.DTYPE_FLOAT32, shape=[2, 2])
     one = sensor("a", [2, 2], 0, 1.5)
     assert list(one.low) == [0.0] and list(one.high) == [1.5]
     each = sensor("a", [2, 2], [[0, 1], [2, 3]], np.full((2, 2), 4))

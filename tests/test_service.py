@@ -57,7 +57,7 @@ def press(lanes=2, draw=()):
 
 def test_the_games_are_listed_and_described_as_they_say(simulator):
     with grpc.insecure_channel(simulator) as channel:
-        stub = rpc.SimulatorStub(channel)
+        stub = rpc.SimulatorServiceStub(channel)
         games = stub.ListGames(pb.ListGamesRequest(), timeout=SECONDS).games
         assert [game.name for game in games] == LISTED
         for game in games:
@@ -68,7 +68,7 @@ def test_the_games_are_listed_and_described_as_they_say(simulator):
 
 def unary_refusal(address, method, request):
     with grpc.insecure_channel(address) as channel, pytest.raises(grpc.RpcError) as caught:
-        getattr(rpc.SimulatorStub(channel), method)(request, timeout=SECONDS)
+        getattr(rpc.SimulatorServiceStub(channel), method)(request, timeout=SECONDS)
     return caught.value.code(), caught.value.details()
 
 
@@ -221,7 +221,7 @@ def test_as_many_arenas_as_the_spec_allows_can_be_played(simulator, game):
     [
         (act(), "act.behaviors has 0 entries, expected 1"),
         (act(*hybrid().act.behaviors, *hybrid().act.behaviors), "act.behaviors has 2 entries, expected 1"),
-        (act(pb.BehaviorAct()), "player.axes: dtype is DTYPE_UNSPECIFIED, expected FLOAT32"),
+        (act(pb.BehaviorAct()), "player.axes: dtype is DTYPE_UNSPECIFIED, expected DTYPE_FLOAT32"),
         (hybrid(axes=[[0, 1]]), "player.axes: shape is [1, 2], expected [2, 2]"),
         (hybrid(axes=[[0, 1], [1.5, 1]]), "player.axes: axis 'x' got 1.5 in lane 1, expected -1..1"),
         (hybrid(axes=[[0, 0.25], [0, 1]]), "player.axes: axis 'force' got 0.25 in lane 0, expected 0.5..2"),
@@ -312,7 +312,7 @@ def test_pictures_come_in_the_order_in_which_they_are_asked_for(simulator):
     with Stream(simulator) as stream:
         stream.ask(start("hybrid", parameters={"drift": 0.0}))
         request = hybrid(axes=[[0, 0.5]] * 2, choices=[[0, 1], [1, 0]], draw=[1, 0, 1])
-        picture_format = Format(pb.UINT8, (height, width, 3), "picture")
+        picture_format = Format(pb.DTYPE_UINT8, (height, width, 3), "picture")
         pictures = [picture_format.unpack(picture) for picture in stream.ask(request).step.pictures]
         assert [picture[0, 0].tolist() for picture in pictures] == [[1, 0, 1], [1, 1, 0], [1, 0, 1]]
         assert not stream.ask(hybrid()).step.pictures
@@ -344,7 +344,7 @@ def test_the_games_of_the_paper_draw_what_their_spec_says(simulator, game):
     with Player(simulator, game, 2) as player:
         size = player.spec.picture.height, player.spec.picture.width, 3
         pictures = player.ask(act(*player.acts(), draw=[1, 0])).pictures
-        one, other = (Format(pb.UINT8, size, "picture").unpack(picture) for picture in pictures)
+        one, other = (Format(pb.DTYPE_UINT8, size, "picture").unpack(picture) for picture in pictures)
         assert (one != other).any() and len(np.unique(one)) > 8
 
 
@@ -675,7 +675,7 @@ def test_long_names_are_refused_with_their_own_status_in_few_words(simulator):
 def test_health_is_served_for_the_server_and_the_service(simulator):
     with grpc.insecure_channel(simulator) as channel:
         stub = health_pb2_grpc.HealthStub(channel)
-        for name in ("", "joybridge.v1.Simulator"):
+        for name in ("", "joybridge.v1.SimulatorService"):
             answer = stub.Check(health_pb2.HealthCheckRequest(service=name), timeout=SECONDS)
             assert answer.status == health_pb2.HealthCheckResponse.SERVING
         with pytest.raises(grpc.RpcError) as caught:
@@ -687,9 +687,9 @@ def test_reflection_tells_the_whole_contract(simulator):
     with grpc.insecure_channel(simulator) as channel:
         database = ProtoReflectionDescriptorDatabase(channel)
         assert set(database.get_services()) == {
-            "joybridge.v1.Simulator", "grpc.health.v1.Health", "grpc.reflection.v1alpha.ServerReflection",
+            "joybridge.v1.SimulatorService", "grpc.health.v1.Health", "grpc.reflection.v1alpha.ServerReflection",
         }  # fmt: skip
-        file = database.FindFileContainingSymbol("joybridge.v1.Simulator")
+        file = database.FindFileContainingSymbol("joybridge.v1.SimulatorService")
         assert file.SerializeToString() == pb.DESCRIPTOR.serialized_pb
 
 
@@ -759,7 +759,7 @@ def test_a_signal_ends_health_then_sessions_then_the_server(number):
             playing.ask(press())
             assert waiting.ask(start("shooting_birds")).started.spec.name == "shooting_birds"
             watch = health_pb2_grpc.HealthStub(channel).Watch(
-                health_pb2.HealthCheckRequest(service="joybridge.v1.Simulator"), timeout=SECONDS
+                health_pb2.HealthCheckRequest(service="joybridge.v1.SimulatorService"), timeout=SECONDS
             )
             assert next(watch).status == health_pb2.HealthCheckResponse.SERVING
             process.send_signal(number)

@@ -22,7 +22,7 @@ from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
-SERVICE = "joybridge.v1.Simulator"
+SERVICE = "joybridge.v1.SimulatorService"
 LENGTH, PRESSES, GEAR, DRAWS = range(4)  # columns of Gauntlet.counts
 LONGEST = 9
 
@@ -161,7 +161,7 @@ class Gauntlet(BatchedGame):
 # ----------------------------------------------------------------------------------------------------- the server
 
 
-class Service(rpc.SimulatorServicer):  # type: ignore[misc]
+class Service(rpc.SimulatorServiceServicer):  # type: ignore[misc]
     """Answers the calls with a session, which knows all the rules."""
 
     def __init__(self, broken):
@@ -247,7 +247,7 @@ def serving(broken) -> Iterator[str]:
     """Serve in threads of this process and yield the address."""
     with ThreadPoolExecutor(32) as threads:
         server = grpc.server(threads, options=[("grpc.so_reuseport", 0), *broken.options])
-        rpc.add_SimulatorServicer_to_server(broken.service(broken), server)
+        rpc.add_SimulatorServiceServicer_to_server(broken.service(broken), server)
         if broken.health:
             servicer = health.HealthServicer()
             health_pb2_grpc.add_HealthServicer_to_server(servicer, server)
@@ -424,7 +424,7 @@ class UnknownGameIsInvalid(Honest):
 
 
 def acts(request):
-    return [act for act in request.act.behaviors if act.axes.dtype == pb.FLOAT32 and act.axes.data]
+    return [act for act in request.act.behaviors if act.axes.dtype == pb.DTYPE_FLOAT32 and act.axes.data]
 
 
 @broken("an_axis_that_is_nan_is_refused", "an_axis_that_is_infinite_is_refused")
@@ -464,8 +464,8 @@ class ForgetsItsMasks(Honest):
 class AnyDtypeOfChoices(Honest):
     def request(self, request):
         for act in request.act.behaviors:
-            if act.choices.dtype == pb.FLOAT32:
-                act.choices.dtype = pb.INT32
+            if act.choices.dtype == pb.DTYPE_FLOAT32:
+                act.choices.dtype = pb.DTYPE_INT32
                 act.choices.data = np.frombuffer(act.choices.data, "<f4").astype("<i4").tobytes()
         return request
 

@@ -12,7 +12,7 @@ from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step, pa
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
-PLAY = "/joybridge.v1.Simulator/Play"
+PLAY = "/joybridge.v1.SimulatorService/Play"
 SECONDS = 60.0  # no call may hang for ever; none comes near it
 ANY_LENGTH = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1)]
 
@@ -90,7 +90,7 @@ def refused(address, *requests) -> tuple[grpc.StatusCode, str]:
 def describe(address, game, **options) -> pb.GameSpec:
     with grpc.insecure_channel(address) as channel:
         request = pb.DescribeGameRequest(game=game, options=options)
-        return rpc.SimulatorStub(channel).DescribeGame(request, timeout=SECONDS).spec
+        return rpc.SimulatorServiceStub(channel).DescribeGame(request, timeout=SECONDS).spec
 
 
 class Player:

@@ -10,7 +10,7 @@ from joybridge.conformance.subject import Subject, act_request
 from joybridge.contract.tensors import NUMPY_TYPES, Array, pack
 from joybridge.v1 import bridge_pb2 as pb
 
-KINDS = {"axes": pb.FLOAT32, "choices": pb.INT32}
+KINDS = {"axes": pb.DTYPE_FLOAT32, "choices": pb.DTYPE_INT32}
 
 
 def each_with(subject: Subject, field: str) -> Iterator[tuple[list[pb.PlayRequest], pb.Act, int, int]]:

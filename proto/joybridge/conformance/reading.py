@@ -12,7 +12,7 @@ from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.v1 import bridge_pb2 as pb
 
 
-def misfit(tensor: pb.Tensor, dtype: pb.DType, shape: tuple[int, ...]) -> str:
+def misfit(tensor: pb.Tensor, dtype: pb.Dtype, shape: tuple[int, ...]) -> str:
     """Return what is wrong with the dtype, shape or length of a tensor, or nothing."""
     if tensor.dtype != dtype:
         return f"dtype {tensor.dtype}"
@@ -20,22 +20,22 @@ def misfit(tensor: pb.Tensor, dtype: pb.DType, shape: tuple[int, ...]) -> str:
         return f"shape {list(tensor.shape)}"
     if len(tensor.data) != prod(shape) * NUMPY_TYPES[dtype].itemsize:
         return f"{len(tensor.data)} bytes of data"
-    if dtype == pb.BOOL and tensor.data and max(tensor.data) > 1:
+    if dtype == pb.DTYPE_BOOL and tensor.data and max(tensor.data) > 1:
         return f"a boolean that is {max(tensor.data)}"
     return ""
 
 
-def read(tensor: pb.Tensor, dtype: pb.DType, shape: tuple[int, ...]) -> Array | None:
+def read(tensor: pb.Tensor, dtype: pb.Dtype, shape: tuple[int, ...]) -> Array | None:
     """Return the array in a tensor, NaN and all, or None if the tensor is malformed."""
     if dtype not in NUMPY_TYPES or misfit(tensor, dtype, shape):
         return None
     return np.frombuffer(tensor.data, NUMPY_TYPES[dtype]).reshape(shape)
 
 
-def expect_fit(tensor: pb.Tensor, dtype: pb.DType, shape: tuple[int, ...], what: str) -> None:
+def expect_fit(tensor: pb.Tensor, dtype: pb.Dtype, shape: tuple[int, ...], what: str) -> None:
     """Raise Broken unless a tensor has a dtype, a shape and the bytes of both."""
     wrong = misfit(tensor, dtype, shape)
-    expect(not wrong, f"{what} with {wrong}", f"{pb.DType.Name(dtype)} {list(shape)}")
+    expect(not wrong, f"{what} with {wrong}", f"{pb.Dtype.Name(dtype)} {list(shape)}")
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ class Part:
     @cached_property
     def terminated(self) -> Array | None:
         """Return which lanes terminated."""
-        return read(self.message.terminated, pb.BOOL, (self.lanes,))
+        return read(self.message.terminated, pb.DTYPE_BOOL, (self.lanes,))
 
     @cached_property
     def truncated(self) -> Array | None:
         """Return which lanes were truncated."""
-        return read(self.message.truncated, pb.BOOL, (self.lanes,))
+        return read(self.message.truncated, pb.DTYPE_BOOL, (self.lanes,))
 
     @cached_property
     def ended(self) -> Array:
@@ -72,19 +72,21 @@ class Part:
     @cached_property
     def deciding(self) -> Array:
         """Return which lanes decide next; all where nothing readable says otherwise."""
-        deciding = read(self.message.deciding, pb.BOOL, (self.lanes,)) if self.message.HasField("deciding") else None
+        deciding = (
+            read(self.message.deciding, pb.DTYPE_BOOL, (self.lanes,)) if self.message.HasField("deciding") else None
+        )
         return np.ones(self.lanes, bool) if deciding is None else deciding
 
     @property
     def rewards(self) -> Array | None:
         """Return what was earned, lanes by channels."""
-        return read(self.message.rewards, pb.FLOAT32, (self.lanes, len(self.behavior.channels)))
+        return read(self.message.rewards, pb.DTYPE_FLOAT32, (self.lanes, len(self.behavior.channels)))
 
     def allowed(self, branch: int) -> Array:
         """Return the allowed choices of a branch; all where no readable mask says otherwise."""
         count = len(self.behavior.device.branches[branch].choices)
         masks = self.message.masks
-        mask = read(masks[branch], pb.BOOL, (self.lanes, count)) if branch < len(masks) else None
+        mask = read(masks[branch], pb.DTYPE_BOOL, (self.lanes, count)) if branch < len(masks) else None
         return np.ones((self.lanes, count), bool) if mask is None else mask
 
     def sensed(self, final: bool = False) -> Iterator[tuple[pb.Sensor, Array]]:
@@ -116,7 +118,7 @@ def expect_sensed(tensors: Sequence[pb.Tensor], part: Part, rows: int, what: str
 def expect_finite(part: Part, final: bool = False) -> None:
     """Raise Broken if an observation is NaN or infinite."""
     for sensor, values in part.sensed(final):
-        if sensor.dtype == pb.FLOAT32:
+        if sensor.dtype == pb.DTYPE_FLOAT32:
             bad = values[~np.isfinite(values)]
             expect(not bad.size, f"{bad[:1]} from sensor {sensor.name!r} of {part.where}", "finite numbers")
 
@@ -145,7 +147,7 @@ def arena_rows(step: pb.Step, spec: pb.GameSpec, arenas: int) -> list[list[objec
         per_lane.append(part.deciding)
         ended = np.flatnonzero(part.ended)
         per_end = [values for _, values in part.sensed(final=True)]
-        metrics = read(part.message.ended.metrics, pb.FLOAT32, (len(ended), len(kind.metrics)))
+        metrics = read(part.message.ended.metrics, pb.DTYPE_FLOAT32, (len(ended), len(kind.metrics)))
         per_end += [metrics] if metrics is not None else []
         for arena, row in enumerate(rows):
             agents = kind.agents_per_arena

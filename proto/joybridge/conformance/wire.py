@@ -11,7 +11,7 @@ import grpc
 from joybridge.conformance.registry import Broken, Silent
 from joybridge.v1 import bridge_pb2 as pb
 
-SERVICE = "joybridge.v1.Simulator"
+SERVICE = "joybridge.v1.SimulatorService"
 _OPTIONS = [
     ("grpc.max_receive_message_length", -1),
     ("grpc.max_send_message_length", -1),

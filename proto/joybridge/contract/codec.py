@@ -91,16 +91,17 @@ class Codec:
         self._high = np.array([axis.high for axis in device.axes], np.float32)
         self._branches = [(branch.name, list(branch.choices)) for branch in device.branches]
         self._counts = np.array([len(choices) for _, choices in self._branches], np.int32)
-        self._axes = Format(pb.FLOAT32, (lanes, len(device.axes)), f"{name}.axes")
-        self._choices = Format(pb.INT32, (lanes, len(device.branches)), f"{name}.choices")
+        self._axes = Format(pb.DTYPE_FLOAT32, (lanes, len(device.axes)), f"{name}.axes")
+        self._choices = Format(pb.DTYPE_INT32, (lanes, len(device.branches)), f"{name}.choices")
         self._sensors = [(sensor.name, sensor.dtype, tuple(sensor.shape)) for sensor in behavior.sensors]
         self._observations = self._sensor_formats(lanes, "observations")
-        self._rewards = Format(pb.FLOAT32, (lanes, len(behavior.channels)), f"{name}.rewards")
-        self._terminated = Format(pb.BOOL, (lanes,), f"{name}.terminated")
-        self._truncated = Format(pb.BOOL, (lanes,), f"{name}.truncated")
-        self._deciding = Format(pb.BOOL, (lanes,), f"{name}.deciding")
+        self._rewards = Format(pb.DTYPE_FLOAT32, (lanes, len(behavior.channels)), f"{name}.rewards")
+        self._terminated = Format(pb.DTYPE_BOOL, (lanes,), f"{name}.terminated")
+        self._truncated = Format(pb.DTYPE_BOOL, (lanes,), f"{name}.truncated")
+        self._deciding = Format(pb.DTYPE_BOOL, (lanes,), f"{name}.deciding")
         self._masks = [
-            Format(pb.BOOL, (lanes, len(choices)), f"{name}.masks[{branch}]") for branch, choices in self._branches
+            Format(pb.DTYPE_BOOL, (lanes, len(choices)), f"{name}.masks[{branch}]")
+            for branch, choices in self._branches
         ]
 
     def _sensor_formats(self, lanes: int, field: str) -> list[Format]:
@@ -175,7 +176,7 @@ class Codec:
         for lane in np.flatnonzero(step.terminated & step.truncated):
             raise TensorError(f"{self.name}: lane {lane} is both terminated and truncated, expected at most one")
         where = f"{self.name}.ended"
-        step.ended = Format(pb.INT32, (len(ended),), f"{where}.lanes").unpack(message.lanes)
+        step.ended = Format(pb.DTYPE_INT32, (len(ended),), f"{where}.lanes").unpack(message.lanes)
         if (step.ended != ended).any():
             came, wanted = step.ended.tolist(), ended.tolist()
             raise TensorError(f"{where}.lanes: {came}, expected the terminated or truncated {wanted}")
@@ -184,7 +185,9 @@ class Codec:
             message.final_observations, formats, "ended.final_observations"
         )  # fmt: skip
         if self.metrics:
-            step.metrics = Format(pb.FLOAT32, (len(ended), self.metrics), f"{where}.metrics").unpack(message.metrics)
+            step.metrics = Format(pb.DTYPE_FLOAT32, (len(ended), self.metrics), f"{where}.metrics").unpack(
+                message.metrics
+            )
 
     def _unpack_sensors(self, tensors: Sequence[pb.Tensor], formats: list[Format], field: str) -> list[Array]:
         if len(tensors) != len(formats):

@@ -15,11 +15,11 @@ from joybridge.v1 import bridge_pb2 as pb
 
 Array = npt.NDArray[Any]
 
-NUMPY_TYPES: dict[pb.DType, np.dtype[Any]] = {
-    pb.FLOAT32: np.dtype("<f4"),
-    pb.INT32: np.dtype("<i4"),
-    pb.UINT8: np.dtype("u1"),
-    pb.BOOL: np.dtype("?"),
+NUMPY_TYPES: dict[pb.Dtype, np.dtype[Any]] = {
+    pb.DTYPE_FLOAT32: np.dtype("<f4"),
+    pb.DTYPE_INT32: np.dtype("<i4"),
+    pb.DTYPE_UINT8: np.dtype("u1"),
+    pb.DTYPE_BOOL: np.dtype("?"),
 }
 _DTYPES = {numpy_type: dtype for dtype, numpy_type in NUMPY_TYPES.items()}
 
@@ -28,7 +28,7 @@ class TensorError(JoybridgeError, ValueError):
     """A tensor that is not what its field demands; the text names the field, what came and what was wanted."""
 
 
-def dtype_of(array: Array) -> "pb.DType":
+def dtype_of(array: Array) -> "pb.Dtype":
     """Return the wire dtype of an array. Raises TensorError for a type that the contract does not carry."""
     try:
         return _DTYPES[array.dtype.newbyteorder("<") if sys.byteorder == "big" else array.dtype]
@@ -55,7 +55,7 @@ def pack(array: Array) -> pb.Tensor:
 class Format:
     """What the tensor of one field must be, worked out once for all the steps of a session."""
 
-    def __init__(self, dtype: "pb.DType", shape: tuple[int, ...], field: str) -> None:
+    def __init__(self, dtype: "pb.Dtype", shape: tuple[int, ...], field: str) -> None:
         """Demand `dtype` and `shape`; `field` names the place in errors."""
         self.dtype, self.shape, self.field = dtype, shape, field
         self.sizes = list(shape)
@@ -78,18 +78,18 @@ class Format:
             raise TensorError(
                 f"{self.field}: {len(data)} bytes of data, expected {self.bytes} for shape {self.sizes}"
             )  # fmt: skip
-        if self.dtype == pb.BOOL and (others := data.translate(None, b"\0\1")):
+        if self.dtype == pb.DTYPE_BOOL and (others := data.translate(None, b"\0\1")):
             raise TensorError(f"{self.field}: a boolean is {max(others)}, expected 0 or 1")
         array: Array = np.ndarray(self.shape, self.numpy_type, data)
         # The sum of squares is finite if all are; it is cheaper than asking each, which settles the rest.
-        if self.dtype == pb.FLOAT32 and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+        if self.dtype == pb.DTYPE_FLOAT32 and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
             index = np.argwhere(~np.isfinite(array))[0].tolist()
             raise TensorError(f"{self.field}: value {array[tuple(index)]} at {index}, expected finite numbers")
         return array
 
 
-def _dtype_name(dtype: "pb.DType") -> str:
-    return pb.DType.Name(dtype) if dtype in pb.DType.values() else f"unknown ({dtype})"
+def _dtype_name(dtype: "pb.Dtype") -> str:
+    return pb.Dtype.Name(dtype) if dtype in pb.Dtype.values() else f"unknown ({dtype})"
 
 
 def _cut(shape: list[int]) -> str:

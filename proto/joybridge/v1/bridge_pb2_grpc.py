@@ -30,7 +30,7 @@ if _version_not_supported:
     )
 
 
-class SimulatorStub(object):
+class SimulatorServiceStub(object):
     """Missing associated documentation comment in .proto file."""
 
     def __init__(self, channel):
@@ -40,23 +40,23 @@ class SimulatorStub(object):
             channel: A grpc.Channel.
         """
         self.ListGames = channel.unary_unary(
-                '/joybridge.v1.Simulator/ListGames',
+                '/joybridge.v1.SimulatorService/ListGames',
                 request_serializer=joybridge_dot_v1_dot_bridge__pb2.ListGamesRequest.SerializeToString,
                 response_deserializer=joybridge_dot_v1_dot_bridge__pb2.ListGamesResponse.FromString,
                 _registered_method=True)
         self.DescribeGame = channel.unary_unary(
-                '/joybridge.v1.Simulator/DescribeGame',
+                '/joybridge.v1.SimulatorService/DescribeGame',
                 request_serializer=joybridge_dot_v1_dot_bridge__pb2.DescribeGameRequest.SerializeToString,
                 response_deserializer=joybridge_dot_v1_dot_bridge__pb2.DescribeGameResponse.FromString,
                 _registered_method=True)
         self.Play = channel.stream_stream(
-                '/joybridge.v1.Simulator/Play',
+                '/joybridge.v1.SimulatorService/Play',
                 request_serializer=joybridge_dot_v1_dot_bridge__pb2.PlayRequest.SerializeToString,
                 response_deserializer=joybridge_dot_v1_dot_bridge__pb2.PlayResponse.FromString,
                 _registered_method=True)
 
 
-class SimulatorServicer(object):
+class SimulatorServiceServicer(object):
     """Missing associated documentation comment in .proto file."""
 
     def ListGames(self, request, context):
@@ -82,7 +82,7 @@ class SimulatorServicer(object):
         raise NotImplementedError('Method not implemented!')
 
 
-def add_SimulatorServicer_to_server(servicer, server):
+def add_SimulatorServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
             'ListGames': grpc.unary_unary_rpc_method_handler(
                     servicer.ListGames,
@@ -101,13 +101,13 @@ def add_SimulatorServicer_to_server(servicer, server):
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
-            'joybridge.v1.Simulator', rpc_method_handlers)
+            'joybridge.v1.SimulatorService', rpc_method_handlers)
     server.add_generic_rpc_handlers((generic_handler,))
-    server.add_registered_method_handlers('joybridge.v1.Simulator', rpc_method_handlers)
+    server.add_registered_method_handlers('joybridge.v1.SimulatorService', rpc_method_handlers)
 
 
  # This class is part of an EXPERIMENTAL API.
-class Simulator(object):
+class SimulatorService(object):
     """Missing associated documentation comment in .proto file."""
 
     @staticmethod
@@ -124,7 +124,7 @@ class Simulator(object):
         return grpc.experimental.unary_unary(
             request,
             target,
-            '/joybridge.v1.Simulator/ListGames',
+            '/joybridge.v1.SimulatorService/ListGames',
             joybridge_dot_v1_dot_bridge__pb2.ListGamesRequest.SerializeToString,
             joybridge_dot_v1_dot_bridge__pb2.ListGamesResponse.FromString,
             options,
@@ -151,7 +151,7 @@ class Simulator(object):
         return grpc.experimental.unary_unary(
             request,
             target,
-            '/joybridge.v1.Simulator/DescribeGame',
+            '/joybridge.v1.SimulatorService/DescribeGame',
             joybridge_dot_v1_dot_bridge__pb2.DescribeGameRequest.SerializeToString,
             joybridge_dot_v1_dot_bridge__pb2.DescribeGameResponse.FromString,
             options,
@@ -178,7 +178,7 @@ class Simulator(object):
         return grpc.experimental.stream_stream(
             request_iterator,
             target,
-            '/joybridge.v1.Simulator/Play',
+            '/joybridge.v1.SimulatorService/Play',
             joybridge_dot_v1_dot_bridge__pb2.PlayRequest.SerializeToString,
             joybridge_dot_v1_dot_bridge__pb2.PlayResponse.FromString,
             options,

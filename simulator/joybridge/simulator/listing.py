@@ -42,7 +42,7 @@ def _game(game: type[BatchedGame]) -> Iterator[str]:
 
 def _sensor(sensor: pb.Sensor) -> str:
     dtype = NUMPY_TYPES[sensor.dtype].name
-    return f"{sensor.name} {list(sensor.shape)}" + (f" {dtype}" if sensor.dtype != pb.FLOAT32 else "")
+    return f"{sensor.name} {list(sensor.shape)}" + (f" {dtype}" if sensor.dtype != pb.DTYPE_FLOAT32 else "")
 
 
 def _branch(branch: pb.Branch) -> str:

@@ -25,13 +25,13 @@ from joybridge.v1 import bridge_pb2_grpc as rpc
 
 log = logging.getLogger("simulator")
 
-SERVICE = pb.DESCRIPTOR.services_by_name["Simulator"].full_name
+SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 GRACE_SECONDS = 2.0
 Context: TypeAlias = Any  # grpc.aio.ServicerContext; gRPC has no types
 
 
-class Service(rpc.SimulatorServicer):
-    """Answers the calls of joybridge.v1.Simulator."""
+class Service(rpc.SimulatorServiceServicer):
+    """Answers the calls of joybridge.v1.SimulatorService."""
 
     def __init__(self, games: Catalog, max_sessions: int) -> None:
         """Serve these games to at most `max_sessions` at once."""
@@ -91,7 +91,7 @@ async def serve(games: Catalog, address: str, max_sessions: int, with_parent: bo
     stop = _stop_event(with_parent)
     server = grpc.aio.server(options=_options(games))
     service = Service(games, max_sessions)
-    rpc.add_SimulatorServicer_to_server(service, server)
+    rpc.add_SimulatorServiceServicer_to_server(service, server)
     healthy = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
     reflection.enable_server_reflection([SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME], server)

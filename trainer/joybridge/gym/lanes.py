@@ -12,7 +12,12 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts import CLIP, Layout
 from joybridge.v1 import bridge_pb2 as pb
 
-_RANGES = {pb.FLOAT32: (-np.inf, np.inf), pb.INT32: (-(2.0**31), 2.0**31), pb.UINT8: (0.0, 255.0), pb.BOOL: (0.0, 1.0)}
+_RANGES = {
+    pb.DTYPE_FLOAT32: (-np.inf, np.inf),
+    pb.DTYPE_INT32: (-(2.0**31), 2.0**31),
+    pb.DTYPE_UINT8: (0.0, 255.0),
+    pb.DTYPE_BOOL: (0.0, 1.0),
+}
 
 Outcome = tuple[Array, float, bool, bool, dict[str, Any]]  # observation, reward, terminated, truncated, info
 

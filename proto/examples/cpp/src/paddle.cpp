@@ -43,7 +43,7 @@ constexpr char SPEC[] = R"(
     sensors {
       name: "ball"
       description: "x from wall to wall, height from floor to ceiling; 1 is the highest speed that there is"
-      dtype: FLOAT32
+      dtype: DTYPE_FLOAT32
       shape: 4
       elements: ["x", "height", "velocity_x", "velocity_y"]
       low: [-1, 0, -1, -1]
@@ -52,7 +52,7 @@ constexpr char SPEC[] = R"(
     sensors {
       name: "bat"
       description: "x from wall to wall; how long until the next swing, 0 being now"
-      dtype: FLOAT32
+      dtype: DTYPE_FLOAT32
       shape: 2
       elements: ["x", "wait"]
       low: [-1, 0]

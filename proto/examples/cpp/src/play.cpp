@@ -214,7 +214,7 @@ void Play::check_draw(const pb::Act& act) const {
 pb::Tensor Play::picture(std::uint32_t arena) const {
   const std::uint32_t height = spec().picture().height(), width = spec().picture().width();
   pb::Tensor tensor;
-  tensor.set_dtype(pb::UINT8);
+  tensor.set_dtype(pb::DTYPE_UINT8);
   for (const auto size : {height, width, 3U}) tensor.add_shape(size);
   tensor.set_data(arenas_[arena]->draw());
   return tensor;

@@ -40,10 +40,11 @@ grpc::Status status_of(Function function) {
 class Stream;
 
 // Play hands on bytes: what gRPC itself cannot decode, a stream could not tell from its client's orderly end.
-using Base = pb::Simulator::WithCallbackMethod_ListGames<
-    pb::Simulator::WithCallbackMethod_DescribeGame<pb::Simulator::WithRawCallbackMethod_Play<pb::Simulator::Service>>>;
+using Simulator = pb::SimulatorService;
+using Base = Simulator::WithCallbackMethod_ListGames<
+    Simulator::WithCallbackMethod_DescribeGame<Simulator::WithRawCallbackMethod_Play<Simulator::Service>>>;
 
-/// Answers the calls of joybridge.v1.Simulator, in gRPC's own threads.
+/// Answers the calls of joybridge.v1.SimulatorService, in gRPC's own threads.
 class Service final : public Base {
  public:
   Service(const Games& games, std::size_t most_sessions) : games_(games), most_sessions_(most_sessions) {}
@@ -230,7 +231,7 @@ void serve(const Games& games, const std::string& address, std::size_t most_sess
   if (!server || port == 0) {
     throw std::runtime_error(text("cannot listen on ", address, ": is it in use, or not an address of this machine?"));
   }
-  server->GetHealthCheckService()->SetServingStatus(pb::Simulator::service_full_name(), true);
+  server->GetHealthCheckService()->SetServingStatus(pb::SimulatorService::service_full_name(), true);
   const std::string host = address.substr(0, address.rfind(':'));
   std::cout << "joybridge simulator listening on " << host << ":" << port << std::endl;
 

@@ -11,17 +11,17 @@ static_assert(std::endian::native == std::endian::little,
 
 /// Returns a dtype and a shape as they are read: "FLOAT32 [64, 2]".
 template <typename Sizes>
-std::string written(pb::DType dtype, const Sizes& shape) {
+std::string written(pb::Dtype dtype, const Sizes& shape) {
   std::vector<std::string> sizes;
   for (const auto size : shape) sizes.push_back(text(size));
-  return text(pb::DType_IsValid(dtype) ? pb::DType_Name(dtype) : text("dtype ", int(dtype)), " [", list(sizes), "]");
+  return text(pb::Dtype_IsValid(dtype) ? pb::Dtype_Name(dtype) : text("dtype ", int(dtype)), " [", list(sizes), "]");
 }
 
 /// Returns the numbers of a tensor, [rows, columns], after checking that it is what `field` must hold. Without columns
 /// it must be absent, which is a null pointer.
 template <typename T>
 std::vector<T> unpack(const pb::Tensor* tensor, std::size_t rows, int columns, const std::string& field) {
-  const pb::DType dtype = std::is_same_v<T, float> ? pb::FLOAT32 : pb::INT32;
+  const pb::Dtype dtype = std::is_same_v<T, float> ? pb::DTYPE_FLOAT32 : pb::DTYPE_INT32;
   const std::string wanted = columns == 0 ? "none" : written(dtype, std::vector{rows, std::size_t(columns)});
   std::vector<T> values(rows * columns);
   if (tensor == nullptr && columns == 0) return values;

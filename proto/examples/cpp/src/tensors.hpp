@@ -38,10 +38,10 @@ pb::Tensor pack(const std::vector<std::uint32_t>& shape, const std::vector<T>& v
   }
   if (values.size() != wanted) throw std::logic_error(text(values.size(), " numbers to be sent, expected ", wanted));
   if constexpr (std::is_same_v<T, bool>) {
-    tensor.set_dtype(pb::BOOL);
+    tensor.set_dtype(pb::DTYPE_BOOL);
     tensor.mutable_data()->assign(values.begin(), values.end());  // a byte each, 0 or 1
   } else {
-    tensor.set_dtype(std::is_same_v<T, float> ? pb::FLOAT32 : pb::INT32);
+    tensor.set_dtype(std::is_same_v<T, float> ? pb::DTYPE_FLOAT32 : pb::DTYPE_INT32);
     tensor.set_data(values.data(), values.size() * sizeof(T));
   }
   if constexpr (std::is_same_v<T, float>) {

@@ -7,15 +7,15 @@ import { loadSync, type MessageTypeDefinition } from "@grpc/proto-loader";
 import protobuf from "protobufjs";
 
 import type { CompleteGameSpec, GameSpec } from "./types/joybridge/v1/GameSpec.js";
-import type { SimulatorDefinition } from "./types/joybridge/v1/Simulator.js";
+import type { SimulatorServiceDefinition } from "./types/joybridge/v1/SimulatorService.js";
 
-export const SERVICE = "joybridge.v1.Simulator";
+export const SERVICE = "joybridge.v1.SimulatorService";
 const FILE = fileURLToPath(new URL("../../../joybridge/v1/bridge.proto", import.meta.url));
 // keepCase: else reflection tells camelCase names, which the contract does not have. longs: a number holds no seed.
 const OPTIONS = { keepCase: true, longs: String, enums: String, defaults: true, oneofs: true } as const;
 
 export const proto = loadSync(FILE, OPTIONS);
-const methods = proto[SERVICE] as unknown as SimulatorDefinition;
+const methods = proto[SERVICE] as unknown as SimulatorServiceDefinition;
 const root = new protobuf.Root().loadSync(FILE, OPTIONS);
 root.resolveAll();
 

@@ -28,9 +28,12 @@ export const meteors: Game = {
         description: "rolls the gun and pulls its trigger",
         agents_per_arena: 1,
         sensors: [
-          { name: "gun", dtype: "FLOAT32", shape: [2], elements: ["x", "heat"], low: [-1, 0], high: [1] },
-          { name: "meteor", dtype: "FLOAT32", shape: [3], elements: ["x", "height", "drift"], low: [-1], high: [1] },
-          { name: "town", dtype: "FLOAT32", shape: [1], elements: ["share of houses"], low: [0], high: [1] },
+          { name: "gun", dtype: "DTYPE_FLOAT32", shape: [2], elements: ["x", "heat"], low: [-1, 0], high: [1] },
+          {
+            name: "meteor", dtype: "DTYPE_FLOAT32", shape: [3], elements: ["x", "height", "drift"],
+            low: [-1], high: [1],
+          },
+          { name: "town", dtype: "DTYPE_FLOAT32", shape: [1], elements: ["share of houses"], low: [0], high: [1] },
         ],
         device: {
           axes: [{ name: "steer", description: "left to right", low: -1, high: 1 }],

@@ -81,9 +81,9 @@ export class Play {
     if (ends.length === 0) return null;
     const shape = [ends.length, this.behavior.metrics.length];
     const ended = {
-      lanes: pack("INT32", [ends.length], ends.map(({ lane }) => lane)),
+      lanes: pack("DTYPE_INT32", [ends.length], ends.map(({ lane }) => lane)),
       final_observations: this.observations(ends.map(({ arena }) => arena)),
-      metrics: shape[1] ? pack("FLOAT32", shape, ends.flatMap(({ turn }) => turn.metrics)) : null,
+      metrics: shape[1] ? pack("DTYPE_FLOAT32", shape, ends.flatMap(({ turn }) => turn.metrics)) : null,
     };
     for (const { arena } of ends) arena.begin();
     return ended;
@@ -93,14 +93,14 @@ export class Play {
     const { channels, device } = this.behavior;
     const masks = this.arenas.map((arena) => arena.masks());
     const lanes = turns.length;
-    const ends = (end: string): Tensor => pack("BOOL", [lanes], turns.map((turn) => Number(turn.end === end)));
+    const ends = (end: string): Tensor => pack("DTYPE_BOOL", [lanes], turns.map((turn) => Number(turn.end === end)));
     const step = {
       observations: this.observations(this.arenas),
-      rewards: pack("FLOAT32", [lanes, channels.length], turns.flatMap((turn) => turn.rewards)),
+      rewards: pack("DTYPE_FLOAT32", [lanes, channels.length], turns.flatMap((turn) => turn.rewards)),
       terminated: ends("terminated"),
       truncated: ends("truncated"),
       masks: (device?.branches ?? []).map(({ choices }, branch) =>
-        pack("BOOL", [lanes, choices.length], masks.flatMap((mask) => mask[branch]?.map(Number) ?? [])),
+        pack("DTYPE_BOOL", [lanes, choices.length], masks.flatMap((mask) => mask[branch]?.map(Number) ?? [])),
       ),
       ended,
     };
@@ -110,13 +110,13 @@ export class Play {
   private observations(arenas: Arena[]): Tensor[] {
     const rows = arenas.map((arena) => arena.observe());
     return this.behavior.sensors.map(({ shape }, sensor) =>
-      pack("FLOAT32", [rows.length, ...shape], rows.flatMap((row) => row[sensor] ?? [])),
+      pack("DTYPE_FLOAT32", [rows.length, ...shape], rows.flatMap((row) => row[sensor] ?? [])),
     );
   }
 
   private picture(arena: Arena): Tensor {
     const { height = 0, width = 0 } = this.chosen.spec.picture ?? {};
-    return { dtype: "UINT8", shape: [height, width, 3], data: arena.draw() };
+    return { dtype: "DTYPE_UINT8", shape: [height, width, 3], data: arena.draw() };
   }
 
   private toDraw(draw: number[]): Arena[] {

@@ -12,13 +12,13 @@ export interface Action {
 }
 
 /** Return a tensor of numbers, row-major. Throws an Error for what no tensor may hold, which is the game's mistake. */
-export function pack(dtype: "FLOAT32" | "INT32" | "BOOL", shape: number[], values: number[]): Tensor {
-  const size = dtype === "BOOL" ? 1 : 4;
+export function pack(dtype: "DTYPE_FLOAT32" | "DTYPE_INT32" | "DTYPE_BOOL", shape: number[], values: number[]): Tensor {
+  const size = dtype === "DTYPE_BOOL" ? 1 : 4;
   const data = Buffer.alloc(shape.reduce((product, length) => product * length, size));
   if (data.length !== size * values.length) throw new Error(`${values.length} numbers for shape [${shape.join(", ")}]`);
   for (const [index, value] of values.entries()) {
     if (!Number.isFinite(Math.fround(value))) throw new Error(`a number is ${value}, expected a finite one`);
-    if (dtype === "FLOAT32") data.writeFloatLE(value, 4 * index);
+    if (dtype === "DTYPE_FLOAT32") data.writeFloatLE(value, 4 * index);
     else data.writeIntLE(value, size * index, size);
   }
   return { dtype, shape, data };
@@ -27,8 +27,8 @@ export function pack(dtype: "FLOAT32" | "INT32" | "BOOL", shape: number[], value
 /** Return the action of every lane. Throws a Refusal naming the field, axis or branch that is not as it should be. */
 export function unpackActions(act: CompleteBehaviorAct, kind: CompleteBehavior, masks: boolean[][][]): Action[] {
   const { axes = [], branches = [] } = kind.device ?? {};
-  const values = unpack(act.axes, "FLOAT32", [masks.length, axes.length], `${kind.name}.axes`);
-  const choices = unpack(act.choices, "INT32", [masks.length, branches.length], `${kind.name}.choices`);
+  const values = unpack(act.axes, "DTYPE_FLOAT32", [masks.length, axes.length], `${kind.name}.axes`);
+  const choices = unpack(act.choices, "DTYPE_INT32", [masks.length, branches.length], `${kind.name}.choices`);
   const actions = zip(values, choices).map(([axes, choices]) => ({ axes, choices }));
   for (const [lane, action] of actions.entries()) {
     for (const [index, { name, low, high }] of axes.entries()) {
@@ -48,16 +48,17 @@ export function unpackActions(act: CompleteBehaviorAct, kind: CompleteBehavior, 
   return actions;
 }
 
+type Dtype = "DTYPE_FLOAT32" | "DTYPE_INT32"; // of actions
 type Shape = [rows: number, columns: number];
 
 /** Return the rows of a tensor. Throws a Refusal unless it is there, or absent where it has no columns. */
-function unpack(tensor: CompleteTensor | null, dtype: "FLOAT32" | "INT32", shape: Shape, field: string): number[][] {
+function unpack(tensor: CompleteTensor | null, dtype: Dtype, shape: Shape, field: string): number[][] {
   const [rows, columns] = shape;
   const wanted = columns ? `${dtype} [${shape}] of ${4 * rows * columns} bytes` : "absent";
   const came = tensor ? `${tensor.dtype} [${tensor.shape}] of ${tensor.data.length} bytes` : "absent";
   if (came !== wanted) throw invalid(`${field} is ${came}, expected ${wanted}`);
   const data = tensor?.data ?? Buffer.alloc(0);
-  const at = (dtype === "FLOAT32" ? data.readFloatLE : data.readInt32LE).bind(data);
+  const at = (dtype === "DTYPE_FLOAT32" ? data.readFloatLE : data.readInt32LE).bind(data);
   const row = (lane: number): number[] => Array.from({ length: columns }, (_, k) => at(4 * (lane * columns + k)));
   return Array.from({ length: rows }, (_, lane) => row(lane));
 }

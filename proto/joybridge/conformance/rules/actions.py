@@ -151,7 +151,7 @@ def axes_of_another_dtype_are_refused(subject: Subject) -> None:
     refuse_array(subject, "axes", lambda values: values.view(np.int32))
 
 
-@check("DType")
+@check("Dtype")
 def axes_of_no_dtype_are_refused(subject: Subject) -> None:
     """DTYPE_UNSPECIFIED is never valid."""
     refuse_tensor(subject, "axes", lambda t: pb.Tensor(shape=t.shape, data=t.data))
@@ -205,7 +205,7 @@ def choices_of_another_dtype_are_refused(subject: Subject) -> None:
     refuse_array(subject, "choices", lambda values: values.astype(np.float32))
 
 
-@check("DType")
+@check("Dtype")
 def choices_of_no_dtype_are_refused(subject: Subject) -> None:
     """DTYPE_UNSPECIFIED is never valid."""
     refuse_tensor(subject, "choices", lambda t: pb.Tensor(shape=t.shape, data=t.data))

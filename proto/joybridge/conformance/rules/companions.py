@@ -24,7 +24,7 @@ def the_server_says_that_it_is_well(subject: Subject) -> None:
 
 @check("COMPANIONS", once=True)
 def the_service_says_that_it_is_well(subject: Subject) -> None:
-    """A server also serves grpc.health.v1, under the service name "joybridge.v1.Simulator"."""
+    """A server also serves grpc.health.v1, under the service name "joybridge.v1.SimulatorService"."""
     _expect_health(subject, SERVICE)
 
 

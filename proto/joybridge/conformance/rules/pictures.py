@@ -15,7 +15,7 @@ def pictures_have_the_size_of_the_spec(subject: Subject) -> None:
     """Pictures are UINT8 [height, width, 3]."""
     size = _size(subject)
     for picture in _draw(subject, [0, 1]):
-        expect_fit(picture, pb.UINT8, size, "a picture")
+        expect_fit(picture, pb.DTYPE_UINT8, size, "a picture")
 
 
 @check("Step")

@@ -237,7 +237,7 @@ def every_branch_has_at_least_two_choices(subject: Subject) -> None:
             )
 
 
-@check("DType")
+@check("Dtype")
 def every_sensor_has_a_valid_dtype(subject: Subject) -> None:
     """DTYPE_UNSPECIFIED is never valid."""
     for sensor in _sensors(subject):

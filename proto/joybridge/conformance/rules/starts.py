@@ -67,7 +67,7 @@ def first_observations_lie_within_their_bounds(subject: Subject) -> None:
 def the_first_rewards_are_zero(subject: Subject) -> None:
     """In the first step of a session rewards are 0."""
     for part in subject.brief.first:
-        expect_fit(part.message.rewards, pb.FLOAT32, (part.lanes, len(part.behavior.channels)), "rewards")
+        expect_fit(part.message.rewards, pb.DTYPE_FLOAT32, (part.lanes, len(part.behavior.channels)), "rewards")
         rewards = part.rewards
         expect(rewards is not None and not rewards.any(), f"rewards {rewards} of {part.where}", "zeros")
 
@@ -77,7 +77,7 @@ def nothing_has_ended_in_the_first_step(subject: Subject) -> None:
     """In the first step of a session nothing has ended."""
     for part in subject.brief.first:
         for flags, what in ((part.message.terminated, "terminated"), (part.message.truncated, "truncated")):
-            expect_fit(flags, pb.BOOL, (part.lanes,), what)
+            expect_fit(flags, pb.DTYPE_BOOL, (part.lanes,), what)
             expect(not any(flags.data), f"{what} {list(flags.data)} of {part.where}", "no ends")
         expect(not part.message.HasField("ended"), f"ended of {part.where}", "none: no episode ended")
 

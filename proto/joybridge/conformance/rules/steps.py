@@ -67,7 +67,7 @@ def rewards_have_a_column_per_channel(subject: Subject) -> None:
     """Rewards are FLOAT32 [lanes, channels]."""
     for part in subject.long.later:
         shape = (part.lanes, len(part.behavior.channels))
-        expect_fit(part.message.rewards, pb.FLOAT32, shape, f"rewards of {part.where}")
+        expect_fit(part.message.rewards, pb.DTYPE_FLOAT32, shape, f"rewards of {part.where}")
 
 
 @check("Tensor")
@@ -95,8 +95,8 @@ def lanes_that_are_skipped_are_paid_nothing_yet(subject: Subject) -> None:
 def terminated_and_truncated_have_a_flag_per_lane(subject: Subject) -> None:
     """Terminated and truncated are BOOL [lanes], one byte per element, 0 or 1."""
     for part in subject.long.later:
-        expect_fit(part.message.terminated, pb.BOOL, (part.lanes,), f"terminated of {part.where}")
-        expect_fit(part.message.truncated, pb.BOOL, (part.lanes,), f"truncated of {part.where}")
+        expect_fit(part.message.terminated, pb.DTYPE_BOOL, (part.lanes,), f"terminated of {part.where}")
+        expect_fit(part.message.truncated, pb.DTYPE_BOOL, (part.lanes,), f"truncated of {part.where}")
 
 
 @check("BehaviorStep")
@@ -122,7 +122,7 @@ def ended_lists_exactly_the_lanes_that_ended(subject: Subject) -> None:
     """Ended.lanes is INT32 [ended], ascending: exactly those terminated or truncated."""
     for part in _ends(subject):
         wanted = np.flatnonzero(part.ended).astype("<i4")
-        expect_fit(part.message.ended.lanes, pb.INT32, wanted.shape, f"ended.lanes of {part.where}")
+        expect_fit(part.message.ended.lanes, pb.DTYPE_INT32, wanted.shape, f"ended.lanes of {part.where}")
         came = np.frombuffer(part.message.ended.lanes.data, "<i4")
         expect((came == wanted).all(), f"ended.lanes {came.tolist()} of {part.where}", wanted.tolist())
 
@@ -155,7 +155,7 @@ def metrics_have_a_row_per_end(subject: Subject) -> None:
     for part in _ends(subject):
         if part.behavior.metrics:
             shape = (int(part.ended.sum()), len(part.behavior.metrics))
-            expect_fit(part.message.ended.metrics, pb.FLOAT32, shape, f"metrics of {part.where}")
+            expect_fit(part.message.ended.metrics, pb.DTYPE_FLOAT32, shape, f"metrics of {part.where}")
 
 
 @check("Ended")
@@ -212,7 +212,7 @@ def expect_masks(part: Part) -> None:
     masks, branches = part.message.masks, part.behavior.device.branches
     expect(len(masks) in (0, len(branches)), f"{len(masks)} masks of {part.where}", f"0 or {len(branches)}")
     for index, (mask, branch) in enumerate(zip(masks, branches, strict=False)):
-        expect_fit(mask, pb.BOOL, (part.lanes, len(branch.choices)), f"mask of {branch.name!r} of {part.where}")
+        expect_fit(mask, pb.DTYPE_BOOL, (part.lanes, len(branch.choices)), f"mask of {branch.name!r} of {part.where}")
         stuck = np.flatnonzero(~part.allowed(index).any(axis=1))
         came = f"no choice of {branch.name!r} allowed in lanes {stuck.tolist()} of {part.where}"
         expect(not stuck.size, came, "at least one")
@@ -221,7 +221,7 @@ def expect_masks(part: Part) -> None:
 def expect_deciding(part: Part) -> None:
     """Raise Broken unless deciding is absent or has a flag per lane."""
     if part.message.HasField("deciding"):
-        expect_fit(part.message.deciding, pb.BOOL, (part.lanes,), f"deciding of {part.where}")
+        expect_fit(part.message.deciding, pb.DTYPE_BOOL, (part.lanes,), f"deciding of {part.where}")
 
 
 def _ends(subject: Subject) -> Iterator[Part]:

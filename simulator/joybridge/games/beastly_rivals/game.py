@@ -48,7 +48,7 @@ def _sensor(name: str, description: str, elements: list[str], low: list[float], 
     return pb.Sensor(
         name=name,
         description=description,
-        dtype=pb.FLOAT32,
+        dtype=pb.DTYPE_FLOAT32,
         shape=[len(elements)],
         elements=elements,
         low=low,

@@ -44,7 +44,13 @@ PARAMETERS = [
 
 def _sensor(name: str, description: str, shape: list[int], elements: list[str], low: float) -> pb.Sensor:
     return pb.Sensor(
-        name=name, description=description, dtype=pb.FLOAT32, shape=shape, elements=elements, low=[low], high=[2.0]
+        name=name,
+        description=description,
+        dtype=pb.DTYPE_FLOAT32,
+        shape=shape,
+        elements=elements,
+        low=[low],
+        high=[2.0],
     )
 
 

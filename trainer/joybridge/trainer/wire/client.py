@@ -67,7 +67,7 @@ def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec
     async def ask() -> pb.GameSpec:
         async with grpc.aio.insecure_channel(address) as channel:
             request = pb.DescribeGameRequest(game=game, options=options)
-            answer: pb.DescribeGameResponse = await rpc.SimulatorStub(channel).DescribeGame(
+            answer: pb.DescribeGameResponse = await rpc.SimulatorServiceStub(channel).DescribeGame(
                 request, timeout=CALL_SECONDS
             )
             return answer.spec
@@ -142,7 +142,7 @@ class Session:
         step = self._exchange(_act(acts, draw), "step").step
         self._take(step)
         size = (self.spec.picture.height, self.spec.picture.width, 3)
-        picture = Format(pb.UINT8, size, "step.pictures")
+        picture = Format(pb.DTYPE_UINT8, size, "step.pictures")
         return self.steps, [picture.unpack(tensor) for tensor in step.pictures]
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
@@ -186,7 +186,7 @@ class Session:
         self._failure = None
         self._pending = None
         self._channel = grpc.aio.insecure_channel(self.address, options=options)
-        self._call = rpc.SimulatorStub(self._channel).Play()
+        self._call = rpc.SimulatorServiceStub(self._channel).Play()
 
     async def _send(self, request: pb.PlayRequest) -> None:
         """Send a request, and begin to wait for its answer."""
