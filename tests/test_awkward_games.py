@@ -20,7 +20,7 @@ from joybridge.trainer.record import record
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
-from joybridge.trainer.wire.shards import Shards
+from joybridge.trainer.wire.sharded_session import ShardedSession
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.awkward_games import LENGTH
 
@@ -51,14 +51,14 @@ def talked(awkward, tmp_path_factory) -> Path:
 
 def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(capfd):
     with simulator_process(["tests.support.awkward_games:Talkative"]) as address:
-        shards = Shards([address], "talkative", arenas=4, seed=0, options=[{}])
+        session = ShardedSession([address], "talkative", arenas=4, seed=0, options=[{}])
         for _ in range(40):  # 320 kB: more than a pipe holds
-            shards.step([ActArrays(np.zeros((4, 0), np.float32), np.zeros((4, 1), np.int32))])
+            session.step([ActArrays(np.zeros((4, 0), np.float32), np.zeros((4, 1), np.int32))])
         heard, deadline = "", time.monotonic() + 30
         while "x" * 2000 not in heard:  # while it plays, not only at the end
             assert time.monotonic() < deadline
             heard += capfd.readouterr().err
-        shards.close()
+        session.close()
     heard += capfd.readouterr().err
     assert "a game may print before its simulator listens" in heard
     assert heard.count("x" * 2000) == 160
@@ -118,7 +118,7 @@ def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(simulator,
 
 def test_simulators_that_play_different_games_are_refused(simulator):
     with pytest.raises(SimulatorError, match="run different versions of hybrid: their behaviors differ"):
-        Shards([simulator] * 2, "hybrid", arenas=2, seed=0, options=[{"size": "small"}, {"size": "large"}])
+        ShardedSession([simulator] * 2, "hybrid", arenas=2, seed=0, options=[{"size": "small"}, {"size": "large"}])
 
 
 def test_what_evaluation_cannot_balance_is_refused_before_training(simulator, tmp_path):

@@ -1,8 +1,9 @@
-"""Addresses of simulators, as command lines take them."""
+"""Addresses of simulators: how command lines take them, and the line with which a server reports its own."""
 
 import argparse
 
 DEFAULT_ADDRESS = "127.0.0.1:5005"
+READY = "joybridge simulator listening on "  # a server prints this and its address as one line once it can be reached
 HIGHEST_PORT = 65535
 
 

@@ -17,6 +17,7 @@ from google.protobuf.message import DecodeError, Message
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
+from joybridge.contract.address import READY
 from joybridge.contract.spec import request_bytes
 from joybridge.simulator.catalog import Catalog, specs
 from joybridge.simulator.session import Refusal, Session, describe, refuse_unknown
@@ -105,7 +106,7 @@ async def serve(games: Catalog, address: str, max_sessions: int, with_parent: bo
     for name in ("", SERVICE):
         await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
     bound = address if address.startswith("unix:") else f"{address.rsplit(':', 1)[0]}:{port}"
-    print(f"joybridge simulator listening on {bound}", flush=True)
+    print(f"{READY}{bound}", flush=True)
     await stop.wait()
     if service.sessions and not with_parent:  # whose own client knows
         log.info("shutting down: %d open sessions end with UNAVAILABLE", len(service.sessions))

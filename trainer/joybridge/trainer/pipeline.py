@@ -12,13 +12,13 @@ from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.profiler import Profiler
-from joybridge.trainer.wire.shards import Shards, Snapshot, check_alike, split
+from joybridge.trainer.wire.sharded_session import ShardedSession, Snapshot, check_alike, split
 
 
 class Group:
     """Arenas that are played at the same time."""
 
-    def __init__(self, index: int, simulators: Shards, arenas: int) -> None:
+    def __init__(self, index: int, simulators: ShardedSession, arenas: int) -> None:
         """Take an open session of so many arenas."""
         self.index, self.simulators = index, simulators
         self.acts = make_acts(simulators.spec, arenas)
@@ -80,13 +80,13 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
     groups: list[Group] = []
     try:
         for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
-            shards = Shards(
+            session = ShardedSession(
                 home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
                 options=[config.options] * len(home), parameters=config.parameters,
                 snapshots=list(islice(saved, len(home))),
             )  # fmt: skip
-            groups.append(Group(index, shards, end - first))
-            check_alike(shards.sessions[0], groups[0].simulators.sessions[0])
+            groups.append(Group(index, session, end - first))
+            check_alike(session.sessions[0], groups[0].simulators.sessions[0])
     except BaseException:
         close_groups(groups)
         raise

@@ -25,7 +25,7 @@ from joybridge.trainer.ppo.distributions import fill_masks
 from joybridge.trainer.ppo.fast.kernels import Action, Noise
 from joybridge.trainer.run_state import load_state, policy_state
 from joybridge.trainer.wire.client import Session, describe
-from joybridge.trainer.wire.shards import Shards
+from joybridge.trainer.wire.sharded_session import ShardedSession
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Play:
     """The policies of a run in an open session."""
 
     def __init__(
-        self, config: Config, timesteps: int, choices: Sequence[str], arenas: int, session: Session | Shards,
+        self, config: Config, timesteps: int, choices: Sequence[str], arenas: int, session: Session | ShardedSession,
         players: list[Player],
     ) -> None:  # fmt: skip
         """Play `arenas` arenas. timesteps: how long the policies have trained. choices: see `balanced_options`."""
@@ -142,9 +142,9 @@ def open_play(
 
 def _open_session(
     config: Config, address: str, arenas: int, seed: int, options: list[dict[str, str]]
-) -> Session | Shards:
+) -> Session | ShardedSession:
     if arenas == 1:
         return Session(address, config.game, arenas=1, seed=seed, options=options[0], parameters=config.parameters)
-    return Shards(
+    return ShardedSession(
         [address] * len(options), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
     )

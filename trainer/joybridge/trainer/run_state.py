@@ -12,7 +12,7 @@ from joybridge.trainer.agent import Agent
 from joybridge.trainer.checkpoint import load_checkpoint, save_checkpoint, select
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.pipeline import Group
-from joybridge.trainer.wire.shards import Snapshot
+from joybridge.trainer.wire.sharded_session import Snapshot
 
 
 @dataclass

@@ -24,8 +24,8 @@ from joybridge.trainer.ppo.loss import anneal
 from joybridge.trainer.ppo.update import ppo_update
 from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.run_state import RunState, capture, load_state
+from joybridge.trainer.signals import uninterrupted
 from joybridge.trainer.wire.client import describe
-from joybridge.trainer.wire.event_loop import uninterrupted
 
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 

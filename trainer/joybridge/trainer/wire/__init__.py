@@ -1,1 +1,1 @@
-"""The trainer's side of the wire: client, event loop, sessions at several simulators, starting a simulator."""
+"""The connection to simulators: client, event loop, sessions over several simulators, starting a simulator."""

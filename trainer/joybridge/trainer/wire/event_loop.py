@@ -1,139 +1,128 @@
-"""The event loop of all sessions, which runs only while one of them sends or waits.
+"""The event loop of all sessions. It runs only while one of them sends or waits.
 
-Compared with gRPC's threads this saves handing every message from thread to thread.
+A loop that always ran in a thread of its own would hand every message from thread to thread, which is slower.
+Three kinds of callers use it:
+
+- A thread without an event loop, such as the main thread of a program: `run` runs the loop right there.
+- A thread inside another event loop, such as a notebook's: asyncio does not nest loops, so `run` runs this one in a
+  helper thread and waits for it.
+- A finalizer: the garbage collector may call it at any point of any thread, even in the middle of `run`.
+  `run_soon` therefore never waits for the loop. If the loop is in use, the work is left to it.
+
+Python handles an interrupt (SIGINT) in the main thread, between any two instructions. An exception raised there while
+the loop runs may be lost: gRPC's callbacks and destructors discard exceptions. So from the beginning to the end of
+`run` in the main thread an interrupt only cancels the work, and KeyboardInterrupt is raised at the end.
+`asyncio.Runner.run` does nearly the same, but loses an interrupt that comes while the work ends, and it sets the signal
+handler in every run, which takes longer than the run itself. Here the handler is set once and stays; while `run` is
+not running, it does what Python's own handler does.
 """
 
 import asyncio
 import atexit
 import signal
 import threading
-from collections.abc import Coroutine, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
-_ONE_AT_A_TIME = threading.RLock()  # which the garbage collector may want in the middle of `run`
-_OUTSIDE = ThreadPoolExecutor(1)
+__all__ = ["EVENT_LOOP", "EventLoop"]
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class _Interrupts:
-    """Lets an interrupt end what runs on the loop, and raises it when the loop rests: gRPC's callbacks would lose it.
-
-    While the loop rests, interrupts do what they always do.
-    """
+class EventLoop:
+    """An asyncio event loop that runs while a caller waits for work. An interrupt ends the wait."""
 
     def __init__(self) -> None:
-        self.held = self.came = False
-        self.task: asyncio.Task[Any] | None = None  # what runs
+        self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)  # makes the loop when it is first needed
+        self._helper = ThreadPoolExecutor(1)  # starts its thread when it is first needed
+        self._lock = threading.Lock()  # held by the caller whose work the loop runs
+        self._work: asyncio.Task[Any] | None = None  # what that caller waits for
+        self._left: set[asyncio.Task[None]] = set()  # what nobody waits for; asyncio itself keeps weak references only
+        self._closed = False
+        # Written by the main thread only:
+        self._holding_interrupts = False
+        self._interrupted = False
+        atexit.register(self._close)
 
-    def interrupt(self) -> None:
-        self.came = True
-        if self.task is not None:
-            the_loop().call_soon_threadsafe(self.task.cancel)
+    def run(self, function: Callable[P, Coroutine[Any, Any, T]], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Call an async function on the loop and return its result.
 
-    def handle(self, number: int, frame: FrameType | None) -> None:
-        if not self.held:
-            signal.default_int_handler(number, frame)
-        self.interrupt()
+        An interrupt in the main thread cancels the call and is raised as KeyboardInterrupt. If the program has set
+        a SIGINT handler of its own, that handler stays in place.
+        """
+        with self._lock:
+            loop = self._runner.get_loop()
+            main = threading.current_thread() is threading.main_thread()
+            try:
+                if main:
+                    self._hold_interrupts()
+                self._work = loop.create_task(function(*args, **kwargs))
+                result: T = self._run_until_complete(loop, self._work)
+                return result
+            finally:
+                if self._work is not None:
+                    self._work.cancel()  # nothing is left to cancel, unless the program's own handler raised
+                self._work = None  # while interrupts are held back, as destructors discard exceptions
+                if main:
+                    self._release_interrupts()
 
+    def run_soon(self, function: Callable[P, Coroutine[Any, Any, None]], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Call an async function on the loop, or leave that to the loop if it is in use. Finalizers may call this."""
+        if self._closed:
+            return
+        if self._lock.locked():
+            self._runner.get_loop().call_soon_threadsafe(lambda: self._leave(function(*args, **kwargs)))
+        else:
+            self.run(function, *args, **kwargs)
 
-_interrupts = _Interrupts()
-_left: set[asyncio.Task[Any]] = set()  # what runs when the loop runs next
+    def _run_until_complete(self, loop: asyncio.AbstractEventLoop, work: asyncio.Task[T]) -> T:
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            return loop.run_until_complete(work)
+        try:
+            return self._helper.submit(loop.run_until_complete, work).result()
+        except BaseException:  # of the work or of the program's own handler, while the helper still runs the loop
+            loop.call_soon_threadsafe(work.cancel)
+            self._helper.submit(int).result()  # wait until the helper has finished
+            raise
 
+    def _leave(self, work: Coroutine[Any, Any, None]) -> None:
+        """Begin work that nobody waits for; this runs on the loop."""
+        task = asyncio.create_task(work)
+        self._left.add(task)
+        task.add_done_callback(self._left.discard)
 
-@cache
-def the_loop() -> asyncio.AbstractEventLoop:
-    """Return the loop, which is closed when the interpreter ends."""
-    loop = asyncio.new_event_loop()
+    def _hold_interrupts(self) -> None:
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self._handle_interrupt)
+        self._interrupted = False
+        self._holding_interrupts = True
 
-    async def drop_all() -> None:
-        left = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in left:
-            task.cancel()
-        await asyncio.gather(*left, return_exceptions=True)
+    def _release_interrupts(self) -> None:
+        self._holding_interrupts = False
+        if self._interrupted:
+            raise KeyboardInterrupt from None
 
-    def end() -> None:
-        """Drop the sessions that nobody closed."""
-        loop.run_until_complete(drop_all())
-        loop.close()
+    def _handle_interrupt(self, number: int, frame: FrameType | None) -> None:
+        """Handle SIGINT."""
+        if not self._holding_interrupts:
+            signal.default_int_handler(number, frame)  # raises KeyboardInterrupt
+        self._interrupted = True
+        self._runner.get_loop().call_soon_threadsafe(self._cancel_work)
 
-    atexit.register(end)
-    return loop
+    def _cancel_work(self) -> None:
+        """Cancel the work that was interrupted; this runs on the loop."""
+        if self._interrupted and self._work is not None:
+            self._work.cancel()
 
-
-def run(work: Coroutine[Any, Any, T]) -> T:
-    """Run it on the loop; from a thread where the caller is inside a loop already, as in a notebook.
-
-    An interrupt cancels it and is raised. Python's handler of interrupts is replaced for that, for good; where the
-    program has one of its own, that is left alone.
-    """
-    try:
-        with _ONE_AT_A_TIME:
-            return _run_outside(work) if _running() else _run_here(work)
-    finally:
-        work.close()  # of which nothing is left but where an interrupt came first
-
-
-@contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Ignore interrupts in the block, at whose end the program ends anyway."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler or signal.SIG_DFL)
-
-
-def finish(work: Coroutine[Any, Any, None]) -> None:
-    """Run it, or leave it for later where the loop is running already: the garbage collector calls from anywhere."""
-    if _running() is not the_loop():
-        run(work)
-        return
-    task = the_loop().create_task(work)
-    _left.add(task)
-    task.add_done_callback(_left.discard)
-
-
-def _running() -> asyncio.AbstractEventLoop | None:
-    try:
-        return asyncio.get_running_loop()
-    except RuntimeError:
-        return None
-
-
-def _run_outside(work: Coroutine[Any, Any, T]) -> T:
-    done = _OUTSIDE.submit(_run_here, work)
-    try:
-        return done.result()
-    except KeyboardInterrupt:
-        _interrupts.interrupt()
-        wait([done])
-        _interrupts.came = False
-        raise
+    def _close(self) -> None:
+        """Drop unfinished work, such as sessions that nobody closed; this runs when the interpreter exits."""
+        self._closed = True
+        self._runner.close()
 
 
-def _run_here(work: Coroutine[Any, Any, T]) -> T:
-    outer = _interrupts.held, _interrupts.task
-    main = threading.current_thread() is threading.main_thread()
-    if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupts.handle)  # not at each run: setting is slow
-    _interrupts.held = main
-    try:
-        _interrupts.task = task = the_loop().create_task(work)
-        if _interrupts.came:
-            task.cancel()
-        return the_loop().run_until_complete(task)
-    finally:
-        _interrupts.task = task = None  # type: ignore[assignment]  # it goes first: as it does, an interrupt would be lost
-        _interrupts.held, _interrupts.task = outer
-        if _interrupts.came and not _interrupts.held:
-            _interrupts.came = False
-            raise KeyboardInterrupt
+EVENT_LOOP = EventLoop()  # shared by all sessions, so that each makes progress while another is waited for

@@ -1,31 +1,33 @@
-"""Start a simulator as a process of one's own, and always end it."""
+"""Start a simulator as a child process, and always end it."""
 
-import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from threading import Thread
 
-from joybridge.trainer.wire.client import SimulatorLost
+from joybridge.contract.address import READY
+from joybridge.trainer.wire.errors import SimulatorLost
+
+__all__ = ["simulator_process"]
 
 ENDING_SECONDS = 5.0
-READY = "joybridge simulator listening on "
+# -u: what games print appears at once.
+COMMAND = [sys.executable, "-u", "-m", "joybridge.simulator", "serve"]
 
 
 @contextmanager
 def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     """Run `joybridge serve` on a free loopback port and yield its address.
 
-    games: further games as "module:Class". The process is ended on leaving, however that happens; should
-    this process be killed, the simulator ends by itself (see --with-parent). What games print goes to
-    standard error. Raises SimulatorLost if it does not start.
+    games: further games as MODULE:CLASS. What games print goes to standard error. The process ends with the block, or
+    with this process if that is killed (see --with-parent). Raises SimulatorLost if it does not start.
     """
-    command = [sys.executable, "-u", "-m", "joybridge.simulator", "serve", "--address", "127.0.0.1:0", "--with-parent"]
+    command = [*COMMAND, "--address", "127.0.0.1:0", "--with-parent"]
     for game in games:
         command += ["--game", game]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ)
-    rest: Thread | None = None
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    printer: Thread | None = None
     try:
         assert process.stdout is not None
         for line in process.stdout:
@@ -34,8 +36,9 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
             sys.stderr.write(line)
         else:
             raise SimulatorLost(f"the simulator did not start (exit status {process.wait()}); its message is above")
-        rest = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)  # line by line
-        rest.start()  # else a game that prints would wait for ever once the pipe is full
+        # Without a reader, a game that prints would block once the pipe is full.
+        printer = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)
+        printer.start()
         yield line.removeprefix(READY).strip()
     finally:
         process.terminate()
@@ -44,8 +47,8 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        if rest is not None:
-            rest.join(ENDING_SECONDS)  # or a process of the game lives on with the pipe
+        if printer is not None:
+            printer.join(ENDING_SECONDS)  # a child process of a game may hold the pipe open
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 pipe.close()

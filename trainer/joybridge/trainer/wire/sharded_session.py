@@ -1,7 +1,7 @@
-"""Arenas spread over several sessions, used like one: at several simulators, or under different options.
+"""One session spread over several simulators, or over several options of a game, with the interface of `Session`.
 
-Session k of n plays its share of the arenas as arenas first..last of the one seed, so what is played does not
-depend on how many simulators play it.
+Part k of n plays its share of the arenas, with the same seed and with their numbers in the whole. So the episodes do
+not depend on the number of simulators.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,27 +11,30 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
-from joybridge.trainer.wire.client import Session, SimulatorError
+from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.errors import SimulatorError
+
+__all__ = ["ShardedSession", "Snapshot", "check_alike", "split"]
 
 Snapshot = dict[str, bytes]
 
 
 def split(arenas: int, parts: int) -> list[int]:
-    """Return the first arena of each of `parts` nearly equal parts, and behind them the number of arenas."""
+    """Return the bounds of nearly equal parts: part k has the arenas from bounds[k] to bounds[k + 1] - 1."""
     return [int(bound) for bound in np.linspace(0, arenas, parts + 1).round()]
 
 
 def check_alike(session: Session, first: Session) -> None:
-    """Raise SimulatorError unless two sessions play the same: names, sizes and their order."""
+    """Raise SimulatorError unless two sessions have the same behaviors: names, sizes and their order."""
     if list(session.spec.behaviors) != list(first.spec.behaviors):
         raise SimulatorError(
             f"the simulators at {first.address} and {session.address} run different versions of {first.spec.name}: "
-            "their behaviors differ; start both anew from the same files"
+            "their behaviors differ; restart both from the same files"
         )
 
 
-class Shards:
-    """Sessions with the interface of a single one."""
+class ShardedSession:
+    """Sessions with the interface of a single one. `steps` holds the last step, one StepArrays per behavior."""
 
     def __init__(
         self,
@@ -45,34 +48,33 @@ class Shards:
         parameters: Mapping[str, float] | None = None,
         snapshots: Sequence[Snapshot] | None = None,
     ) -> None:
-        """Open a session per address, with options of its own; `steps` holds the first observations.
+        """Open one session per address, each with its own options; arenas are divided among them.
 
         The options must give the same behaviors. Raises SimulatorError.
         """
         bounds = split(arenas, len(addresses))
-        self._stack = ExitStack()
         self.sessions: list[Session] = []
-        with self._stack:
+        with ExitStack() as opened:
             for index, address in enumerate(addresses):
                 session = Session(
                     address, game, arenas=bounds[index + 1] - bounds[index], seed=seed,
                     first_arena=first_arena + bounds[index], options=options[index], parameters=parameters,
                     snapshot=snapshots[index] if snapshots else None,
                 )  # fmt: skip
-                self.sessions.append(self._stack.enter_context(session))
+                self.sessions.append(opened.enter_context(session))
                 check_alike(session, self.sessions[0])
-            self._stack = self._stack.pop_all()
+            self._opened = opened.pop_all()
         self.spec = self.sessions[0].spec
-        self.bounds = [[lane_count(b, arena) for arena in bounds] for b in self.spec.behaviors]
+        self.bounds = [[lane_count(behavior, arena) for arena in bounds] for behavior in self.spec.behaviors]
         self.steps = _join([session.steps for session in self.sessions])
 
     @property
     def simulate_seconds(self) -> float:
-        """Return the games' own time in the last step; simulators work side by side, so the longest counts."""
+        """Return the time that the game itself took for the last step: the longest, as simulators work in parallel."""
         return max(session.simulate_seconds for session in self.sessions)
 
     def send(self, acts: Sequence[ActArrays]) -> None:
-        """Send the actions of one decision without waiting for the step; `receive` returns it."""
+        """Send the actions of one timestep without waiting; `receive` returns the step. Raises SimulatorError."""
         for index, session in enumerate(self.sessions):
             session.send([
                 ActArrays(act.axes[lanes[index] : lanes[index + 1]], act.choices[lanes[index] : lanes[index + 1]])
@@ -80,26 +82,26 @@ class Shards:
             ])  # fmt: skip
 
     def receive(self) -> list[StepArrays]:
-        """Wait for the step of the last `send`; it is also kept in `steps`. Raises SimulatorError."""
+        """Wait for the step after the last `send` and return it. Raises SimulatorError."""
         self.steps = _join([session.receive() for session in self.sessions])
         return self.steps
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
-        """Advance every arena by one decision. Raises SimulatorError."""
+        """Advance every arena by one timestep and return the step. Raises SimulatorError."""
         self.send(acts)
         return self.receive()
 
     def save(self) -> list[Snapshot]:
-        """Return a snapshot per simulator."""
+        """Return one snapshot per session. Raises SimulatorError if the game does not support snapshots."""
         return [session.save() for session in self.sessions]
 
     def close(self) -> None:
         """End all sessions."""
-        self._stack.close()
+        self._opened.close()
 
 
 def _join(parts: list[list[StepArrays]]) -> list[StepArrays]:
-    """Return one StepArrays per behavior, the lanes of all parts in order."""
+    """Return one StepArrays per behavior, with the lanes of all parts in order."""
     return parts[0] if len(parts) == 1 else [_join_lanes(list(steps)) for steps in zip(*parts, strict=True)]
 
 

@@ -1,0 +1,31 @@
+"""What goes wrong between a trainer and its simulators.
+
+SimulatorError            a simulator refused a request, failed, or broke the contract
+└── SimulatorLost         a simulator cannot be reached or went away; training can be resumed once it is back
+"""
+
+from typing import Any
+
+import grpc
+
+from joybridge.contract.errors import JoybridgeError
+
+__all__ = ["SimulatorError", "SimulatorLost"]
+
+_LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
+
+
+class SimulatorError(JoybridgeError):
+    """A simulator refused a request, failed, or sent something that breaks the contract."""
+
+
+class SimulatorLost(SimulatorError):
+    """A simulator cannot be reached or went away."""
+
+
+def from_grpc(error: Any, address: str) -> SimulatorError:
+    """Return the error to raise for a grpc.RpcError."""
+    code, text = error.code(), error.details()
+    if code in _LOST:
+        return SimulatorLost(f"lost the simulator at {address}: {text} ({code.name})")
+    return SimulatorError(f"error from the simulator at {address}: {text} ({code.name})")
