@@ -9,10 +9,9 @@ import pytest
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import check_spec
 from joybridge.games.beastly_rivals import rules as r
-from joybridge.games.beastly_rivals.game import CHANNELS, METRICS, BeastlyRivals
-from joybridge.simulator import pointer
+from joybridge.games.beastly_rivals.game import BeastlyRivals
+from joybridge.games.locomotion import LOCOMOTIONS
 
-DEATH = r.CHANNELS.index("death")
 OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on"}
 NEAR = 1e-12
 
@@ -55,7 +54,7 @@ def test_a_death_restarts_its_arena_alone_inside_the_running_clock():
     game.arenas[1].beast.x, game.arenas[1].beast.z = game.arenas[1].character.x, game.arenas[1].character.z
     (step,) = game.step([action(3)])
     assert step.terminated.tolist() == [False, True, False] and not step.truncated.any()
-    assert step.rewards[:, DEATH].tolist() == [0.0, -1.0, 0.0]
+    assert step.rewards[:, r.DEATH].tolist() == [0.0, -1.0, 0.0]
     assert game.arenas.tick.tolist() == [12, 0, 12] and game.arenas.clock.tolist() == [12] * 3
     assert step.final_observations[3][0, :2] == pytest.approx([0, 0], abs=0.01)  # beast at character
     assert step.observations[3][1, 2:4].tolist() == [0.0, 0.0]  # beast at the centre again
@@ -78,7 +77,8 @@ def test_metrics_count_decisions_blinks_clicks_and_the_share_of_slow_ticks():
         game.step([action(1, buttons=buttons)])
     game.arenas.clock = r.CLOCK_TICKS - 6
     (step,) = game.step([action(1, buttons=(1, 1))])
-    assert [metric.name for metric in METRICS] == list(r.METRICS)
+    (behavior,) = BeastlyRivals.describe(OPTIONS).behaviors
+    assert [metric.name for metric in behavior.metrics] == ["survival", "blinks", "clicks", "slow_share"]
     assert step.metrics[0].tolist() == pytest.approx([4, 1, 3, 23 / 24])  # the first tick notices the sphere
 
 
@@ -109,7 +109,7 @@ def test_observation_has_its_22_values_in_order_and_units():
     assert game.observe()[0].observations[0][0].tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("locomotion", pointer.LOCOMOTIONS)
+@pytest.mark.parametrize("locomotion", LOCOMOTIONS)
 def test_spec_is_well_formed_and_observations_keep_to_its_bounds(locomotion):
     options = {**OPTIONS, "locomotion": locomotion}
     spec = BeastlyRivals.describe(options)
@@ -117,7 +117,7 @@ def test_spec_is_well_formed_and_observations_keep_to_its_bounds(locomotion):
     (behavior,) = spec.behaviors
     assert (spec.decision_interval, spec.tick_seconds, spec.max_episode_decisions) == (6, 0.02, 2000)
     assert [branch.name for branch in behavior.device.branches][-2:] == ["move", "blink"]
-    assert [channel.name for channel in CHANNELS] == list(r.CHANNELS)
+    assert [channel.name for channel in behavior.channels] == ["survival", "death", "early_blink"]
     assert (behavior.sensors[-1].name == "heading") == (locomotion == "steer")
     game, random = new_game(16, locomotion=locomotion, parameters={"beast_speed": 1.5}), np.random.default_rng(0)
     for _ in range(300):

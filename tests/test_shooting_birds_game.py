@@ -15,10 +15,9 @@ import pytest
 from joybridge.contract.codec import ActArrays, Codec
 from joybridge.contract.spec import check_spec
 from joybridge.contract.tensors import Array
+from joybridge.games.locomotion import LOCOMOTIONS
 from joybridge.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
-from joybridge.simulator import pointer
-from joybridge.simulator.randomness import BLOCK, integer, open_streams, reserve, restore_streams, save_streams, uniform
-from joybridge.simulator.trigonometry import cosine, sine
+from joybridge.simulator.randomness import BLOCK
 from tests.support.wire import pack_step
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
@@ -80,7 +79,7 @@ def saved(game: ShootingBirds) -> dict[str, Array]:
 # --------------------------------------------------------------------------------------------------- spec
 
 
-@pytest.mark.parametrize("locomotion", pointer.LOCOMOTIONS)
+@pytest.mark.parametrize("locomotion", LOCOMOTIONS)
 def test_every_choice_of_options_has_a_well_formed_spec_that_its_game_keeps(locomotion):
     by_name = {option.name: option for option in OPTIONS}
     assert list(by_name) == list(DEFAULTS) and {n: o.default_choice for n, o in by_name.items()} == DEFAULTS
@@ -296,7 +295,7 @@ def test_a_grid_cell_commands_a_velocity_towards_it(cell, speed, velocity):
     assert (game.arenas[0].vx, game.arenas[0].vy) == pytest.approx(velocity, abs=1e-9)
 
 
-@pytest.mark.parametrize("locomotion", pointer.LOCOMOTIONS)
+@pytest.mark.parametrize("locomotion", LOCOMOTIONS)
 def test_the_last_two_branches_are_shoot_and_reload(locomotion):
     game = new_game(locomotion=locomotion)
     axes, choices = neutral(ShootingBirds.describe({**DEFAULTS, "locomotion": locomotion}).behaviors[0])
@@ -525,10 +524,10 @@ def digest_of_a_short_run() -> str:
 
 
 def test_interpreted_rules_give_the_bytes_of_compiled_ones():
-    code = f"import {Path(__file__).stem} as tests; print(tests.digest_of_a_short_run())"
+    code = f"from tests.{Path(__file__).stem} import digest_of_a_short_run; print(digest_of_a_short_run())"
     run = subprocess.run(
         [sys.executable, "-c", code],
-        cwd=Path(__file__).parent,
+        cwd=Path(__file__).parents[1],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
         capture_output=True,
         text=True,
@@ -536,67 +535,6 @@ def test_interpreted_rules_give_the_bytes_of_compiled_ones():
     )
     assert run.returncode == 0, run.stderr
     assert run.stdout.split()[-1] == digest_of_a_short_run()
-
-
-@pytest.mark.parametrize(("ours", "theirs"), [(sine, math.sin), (cosine, math.cos)], ids=["sine", "cosine"])
-def test_sine_and_cosine_are_right_to_1e_12_up_to_1e4(ours, theirs):
-    angles = np.concatenate([np.linspace(-1e4, 1e4, 20_001), np.arange(-6366, 6367) * (math.pi / 2)])
-    expected = np.array([theirs(angle) for angle in angles])
-    assert abs(ours(angles) - expected).max() < 1e-12
-
-
-def test_sine_of_a_number_and_of_an_array_have_the_same_bits():
-    angles = np.linspace(-300.0, 300.0, 997)
-    assert np.array([sine(angle) for angle in angles]).tobytes() == sine(angles).tobytes()
-    assert np.array([cosine(angle) for angle in angles]).tobytes() == cosine(angles).tobytes()
-
-
-# -------------------------------------------------------------------------------------------- random streams
-
-
-def test_a_stream_depends_on_seed_and_arena_number_and_not_on_the_batch():
-    one, many = open_streams(5, 40, 1), open_streams(5, 0, 64)
-    blocks = set()
-    for _ in range(3):
-        assert one.values[0].tobytes() == many.values[40].tobytes()
-        blocks.add(one.values.tobytes())
-        for streams in (one, many):
-            streams.cursor[:] = BLOCK
-            reserve(streams, 1)
-    assert len(blocks) == 3 and len({values.tobytes() for values in many.values}) == 64
-    assert open_streams(6, 40, 1).values.tobytes() not in blocks
-
-
-def test_a_stream_moves_on_alone_to_its_next_block_when_it_is_short():
-    streams = open_streams(1, 0, 3)
-    before = streams.values.copy()
-    streams.cursor[:] = [0, BLOCK - 10, BLOCK - 9]
-    reserve(streams, 10)
-    assert streams.block.tolist() == [0, 0, 1] and streams.cursor.tolist() == [0, BLOCK - 10, 0]
-    assert (streams.values[:2] == before[:2]).all() and (streams.values[2] != before[2]).any()
-
-
-def test_draws_are_taken_in_order_and_scaled():
-    streams = open_streams(1, 0, 2)
-    first, second, third = streams.values[1, :3].tolist()
-    assert uniform(streams, 1, -2.0, 5.0) == -2 + 7 * first
-    assert integer(streams, 1, 3) == int(3 * second) and integer(streams, 1, 7) == int(7 * third)
-    assert streams.cursor.tolist() == [0, 3]
-    assert streams.values.min() >= 0.0 and streams.values.max() < 1.0
-    assert streams.values.mean() == pytest.approx(0.5, abs=0.05)
-
-
-def test_a_restored_stream_continues_where_it_was():
-    streams, other = open_streams(7, 3, 2), open_streams(8, 0, 2)
-    streams.cursor[:], streams.block[:] = [5, 100], [0, 3]
-    restore_streams(streams, save_streams(streams))
-    restore_streams(other, {name: values.copy() for name, values in save_streams(streams).items()})
-    assert other.values.tobytes() == streams.values.tobytes() and other.cursor.tolist() == [5, 100]
-    wanted = open_streams(7, 4, 1)
-    for _ in range(3):
-        wanted.cursor[:] = BLOCK
-        reserve(wanted, 1)
-    assert other.values[1].tobytes() == wanted.values[0].tobytes()
 
 
 # -------------------------------------------------------------------------------- baseline and pictures

@@ -9,6 +9,7 @@ import pytest
 
 from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds import rules as r
+from joybridge.games.shooting_birds.game import CHANNELS
 from joybridge.games.shooting_birds.levels import OBSTACLES, Obstacles
 from joybridge.games.shooting_birds.sensing import cast_rays, front
 from joybridge.simulator.randomness import open_streams, reserve
@@ -69,7 +70,7 @@ class Scene:
 
     def tick(self, velocity: Point = (0.0, 0.0), shoot: int = 0, reload: int = 0, count: int = 1) -> Array:
         """Advance by some ticks and return the sum of their rewards per channel."""
-        rewards = np.zeros((1, len(r.CHANNELS)))
+        rewards = np.zeros((1, len(CHANNELS)))
         for _ in range(count):
             reserve(self.streams, r.MOST_DRAWS)
             action = np.array([velocity], float), np.array([shoot], np.int32), np.array([reload], np.int32)
@@ -524,7 +525,7 @@ def test_in_the_original_a_hit_pays_by_the_size_that_the_replacing_bird_draws_th
 def test_in_the_original_a_hit_pays_1_on_average_and_each_size_a_third_of_the_time_whatever_was_hit(kind):
     arenas, streams = np.zeros(3000, r.ARENA).view(np.recarray), open_streams(8, 0, 3000)
     arenas.birds.kind, arenas.birds.z, arenas.ammo = kind, kind - 0.15, 8
-    rewards, press = np.zeros((3000, len(r.CHANNELS))), np.ones(3000, np.int32)
+    rewards, press = np.zeros((3000, len(CHANNELS))), np.ones(3000, np.int32)
     r.tick(arenas, streams, r.ORIGINAL, obstacles(), np.zeros((3000, 2)), press, 0 * press, rewards)
     assert [np.mean(rewards[:, HIT] == pay) for pay in PAY] == pytest.approx([1 / 3] * 3, abs=0.03)
     assert rewards[:, HIT].mean() == pytest.approx(1.0, abs=0.04)
@@ -632,7 +633,7 @@ def test_a_bird_that_replaces_one_flies_level_in_its_first_tick_and_moves_at_onc
 
 def test_there_are_always_ten_birds_within_the_edges():
     arenas, streams = np.zeros(20, r.ARENA).view(np.recarray), open_streams(2, 0, 20)
-    rules, rewards = r.ORIGINAL._replace(bird_speed=4.0), np.zeros((20, len(r.CHANNELS)))
+    rules, rewards = r.ORIGINAL._replace(bird_speed=4.0), np.zeros((20, len(CHANNELS)))
     r.begin(arenas, streams, rules, -1)
     press, replaced = np.ones(20, np.int32), 0
     for _ in range(500):

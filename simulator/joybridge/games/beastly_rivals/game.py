@@ -1,137 +1,128 @@
-"""Beastly Rivals Onslaught as the service runs it: its spec, and the step of many arenas."""
+"""Beastly Rivals Onslaught: its spec, its sensors, and one step of many arenas."""
 
 from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.tensors import Array
 from joybridge.games.beastly_rivals import rules as r
-from joybridge.simulator import BatchedGame, button, check_range, pointer, quiet_step
+from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
+from joybridge.games.pointer_game import PointerGame
+from joybridge.simulator import (
+    ActArrays,
+    Array,
+    StepArrays,
+    behavior,
+    button,
+    channel,
+    check_range,
+    metric,
+    option,
+    parameter,
+    sensor,
+    spec,
+)
 from joybridge.simulator.compiled import compiled
-from joybridge.simulator.randomness import Streams, open_streams, reserve, restore_streams, save_streams
+from joybridge.simulator.randomness import reserve
 from joybridge.v1 import bridge_pb2 as pb
 
-PLACE_UNIT, FAR_UNIT = 7.0, 10.0  # units of the position sensors: of what stays on the pitch, of what need not
-PICTURE_WIDTH, PICTURE_HEIGHT = 640, 480
+PLACE_UNIT, FAR_UNIT = 7.0, 10.0  # units of position sensors: of bodies on the pitch, and of those that may leave it
+PICTURE = (640, 480)  # width, height
 
 OPTIONS = [
-    pb.Option(
-        name="rules",
-        description="original: the paper's game with every quirk; corrected: a blink is tried once per decision, "
-        "the character arrives where it goes, episodes begin at rest, and overlaps at their beginning count",
-        choices=["original", "corrected"],
-        default_choice="original",
+    option(
+        "rules",
+        ["original", "corrected"],
+        description="original: the paper's game with all its quirks; corrected: a blink is tried once per decision, "
+        "the character stops at its goal, episodes begin at rest, and overlaps at their beginning count",
     ),
-    pointer.OPTION,
-    pb.Option(
-        name="slow_character",
-        description="whether the slow sphere slows the character, too; off in the original's game of two agents",
-        choices=["on", "off"],
-        default_choice="on",
+    LOCOMOTION_OPTION,
+    option(
+        "slow_character",
+        ["on", "off"],
+        description="whether the slow sphere also slows the character; off in the original's game of two agents",
     ),
 ]
 
 PARAMETERS = [
-    pb.Parameter(
-        name="beast_speed",
-        description="factor on the beast's speed: at the start, its growth and its limit",
-        low=0.0,
-        high=1.5,
-        default_value=1.0,
-    )
+    parameter("beast_speed", 0.0, 1.5, 1.0, "factor on the beast's speed: its initial value, growth and limit")
 ]
 
+MOTION = ["x", "z", "velocity x", "velocity z"]
 
-def _sensor(name: str, description: str, elements: list[str], low: list[float], high: list[float]) -> pb.Sensor:
-    return pb.Sensor(
-        name=name,
-        description=description,
-        dtype=pb.DTYPE_FLOAT32,
-        shape=[len(elements)],
-        elements=elements,
-        low=low,
-        high=high,
-    )
-
-
-# Cursor, character and sphere may be a little outside the pitch's boundary when they are observed. The beast
-# is not confined at all: its bounds are several times what it reaches.
+# Cursor, character and sphere may be slightly outside the pitch's boundary when they are observed. The beast is not
+# confined; its bounds are several times the values that it reaches.
 SENSORS = [
-    _sensor("blink", "the character's blink", ["cooldown", "ready"], [0.0], [1.0]),
-    _sensor("cursor", "the cursor's own motion", ["x", "z", "velocity x", "velocity z"], [-1.1], [1.1]),
-    _sensor("character", "the character's motion", ["x", "z", "velocity x", "velocity z"], [-1.1], [1.1]),
-    _sensor(
+    sensor("blink", [2], 0.0, 1.0, "the character's blink", elements=["cooldown", "ready"]),
+    sensor("cursor", [4], -1.1, 1.1, "position and velocity of the cursor", elements=MOTION),
+    sensor("character", [4], -1.1, 1.1, "position and velocity of the character", elements=MOTION),
+    sensor(
         "beast",
-        "the beast, and where the character is as seen from it",
-        ["character x", "character z", "x", "z", "velocity x", "velocity z", "speed", "accuracy"],
+        [8],
         [-10.0, -10.0, -10.0, -10.0, -1.6, -1.6, 0.0, 0.0],
         [10.0, 10.0, 10.0, 10.0, 1.6, 1.6, 1.6, 1.0],
+        "the beast, and the character's position relative to it",
+        elements=["character x", "character z", *MOTION, "speed", "accuracy"],
     ),
-    _sensor(
+    sensor(
         "slow_sphere",
-        "where the character is as seen from the slow sphere's center, and the sphere's motion",
-        ["character x", "character z", "velocity x", "velocity z"],
+        [4],
         [-2.2, -2.2, -1.1, -1.1],
         [2.2, 2.2, 1.1, 1.1],
+        "the character's position relative to the slow sphere's center, and the sphere's velocity",
+        elements=["character x", "character z", "velocity x", "velocity z"],
     ),
 ]
 
 CHANNELS = [
-    pb.RewardChannel(name="survival", description="+0.01 per tick", default_weight=1),
-    pb.RewardChannel(name="death", description="-1 when the beast touches the character", default_weight=1),
-    pb.RewardChannel(
-        name="early_blink", description="-0.025 per tick in which a blink is tried too early", default_weight=1
-    ),
+    channel("survival", 1.0, "+0.01 per tick"),
+    channel("death", 1.0, "-1 when the beast touches the character"),
+    channel("early_blink", 1.0, "-0.025 per tick in which a blink is tried too early"),
 ]
 
 METRICS = [
-    pb.Metric(name="survival", description="decisions lived; the paper's logs show one fewer"),
-    pb.Metric(name="blinks", description="successful blinks"),
-    pb.Metric(name="clicks", description="decisions with move or blink pressed"),
-    pb.Metric(name="slow_share", description="share of the ticks in which the slow sphere slowed the character"),
+    metric("survival", "decisions survived; the paper's logs show one fewer"),
+    metric("blinks", "successful blinks"),
+    metric("clicks", "decisions with move or blink pressed"),
+    metric("slow_share", "fraction of the ticks in which the slow sphere slowed the character"),
 ]
 
 
-class BeastlyRivals(BatchedGame):
+class BeastlyRivals(PointerGame):
     """A character led by a cursor, a beast that hunts it, a sphere that slows. One behavior, one agent per arena."""
 
-    name: ClassVar[str] = "beastly_rivals"
-    options: ClassVar[list[pb.Option]] = OPTIONS
-    description: ClassVar[str] = "Lead a character away from a beast that grows faster: click to walk, blink to escape."
+    name = "beastly_rivals"
+    description = "Lead a character away from a beast that grows faster: click to walk, blink to escape."
+    options = OPTIONS
+    arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
+    parameters, sensors, channels = PARAMETERS, SENSORS, CHANNELS
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec; `locomotion` changes the device, and `steer` adds a sensor."""
-        locomotion = pointer.LOCOMOTIONS[options["locomotion"]]
-        survivor = pb.Behavior(
-            name="survivor",
+        """Return the spec. The option `locomotion` changes the device; `steer` adds a sensor."""
+        locomotion = LOCOMOTIONS[options["locomotion"]]
+        survivor = behavior(
+            "survivor",
             description="the cursor, and the character that it leads; the ground is x-z, so the pointer's y is z",
-            agents_per_arena=1,
-            sensors=SENSORS + ([pointer.HEADING_SENSOR] if options["locomotion"] == "steer" else []),
-            device=pb.Device(
-                axes=locomotion.axes,
-                branches=[
-                    *locomotion.branches,
-                    button("move", "send the character to the cursor"),
-                    button("blink", "put the character at the cursor; a success ends the walk"),
-                ],
-            ),
+            sensors=[*SENSORS, *locomotion.sensors],
+            axes=locomotion.axes,
+            branches=[
+                *locomotion.branches,
+                button("move", "send the character to the cursor"),
+                button("blink", "put the character at the cursor; success ends its walk"),
+            ],
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return pb.GameSpec(
-            name=cls.name,
-            description=cls.description,
-            options=OPTIONS,
+        return spec(
+            cls,
+            [survivor],
             parameters=PARAMETERS,
-            behaviors=[survivor],
             decision_interval=r.DECISION_TICKS,
             tick_seconds=r.TICK,
             max_episode_decisions=r.CLOCK_TICKS // r.DECISION_TICKS,
             max_arenas=4096,
-            picture=pb.PictureSize(width=PICTURE_WIDTH, height=PICTURE_HEIGHT),
+            picture=PICTURE,
             snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
         )
 
@@ -141,28 +132,14 @@ class BeastlyRivals(BatchedGame):
         """Begin a first episode in every arena."""
         rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
         self.rules = rules._replace(slow_character=options["slow_character"] == "on")
-        self.steers = options["locomotion"] == "steer"
-        self.locomotion = pointer.LOCOMOTIONS[options["locomotion"]]
-        self.first_arena = first_arena
-        self.arenas = np.zeros(arenas, r.ARENA).view(np.recarray)
-        self.fields = self.arenas.view(np.ndarray)  # the same memory: looking up a recarray's attributes is slow
-        self.streams: Streams
-        self._begin(seed, parameters)
+        super().__init__(options, parameters, arenas, first_arena, seed)
 
-    def _begin(self, seed: int, parameters: Mapping[str, float]) -> None:
-        self._set(parameters)
-        self.streams = open_streams(seed, self.first_arena, len(self.arenas))
+    def begin(self) -> None:
+        """Fill all arenas as at the start of the program, with a first episode each."""
         r.begin(self.arenas, self.streams, self.rules)
 
-    def _set(self, parameters: Mapping[str, float]) -> None:
-        self.rules = self.rules._replace(beast_speed=parameters.get("beast_speed", self.rules.beast_speed))
-
-    def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
-        """Begin new episodes everywhere, and the clock; see BatchedGame."""
-        if seed is not None:
-            self._begin(seed, parameters)
-            return
-        self._set(parameters)
+    def begin_episodes(self) -> None:
+        """Begin a new episode in every arena, and set the clock to 0."""
         self.arenas.clock = 0
         self._begin_episodes(np.ones(len(self.arenas), bool))
 
@@ -170,14 +147,10 @@ class BeastlyRivals(BatchedGame):
         reserve(self.streams, r.MOST_DRAWS)
         r.begin_episodes(self.arenas, self.streams, self.rules, which)
 
-    def observe(self) -> list[StepArrays]:
-        """Return the present observations, with zero rewards and no ends."""
-        return [quiet_step(self._observations(), len(CHANNELS))]
-
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision.
 
-        A death restarts its arena alone, inside the running clock; at the clock's end all start over.
+        A death begins a new episode in its arena only, and the clock continues; at the clock's end all begin anew.
         """
         (act,) = acts
         arenas = self.arenas
@@ -186,7 +159,7 @@ class BeastlyRivals(BatchedGame):
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.decide(arenas, self.streams, self.rules, velocity, move, blink, rewards)
-        observations = self._observations()
+        observations = self.observations()
         terminated = self.fields["dead"].copy()
         truncated = (self.fields["clock"] >= r.CLOCK_TICKS) & ~terminated
         step = StepArrays(observations, rewards.astype(np.float32), terminated, truncated)
@@ -196,13 +169,12 @@ class BeastlyRivals(BatchedGame):
             step.final_observations = [sensor[ends] for sensor in observations]
             step.metrics = self._metrics()[ends]
             self._begin_episodes(ends)
-            step.observations = self._observations()
+            step.observations = self.observations()
         return [step]
 
-    def _observations(self) -> list[Array]:
-        sensors = [np.empty((len(self.arenas), *sensor.shape), np.float32) for sensor in SENSORS]
-        _observe(self.arenas, *sensors)
-        return [*sensors, pointer.observe_heading(self.fields["heading"])] if self.steers else sensors
+    def write_sensors(self, *values: Array) -> None:
+        """Write the values of every sensor."""
+        _observe(self.arenas, *values)
 
     def _metrics(self) -> Array:
         arenas = self.arenas
@@ -211,22 +183,13 @@ class BeastlyRivals(BatchedGame):
         return np.stack([survival, arenas.blinks, arenas.clicks, slow_share], axis=1).astype(np.float32)
 
     def draw(self, arena: int) -> Array:
-        """Return a picture of one arena."""
-        from joybridge.games.beastly_rivals.drawing import draw  # pygame stays off the stepping path
+        """Return a picture of one arena, uint8 [height, width, 3]."""
+        from joybridge.games.beastly_rivals.drawing import draw  # imported here because only pictures need pygame
 
-        return draw(self.arenas[arena], PICTURE_WIDTH, PICTURE_HEIGHT)
+        return draw(self.arenas[arena], *PICTURE)
 
-    def save(self) -> dict[str, Array]:
-        """Return arenas and random streams."""
-        return {
-            "arenas": np.frombuffer(self.arenas.tobytes(), np.uint8).reshape(len(self.arenas), -1),
-            **save_streams(self.streams),
-            "beast_speed": np.array([self.rules.beast_speed]),
-        }
-
-    def restore(self, state: Mapping[str, Array]) -> None:
-        """Take back what `save` returned. Raises ValueError for a state that no game can be in."""
-        arenas = np.frombuffer(state["arenas"].tobytes(), r.ARENA)
+    def check_arenas(self, arenas: Array) -> None:
+        """Raise ValueError for arenas in a state that cannot occur."""
         for body in ("cursor", "character", "beast", "sphere"):
             for field in ("x", "z", "vx", "vz"):
                 check_range(f"{body} {field}", arenas[body][field], -1e6, 1e6)
@@ -240,10 +203,6 @@ class BeastlyRivals(BatchedGame):
         check_range("timer", arenas["timer"], 0.0, r.SPHERE_TURN_SECONDS + 1.0)
         check_range("speed", arenas["speed"], 0.0, r.SPEED_LIMIT * PARAMETERS[0].high)
         check_range("accuracy", arenas["accuracy"], 0.0, r.ACCURACY_LIMIT)
-        check_range("beast_speed", state["beast_speed"], PARAMETERS[0].low, PARAMETERS[0].high)
-        restore_streams(self.streams, state)
-        self.arenas[:] = arenas
-        self._set({"beast_speed": float(state["beast_speed"][0])})
 
 
 @compiled

@@ -40,11 +40,8 @@ SPHERE_RADIUS, SPHERE_SPEED = 3.0, 0.75
 SPHERE_TURN_SECONDS, SPHERE_PULL, SPHERE_INERTIA = 3.0, 0.8, 0.2
 SLOWEST, BEAST_EASE = 0.5, 0.1  # least share of speed left in the sphere; what the beast's share has on top
 
-CHANNELS = ("survival", "death", "early_blink")
-SURVIVAL, DEATH, EARLY_BLINK = range(3)
+SURVIVAL, DEATH, EARLY_BLINK = range(3)  # reward channels
 SURVIVAL_REWARD, DEATH_REWARD, EARLY_BLINK_REWARD = 0.01, -1.0, -0.025
-
-METRICS = ("survival", "blinks", "clicks", "slow_share")
 
 
 class Rules(NamedTuple):

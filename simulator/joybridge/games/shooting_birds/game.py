@@ -1,133 +1,120 @@
-"""Shooting Birds as the service runs it: its spec, and the step of many arenas."""
+"""Shooting Birds: its spec, its sensors, and one step of many arenas."""
 
 from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.tensors import Array
+from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
+from joybridge.games.pointer_game import PointerGame
 from joybridge.games.shooting_birds import rules as r
 from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES
 from joybridge.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
-from joybridge.simulator import BatchedGame, button, check_range, pointer, quiet_step
+from joybridge.simulator import (
+    ActArrays,
+    Array,
+    StepArrays,
+    behavior,
+    button,
+    channel,
+    check_range,
+    metric,
+    option,
+    parameter,
+    sensor,
+    spec,
+)
 from joybridge.simulator.compiled import compiled
-from joybridge.simulator.randomness import Streams, open_streams, reserve, restore_streams, save_streams
+from joybridge.simulator.randomness import reserve
 from joybridge.v1 import bridge_pb2 as pb
 
-REACH_X, REACH_Y = 17.715, 10.215  # where the crosshair rests against a wall: the position sensor's units
-PICTURE_WIDTH, PICTURE_HEIGHT = 640, 400
+REACH_X, REACH_Y = 17.715, 10.215  # position of the crosshair when it rests against a wall: units of its sensor
+PICTURE = (640, 400)  # width, height
 
 OPTIONS = [
-    pb.Option(
-        name="rules",
-        description="original: the paper's game with every quirk; corrected: a hit pays by the size of the bird "
-        "that was hit, the ammo sensor is a ratio, positions count from the arena's center",
-        choices=["original", "corrected"],
-        default_choice="original",
+    option(
+        "rules",
+        ["original", "corrected"],
+        description="original: the paper's game with all its quirks; corrected: a hit pays for the size of the bird "
+        "that was hit, the ammo sensor is a ratio, positions are relative to the arena's center",
     ),
-    pointer.OPTION,
-    pb.Option(
-        name="level",
-        description="the obstacles: a random level each episode, or always the same",
-        choices=["random", *map(str, range(LEVELS))],
-        default_choice="random",
+    LOCOMOTION_OPTION,
+    option(
+        "level",
+        ["random", *map(str, range(LEVELS))],
+        description="the obstacles: a random level in each episode, or always the same",
     ),
 ]
 
-PARAMETERS = [
-    pb.Parameter(
-        name="bird_speed", description="factor on the speed of new birds", low=0.0, high=4.0, default_value=1.0
-    )
-]
-
-
-def _sensor(name: str, description: str, shape: list[int], elements: list[str], low: float) -> pb.Sensor:
-    return pb.Sensor(
-        name=name,
-        description=description,
-        dtype=pb.DTYPE_FLOAT32,
-        shape=shape,
-        elements=elements,
-        low=[low],
-        high=[2.0],
-    )
-
+PARAMETERS = [parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds")]
 
 SENSORS = [
-    _sensor("gun", "the gun", [2], ["loaded", "ammo"], 0.0),
-    _sensor(
-        "crosshair", "the crosshair's own motion", [5],
-        ["x", "y", "direction x", "direction y", "speed"], -2.0,
+    sensor("gun", [2], 0.0, 2.0, "the gun", elements=["loaded", "ammo"]),
+    sensor(
+        "crosshair", [5], -2.0, 2.0, "position and velocity of the crosshair",
+        elements=["x", "y", "direction x", "direction y", "speed"],
     ),
-    _sensor(
-        "rays", "twelve rays, 30° apart, counter-clockwise from +x; -1: nothing met", [RAYS, 3],
-        [f"{30 * k}° {what}" for k in range(RAYS) for what in ("bird", "bird's size", "obstacle")], -1.0,
+    sensor(
+        "rays", [RAYS, 3], -1.0, 2.0, "twelve rays, 30° apart, counter-clockwise from +x; -1: nothing hit",
+        elements=[f"{30 * k}° {what}" for k in range(RAYS) for what in ("bird", "bird's size", "obstacle")],
     ),
-    _sensor("hovered", "what is in front under the crosshair: 1 bird, -1 obstacle, 0 nothing", [1], ["hovered"], -1.0),
+    sensor(
+        "hovered", [1], -1.0, 2.0, "what is in front under the crosshair: 1 bird, -1 obstacle, 0 nothing",
+        elements=["hovered"],
+    ),
 ]  # fmt: skip
 
 CHANNELS = [
-    pb.RewardChannel(
-        name="hit", description="+0.25, +0.75 or +2 for a large, medium or small bird shot", default_weight=1
-    ),
-    pb.RewardChannel(name="miss", description="-0.1 for a shot at an obstacle or at nothing", default_weight=1),
-    pb.RewardChannel(name="dry_shot", description="-1 for a shot of an empty gun", default_weight=1),
-    pb.RewardChannel(name="reload", description="minus the share of the magazine thrown away", default_weight=1),
-    pb.RewardChannel(
-        name="aimed_hit",
-        description="+0.25, +0.75 or +2 for a shot aimed at a bird, by its true size",
-        default_weight=0,
-    ),
-    pb.RewardChannel(name="aimed_miss", description="-0.1 for a shot aimed at anything else", default_weight=0),
+    channel("hit", 1.0, "+0.25, +0.75 or +2 for a large, medium or small bird shot"),
+    channel("miss", 1.0, "-0.1 for a shot at an obstacle or at nothing"),
+    channel("dry_shot", 1.0, "-1 for a shot with an empty gun"),
+    channel("reload", 1.0, "minus the fraction of the magazine that is thrown away"),
+    channel("aimed_hit", 0.0, "+0.25, +0.75 or +2 for a shot aimed at a bird, by its true size"),
+    channel("aimed_miss", 0.0, "-0.1 for a shot aimed at anything else"),
 ]
 
 METRICS = [
-    pb.Metric(name="click_accuracy", description="hits / shots; 0 without shots"),
-    pb.Metric(name="shots", description="shots with ammo"),
-    pb.Metric(name="hits", description="birds shot"),
-    pb.Metric(name="reloads", description="reloads, of empty and other magazines"),
+    metric("click_accuracy", "hits / shots; 0 without shots"),
+    metric("shots", "shots with ammo"),
+    metric("hits", "birds shot"),
+    metric("reloads", "reloads, of empty and other magazines"),
 ]
 
 
-class ShootingBirds(BatchedGame):
-    """A crosshair, ten birds, and trees and barns in the way. One behavior, one agent per arena."""
+class ShootingBirds(PointerGame):
+    """A crosshair, ten birds, and trees and barns in front of them. One behavior, one agent per arena."""
 
-    name: ClassVar[str] = "shooting_birds"
-    options: ClassVar[list[pb.Option]] = OPTIONS
-    description: ClassVar[str] = "Aim a crosshair at birds that fly past trees and barns, shoot, and mind the ammo."
+    name = "shooting_birds"
+    description = "Aim a crosshair at birds that fly past trees and barns, shoot, and mind the ammo."
+    options = OPTIONS
+    arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
+    parameters, sensors, channels = PARAMETERS, SENSORS, CHANNELS
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec; `locomotion` changes the device, and `steer` adds a sensor."""
-        locomotion = pointer.LOCOMOTIONS[options["locomotion"]]
-        hunter = pb.Behavior(
-            name="hunter",
+        """Return the spec. The option `locomotion` changes the device; `steer` adds a sensor."""
+        locomotion = LOCOMOTIONS[options["locomotion"]]
+        hunter = behavior(
+            "hunter",
             description="the crosshair and the gun",
-            agents_per_arena=1,
-            sensors=SENSORS + ([pointer.HEADING_SENSOR] if options["locomotion"] == "steer" else []),
-            device=pb.Device(
-                axes=locomotion.axes,
-                branches=[
-                    *locomotion.branches,
-                    button("shoot", "shoot at what is under the crosshair"),
-                    button("reload", "fill the magazine, after the shot if both are pressed"),
-                ],
-            ),
+            sensors=[*SENSORS, *locomotion.sensors],
+            axes=locomotion.axes,
+            branches=[
+                *locomotion.branches,
+                button("shoot", "shoot at what is under the crosshair"),
+                button("reload", "fill the magazine, after the shot if both are pressed"),
+            ],
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return pb.GameSpec(
-            name=cls.name,
-            description=cls.description,
-            options=OPTIONS,
+        return spec(
+            cls,
+            [hunter],
             parameters=PARAMETERS,
-            behaviors=[hunter],
-            decision_interval=1,
             tick_seconds=r.TICK,
             max_episode_decisions=r.EPISODE_TICKS,
             max_arenas=4096,
-            picture=pb.PictureSize(width=PICTURE_WIDTH, height=PICTURE_HEIGHT),
+            picture=PICTURE,
             snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
         )
 
@@ -136,39 +123,20 @@ class ShootingBirds(BatchedGame):
     ) -> None:
         """Begin a first episode in every arena."""
         self.rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
-        self.steers = options["locomotion"] == "steer"
-        self.locomotion = pointer.LOCOMOTIONS[options["locomotion"]]
         self.fixed_level = -1 if options["level"] == "random" else int(options["level"])
-        self.first_arena = first_arena
-        self.arenas = np.zeros(arenas, r.ARENA).view(np.recarray)
-        self.fields = self.arenas.view(np.ndarray)  # the same memory: looking up a recarray's attributes is slow
-        self.streams: Streams
-        self._begin(seed, parameters)
+        super().__init__(options, parameters, arenas, first_arena, seed)
 
-    def _begin(self, seed: int, parameters: Mapping[str, float]) -> None:
-        self._set(parameters)
-        self.streams = open_streams(seed, self.first_arena, len(self.arenas))
+    def begin(self) -> None:
+        """Fill all arenas as at the start of the program, with a first episode each."""
         r.begin(self.arenas, self.streams, self.rules, self.fixed_level)
 
-    def _set(self, parameters: Mapping[str, float]) -> None:
-        if "bird_speed" in parameters:
-            self.rules = self.rules._replace(bird_speed=parameters["bird_speed"])
-
-    def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
-        """Begin new episodes everywhere; see BatchedGame."""
-        if seed is not None:
-            self._begin(seed, parameters)
-            return
-        self._set(parameters)
+    def begin_episodes(self) -> None:
+        """Begin a new episode in every arena; the birds fly on."""
         reserve(self.streams, r.MOST_DRAWS)
         r.begin_episodes(self.arenas, self.streams)
 
-    def observe(self) -> list[StepArrays]:
-        """Return the present observations, with zero rewards and no ends."""
-        return [quiet_step(self._observations(), len(CHANNELS))]
-
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
-        """Advance every arena by one tick; all episodes end together, truncated."""
+        """Advance every arena by one tick. All episodes end together, truncated."""
         (act,) = acts
         arenas = self.arenas
         velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
@@ -176,63 +144,44 @@ class ShootingBirds(BatchedGame):
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.tick(arenas, self.streams, self.rules, OBSTACLES, velocity, shoot, reload, rewards)
-        observations = self._observations()
+        observations = self.observations()
         truncated = self.fields["tick"] >= r.EPISODE_TICKS
         step = StepArrays(observations, rewards.astype(np.float32), np.zeros(len(arenas), bool), truncated)
-        if truncated.any():  # then all of them: arenas share one clock
+        if truncated.any():  # then all are: the arenas' episodes have the same tick
             step.ended = np.arange(len(arenas), dtype=np.int32)
             step.final_observations = observations
             step.metrics = self._metrics()
             r.begin_episodes(arenas, self.streams)
-            step.observations = self._observations()
+            step.observations = self.observations()
         return [step]
 
-    def _observations(self) -> list[Array]:
-        arenas = self.arenas
-        gun = np.empty((len(arenas), 2), np.float32)
-        crosshair = np.empty((len(arenas), 5), np.float32)
-        rays = np.empty((len(arenas), RAYS, 3), np.float32)
-        hovered = np.empty((len(arenas), 1), np.float32)
-        _observe(arenas, self.rules, OBSTACLES, gun, crosshair, rays, hovered)
-        sensors = [gun, crosshair, rays, hovered]
-        return [*sensors, pointer.observe_heading(self.fields["heading"])] if self.steers else sensors
+    def write_sensors(self, *values: Array) -> None:
+        """Write the values of every sensor."""
+        _observe(self.arenas, self.rules, OBSTACLES, *values)
 
     def _metrics(self) -> Array:
         shots, hits, reloads = self.arenas.shots, self.arenas.hits, self.arenas.reloads
         return np.stack([hits / np.maximum(shots, 1), shots, hits, reloads], axis=1).astype(np.float32)
 
     def draw(self, arena: int) -> Array:
-        """Return a picture of one arena."""
-        from joybridge.games.shooting_birds.drawing import draw  # pygame stays off the stepping path
+        """Return a picture of one arena, uint8 [height, width, 3]."""
+        from joybridge.games.shooting_birds.drawing import draw  # imported here because only pictures need pygame
 
-        return draw(self.arenas[arena], PICTURE_WIDTH, PICTURE_HEIGHT)
+        return draw(self.arenas[arena], *PICTURE)
 
-    def save(self) -> dict[str, Array]:
-        """Return arenas and random streams."""
-        return {
-            "arenas": np.frombuffer(self.arenas.tobytes(), np.uint8).reshape(len(self.arenas), -1),
-            **save_streams(self.streams),
-            "bird_speed": np.array([self.rules.bird_speed]),
-        }
-
-    def restore(self, state: Mapping[str, Array]) -> None:
-        """Take back what `save` returned. Raises ValueError for a state that no game can be in."""
-        arenas = np.frombuffer(state["arenas"].tobytes(), r.ARENA)
+    def check_arenas(self, arenas: Array) -> None:
+        """Raise ValueError for arenas in a state that cannot occur."""
         check_range("level", arenas["level"], 0, LEVELS - 1)
         check_range("ammo", arenas["ammo"], 0, r.MAGAZINE)
         check_range("tick", arenas["tick"], 0, r.EPISODE_TICKS - 1)
         if (arenas["tick"] != arenas["tick"][0]).any():
-            raise ValueError("arenas are in different ticks of their episodes, which they share")
+            raise ValueError("tick differs between arenas, but all episodes begin and end together")
         check_range("fixed level", arenas["fixed_level"], self.fixed_level, self.fixed_level)
         check_range("bird size", arenas["birds"]["kind"], 0, 2)
         for field in ("x", "y", "vx", "vy", "heading"):
             check_range(field, arenas[field], -1e6, 1e6)
         for field in ("x", "y", "z", "vx", "vy", "phase"):
             check_range(f"bird {field}", arenas["birds"][field], -1e6, 1e6)
-        check_range("bird_speed", state["bird_speed"], 0.0, 4.0)
-        restore_streams(self.streams, state)
-        self.arenas[:] = arenas
-        self._set({"bird_speed": float(state["bird_speed"][0])})
 
 
 @compiled

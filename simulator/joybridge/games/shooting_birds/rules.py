@@ -29,8 +29,7 @@ PUSH_PASSES, PUSH_SHARE, PUSH_MOST = 3, 0.2, 0.2  # the contact solver's correct
 SPAWN_LEFT, SPAWN_RIGHT, SPAWN_LOW, SPAWN_HIGH = -19.7, 19.6, -8.48, 8.26
 SLOWEST, FASTEST, BIRD_LIMIT_X = 1.5, 6.0, 20.0
 
-CHANNELS = ("hit", "miss", "dry_shot", "reload", "aimed_hit", "aimed_miss")
-HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
+HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)  # reward channels
 SIZE_REWARD = np.array([0.25, 0.75, 2.0])  # large, medium, small
 MISS_REWARD, DRY_SHOT_REWARD = -0.1, -1.0
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from joybridge.games.beastly_rivals import rules as r
+from joybridge.games.beastly_rivals.game import CHANNELS
 from joybridge.simulator.randomness import open_streams, reserve
 
 SURVIVAL, DEATH, EARLY_BLINK = range(3)
@@ -32,7 +33,7 @@ class Scene:
 
     def tick(self, count=1, velocity=(0.0, 0.0), move=0, blink=0):
         """Advance by some ticks and return the sum of their rewards."""
-        rewards = np.zeros((1, len(r.CHANNELS)))
+        rewards = np.zeros((1, len(CHANNELS)))
         for _ in range(count):
             reserve(self.streams, r.MOST_DRAWS)
             action = np.array([velocity], float), np.array([move]), np.array([blink])

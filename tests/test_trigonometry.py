@@ -1,0 +1,21 @@
+"""Sine and cosine: their precision, and the same bits for numbers and arrays."""
+
+import math
+
+import numpy as np
+import pytest
+
+from joybridge.simulator.trigonometry import cosine, sine
+
+
+@pytest.mark.parametrize(("ours", "theirs"), [(sine, math.sin), (cosine, math.cos)], ids=["sine", "cosine"])
+def test_sine_and_cosine_are_right_to_1e_12_up_to_1e4(ours, theirs):
+    angles = np.concatenate([np.linspace(-1e4, 1e4, 20_001), np.arange(-6366, 6367) * (math.pi / 2)])
+    expected = np.array([theirs(angle) for angle in angles])
+    assert abs(ours(angles) - expected).max() < 1e-12
+
+
+def test_sine_of_a_number_and_of_an_array_have_the_same_bits():
+    angles = np.linspace(-300.0, 300.0, 997)
+    assert np.array([sine(angle) for angle in angles]).tobytes() == sine(angles).tobytes()
+    assert np.array([cosine(angle) for angle in angles]).tobytes() == cosine(angles).tobytes()
