@@ -1,4 +1,4 @@
-"""The page about the paper: what it reads, how claims are judged, each way, and what it writes."""
+"""The report about the paper: which results it reads, how claims are judged, and what it writes."""
 
 import csv
 import json
@@ -9,17 +9,15 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tools.paper.claims import Claim, make_claims
+from tools.paper.claims import COMPARISONS, Behavior, Judged, judge_claims, judge_logs
 from tools.paper.original import original_curve, original_ends, original_point, paper_figures
-from tools.paper.page import last_ten, place, write_report
+from tools.paper.page import BEGIN, CAPTIONS, README, RESULTS, page_text, readme_text, write_report
 from tools.paper.runs import (
     COMPLETE,
     MARK,
     Experiment,
     Results,
     Run,
-    interquartile_mean,
-    interval,
     main_policy,
     read_results,
 )
@@ -29,15 +27,17 @@ from tools.paper.statistics import (
     UNDECIDED,
     UNTESTED,
     Sample,
+    above,
     alike,
-    beats,
     differ,
+    interquartile_mean,
+    interval,
     margin,
     pooled,
     sample,
     steadier,
-    trails,
 )
+from tools.paper.tables import last_ten, place
 
 EARLY = 10 * MARK  # 3 M
 
@@ -65,8 +65,10 @@ def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPL
     return results
 
 
-def claim(text: str, game: str) -> Claim:
-    (found,) = [claim for claim in make_claims() if claim.text.startswith(text) and claim.game == game]
+def judge(text: str, game: str, results: Results, behavior: Behavior | None = None) -> Judged:
+    """Return the claim of a game that begins with a text, judged."""
+    judged = judge_claims(results, behavior or {})
+    (found,) = [claim for claim in judged if claim.text.startswith(text) and claim.game == game]
     return found
 
 
@@ -92,7 +94,7 @@ def test_runs_of_one_seed_that_begin_differently_are_different_runs(tmp_path):
     assert [run.end for run in experiment.complete] == [COMPLETE]
 
 
-def test_the_two_agents_are_told_apart_and_rounded_transitions_find_their_mark(tmp_path):
+def test_the_two_agents_are_told_apart_and_rounded_timesteps_find_their_mark(tmp_path):
     write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-axes", [float(n) for n in range(1, 101)])
     write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-buttons", [5.0] * 100)
     results = read_results(tmp_path)
@@ -114,13 +116,13 @@ def test_runs_alone_count_for_speed_and_for_nothing_else(tmp_path):
     assert [run.complete_hours for run in axes.alone] == [pytest.approx(COMPLETE / 40_000 / 3600)]
 
 
-def test_files_that_have_only_begun_and_folders_that_are_no_results_are_passed_over(tmp_path):
+def test_files_without_rows_and_folders_of_other_names_are_ignored(tmp_path):
     write_run(tmp_path, "3M", "shooting_birds/bucket-3-s0", [])
     write_run(tmp_path, "pictures", "shooting_birds/bucket-11-s0", [1.0])
     assert read_results(tmp_path) == {}
 
 
-def test_the_interval_of_one_run_is_not_invented_and_of_several_holds_their_mean():
+def test_one_run_has_no_interval_and_the_interval_of_several_contains_their_mean():
     assert interval([5.0]) is None
     low, high = interval([1.0, 2.0, 6.0]) or (0.0, 0.0)
     assert 1.0 <= low < 3.0 < high <= 6.0
@@ -152,50 +154,51 @@ def test_the_originals_figures_are_there_for_every_experiment_of_the_paper():
 # How rules decide
 
 
-def samples(*means: float, spread: float = 3.0, runs: int = 3) -> list[Sample]:
-    return [Sample(mean, spread, runs, runs - 1) for mean in means]
+def samples(*means: float, std: float = 3.0, runs: int = 3) -> list[Sample]:
+    return [Sample(mean, std, runs, runs - 1) for mean in means]
 
 
 @pytest.mark.parametrize(
     ("rule", "means", "word"),
     [
-        (beats, (20, 10, 12), HOLDS),
-        (beats, (20, 10, 19), UNDECIDED),
-        (beats, (20, 10, 40), FAILS),
-        (trails, (10, 20, 30), HOLDS),
-        (trails, (10, 20, 11), UNDECIDED),
-        (trails, (10, 20, 0), FAILS),
-        (alike, (10, 11, 12), HOLDS),
-        (alike, (10, 11, 30), FAILS),
+        (above, [(20,), (10, 12)], HOLDS),
+        (above, [(20,), (10, 19)], UNDECIDED),
+        (above, [(20,), (10, 40)], FAILS),
+        (above, [(20, 30), (10,)], HOLDS),
+        (above, [(20, 11), (10,)], UNDECIDED),
+        (above, [(20, 0), (10,)], FAILS),
+        (alike, [(10, 11), (12,)], HOLDS),
+        (alike, [(10, 11, 30), ()], FAILS),
     ],
 )
-def test_means_are_compared_beyond_their_noise(rule, means, word):
-    assert rule(samples(*means)) == word
+def test_means_differ_only_beyond_their_margin(rule, means, word):
+    first, second = (samples(*each) for each in means)
+    assert rule(first, second) == word
 
 
-def test_what_is_noisy_cannot_be_called_alike():
-    assert alike(samples(10, 11, spread=20)) == UNDECIDED
-    assert alike(samples(10, 19, spread=4)) == UNDECIDED  # they may well differ by more than ten points
+def test_means_with_a_large_standard_deviation_are_not_alike():
+    assert alike(samples(10, 11, std=20), []) == UNDECIDED
+    assert alike(samples(10, 19, std=4), []) == UNDECIDED  # the interval of the difference exceeds ten points
 
 
-def test_the_fewer_runs_the_further_apart_their_means_must_be():
-    one, other = samples(10, 20, spread=4)
+def test_fewer_runs_have_a_larger_margin():
+    one, other = samples(10, 20, std=4)
     assert margin(one, other) == pytest.approx(9.067, abs=1e-3)  # t of 4 degrees of freedom at 97.5 %: 2.776
-    assert margin(*samples(10, 20, spread=4, runs=10)) == pytest.approx(3.758, abs=1e-3)  # 18: 2.101
+    assert margin(*samples(10, 20, std=4, runs=10)) == pytest.approx(3.758, abs=1e-3)  # 18: 2.101
     assert margin(one, Sample(1.0, 0.0, 3, 0)) == pytest.approx(9.937, abs=1e-3)  # 2: 4.303; the other is exact
-    assert margin(*samples(1, 2, spread=0)) == 0.0
+    assert margin(*samples(1, 2, std=0)) == 0.0
 
 
-def test_the_scatter_of_a_few_runs_is_pooled_with_that_of_many():
+def test_the_standard_deviation_of_a_few_runs_is_pooled_with_that_of_many():
     both = pooled(sample([10.0, 14.0]), Sample(50.0, 4.0, 10, 9))
     assert (both.mean, both.runs, both.freedom) == (12.0, 2, 10)
-    assert both.spread == pytest.approx(math.sqrt((8.0 + 9 * 16.0) / 10))
+    assert both.std == pytest.approx(math.sqrt((8.0 + 9 * 16.0) / 10))
     assert pooled(sample([10.0]), Sample(50.0, 4.0, 10, 9)) == Sample(10.0, 4.0, 1, 9)
 
 
 @pytest.mark.parametrize(("calm", "wild", "word"), [(1, 10, HOLDS), (3, 3, UNDECIDED), (10, 1, FAILS)])
-def test_stability_compares_the_scatter_of_runs(calm, wild, word):
-    assert steadier(samples(1, 2, 3, spread=calm), samples(1, 2, 3, spread=wild)) == word
+def test_stability_compares_variances(calm, wild, word):
+    assert steadier(samples(1, 2, 3, std=calm), samples(1, 2, 3, std=wild)) == word
 
 
 @pytest.mark.parametrize(("reward", "word"), [(10.0, "inside"), (14.0, "above"), (5.0, "**below**")])
@@ -213,60 +216,60 @@ BUCKET_WINS = ("The bucket approach scores higher than the threshold", "shooting
 )
 def test_scores_of_complete_runs_decide(bucket, threshold, word):
     results = made_up("shooting_birds", {"bucket-11": [bucket], "threshold-0.0": [threshold]})
-    verdict = claim(*BUCKET_WINS).judge(results, {})
+    verdict = judge(*BUCKET_WINS, results).here
     assert (verdict.word, verdict.where) == (word, "at 30 M")
     assert f"bucket-11 {bucket:.1f} (1), threshold-0.0 {threshold:.1f} (1)" in verdict.evidence
-    assert "the original there bucket-11 137.6 ± 2.8 (10)" in verdict.evidence
+    assert "the original bucket-11 137.6 ± 2.8 (10)" in verdict.evidence
 
 
-def test_short_runs_do_not_decide_what_the_original_shows_only_later():
+def test_short_runs_do_not_decide_a_claim_that_the_original_shows_only_later():
     results = made_up("shooting_birds", {"bucket-11": [200.0], "threshold-0.0": [10.0]}, EARLY)
-    verdict = claim(*BUCKET_WINS).judge(results, {})
+    verdict = judge(*BUCKET_WINS, results).here
     assert verdict.word == UNTESTED
     assert "needs longer runs" in verdict.evidence
 
 
 @pytest.mark.parametrize(("best", "word"), [(65.0, HOLDS), (30.0, UNDECIDED), (-40.0, FAILS)])
-def test_short_runs_decide_what_the_original_shows_as_early(best, word):
+def test_short_runs_decide_a_claim_that_the_original_shows_as_early(best, word):
     results = made_up(
         "shooting_birds", {"threshold-0.0": [best], "threshold-0.1": [20.0], "threshold-0.5": [15.0]}, EARLY
     )
-    verdict = claim("Threshold 0.0 is the best", "shooting_birds").judge(results, {})
+    verdict = judge("Threshold 0.0 is the best", "shooting_birds", results).here
     assert (verdict.word, verdict.where) == (word, "at 3 M")
 
 
 def test_an_early_lead_that_the_original_loses_decides_nothing():
     rewards = {"threshold-0.0": [80.0], "threshold-0.1": [35.0], "threshold-0.5": [35.0]}
-    verdict = claim("Threshold 0.0 is the best", "beastly_rivals").judge(made_up("beastly_rivals", rewards, EARLY), {})
+    verdict = judge("Threshold 0.0 is the best", "beastly_rivals", made_up("beastly_rivals", rewards, EARLY)).here
     assert verdict.word == UNTESTED
     assert "needs longer runs" in verdict.evidence
 
 
 def test_a_claim_names_the_experiments_that_it_lacks():
-    verdict = claim(*BUCKET_WINS).judge(made_up("shooting_birds", {"bucket-11": [100.0]}), {})
+    verdict = judge(*BUCKET_WINS, made_up("shooting_birds", {"bucket-11": [100.0]})).here
     assert (verdict.word, verdict.evidence) == (UNTESTED, "needs runs of threshold-0.0")
 
 
-def test_a_single_lucky_run_counts_with_the_originals_spread():
+def test_a_single_run_has_the_standard_deviation_of_the_originals():
     rewards = {"multiagent": [105.0], "threshold-0.0": [100.0]}
-    two_agents = claim("The two agents score higher", "beastly_rivals")
-    assert two_agents.judge(made_up("beastly_rivals", rewards), {}).word == UNDECIDED
+    claim = ("The two agents score higher", "beastly_rivals")
+    assert judge(*claim, made_up("beastly_rivals", rewards)).here.word == UNDECIDED
     many = {layout: values * 10 for layout, values in rewards.items()}
-    assert two_agents.judge(made_up("beastly_rivals", many), {}).word == HOLDS
+    assert judge(*claim, made_up("beastly_rivals", many)).here.word == HOLDS
 
 
 @pytest.mark.parametrize(
     ("bucket", "threshold", "word"), [(1.0, 20.0, HOLDS), (5.0, 5.0, UNDECIDED), (20.0, 1.0, FAILS)]
 )
-def test_stability_needs_several_runs_and_compares_their_scatter(bucket, threshold, word):
-    stable = claim("The bucket approach is more stable", "shooting_birds")
+def test_stability_needs_several_runs_and_compares_their_variances(bucket, threshold, word):
+    claim = ("The bucket approach is more stable", "shooting_birds")
     names = {f"bucket-{values}": bucket for values in (11, 3, 41)} | {
         f"threshold-{value}": threshold for value in ("0.0", "0.1", "0.5")
     }
     several = {layout: [100 - scatter, 100.0, 100 + scatter] for layout, scatter in names.items()}
-    assert stable.judge(made_up("shooting_birds", several), {}).word == word
+    assert judge(*claim, made_up("shooting_birds", several)).here.word == word
     single = {layout: values[:1] for layout, values in several.items()}
-    verdict = stable.judge(made_up("shooting_birds", single), {})
+    verdict = judge(*claim, made_up("shooting_birds", single)).here
     assert verdict.word == UNTESTED
     assert "at least 2 runs of bucket-11, bucket-3" in verdict.evidence
 
@@ -274,17 +277,17 @@ def test_stability_needs_several_runs_and_compares_their_scatter(bucket, thresho
 @pytest.mark.parametrize(("threshold", "word"), [(0.95, HOLDS), (0.985, FAILS)])
 def test_click_accuracy_decides_by_one_point(threshold, word):
     results = made_up("shooting_birds", {"bucket-11": [136.0], "multiagent": [122.0]}, click_accuracy=0.99)
-    accurate = claim("Bucket and the two agents click more accurately", "shooting_birds")
-    assert accurate.judge(results, {}).word == UNTESTED
+    claim = ("Bucket and the two agents click more accurately", "shooting_birds")
+    assert judge(*claim, results).here.word == UNTESTED
     results |= made_up("shooting_birds", {"threshold-0.0": [114.0]}, click_accuracy=threshold)
-    assert accurate.judge(results, {}).word == word
+    assert judge(*claim, results).here.word == word
 
 
 @pytest.mark.parametrize(("other", "word"), [(0.985, HOLDS), (0.9, FAILS)])
-def test_values_per_axis_click_alike_or_not(other, word):
+def test_accuracies_within_one_point_are_alike(other, word):
     results = made_up("shooting_birds", {"bucket-11": [136.0]}, click_accuracy=0.99)
     results |= made_up("shooting_birds", {"bucket-3": [115.0], "bucket-41": [128.0]}, click_accuracy=other)
-    assert claim("With 3 and 41 values clicks", "shooting_birds").judge(results, {}).word == word
+    assert judge("3 and 41 values per axis click", "shooting_birds", results).here.word == word
 
 
 @pytest.mark.parametrize(
@@ -293,12 +296,12 @@ def test_values_per_axis_click_alike_or_not(other, word):
 )
 def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
     results = made_up("shooting_birds", {"bucket-11": [1.0, 1.0]}, EARLY)
-    slow = claim("The two agents cost extra", "shooting_birds")
-    assert slow.judge(results, {}).word == UNTESTED
+    claim = ("The two agents take longer", "shooting_birds")
+    assert judge(*claim, results).here.word == UNTESTED
     once = made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, timesteps_per_second=speed)
-    assert slow.judge(results | once, {}).word == UNTESTED
+    assert judge(*claim, results | once).here.word == UNTESTED
     results |= made_up("shooting_birds", {"multiagent": [1.0, 1.0]}, EARLY, timesteps_per_second=speed)
-    verdict = slow.judge(results, {})
+    verdict = judge(*claim, results).here
     assert verdict.word == word
     assert extra in verdict.evidence
 
@@ -316,7 +319,7 @@ def made_alone(layout: str, speeds: Sequence[float]) -> Results:
 )
 def test_training_times_are_compared_turn_by_turn(slow, word):
     results = made_alone("bucket-3", (10_000.0, 20_000.0, 5_000.0)) | made_alone("bucket-41", slow)
-    assert claim("The largest bucket is slower", "shooting_birds").judge(results, {}).word == word
+    assert judge("The largest bucket takes longer", "shooting_birds", results).here.word == word
 
 
 def policy(**more: object) -> dict[str, object]:
@@ -340,10 +343,9 @@ GROWING = [[seconds, 4.0 + seconds / 100] for seconds in range(0, 240, 10)]
     ],
 )
 def test_behavior_holds_fails_or_differs_between_policies(text, changed):
-    judged = claim(text, "beastly_rivals")
-
     def word(**behavior: dict[str, object]) -> str:
-        return judged.judge({}, {f"beastly_rivals/{name}": figures for name, figures in behavior.items()}).word
+        known = {f"beastly_rivals/{name}": figures for name, figures in behavior.items()}
+        return judge(text, "beastly_rivals", {}, known).here.word
 
     assert word(**{"bucket-3-s0": policy(), "threshold-0.0-s0": policy()}) == HOLDS
     assert word(**{"bucket-3-s0": policy(**changed)}) == FAILS
@@ -352,8 +354,8 @@ def test_behavior_holds_fails_or_differs_between_policies(text, changed):
     assert word(**{"hybrid-s0": policy()}) == UNTESTED  # not an approach of the paper
 
 
-def test_where_the_originals_logs_contradict_its_paper_they_say_so():
-    words = {(claim.text, claim.game): claim.logs.word for claim in make_claims() if claim.logs}
+def test_the_originals_logs_are_judged_by_the_same_rules():
+    words = {(claim.text, claim.game): logs.word for claim in COMPARISONS if (logs := judge_logs(claim))}
     assert words["The thresholds score alike", "beastly_rivals"] == FAILS
     assert words["Threshold 0.0 is the best threshold", "beastly_rivals"] == UNDECIDED
     assert words["Eleven values per axis score higher than 3 and 41", "shooting_birds"] == HOLDS
@@ -389,7 +391,7 @@ def page(results) -> str:
 
 def test_four_small_figures_are_drawn_and_shown(results, page):
     names = sorted(path.name for path in (results / "figures").iterdir())
-    assert [name[:9] for name in names] == ["figure-11", "figure-12", "figure-13", "figure-14"]
+    assert names == sorted(CAPTIONS)
     for name in names:
         assert f"](figures/{name})" in page
         assert (results / "figures" / name).stat().st_size < 120_000
@@ -407,7 +409,7 @@ def test_complete_runs_are_set_against_the_originals_ten(page):
 
 
 def test_every_claim_is_stated_with_a_verdict(page):
-    for number, claim in enumerate(make_claims(), 1):
+    for number, claim in enumerate(judge_claims({}, {}), 1):
         assert f"| {number} | {claim.text} |" in page
         assert f"\n{number}. Here: " in page
     assert (
@@ -415,9 +417,9 @@ def test_every_claim_is_stated_with_a_verdict(page):
         in page
     )
     assert (
-        "Blinking hardly matters: it is almost never done | Beastly Rivals | **holds** at 30 M | do not tell |" in page
+        "Blinking hardly matters: policies almost never blink | Beastly Rivals | **holds** at 30 M | no logs |" in page
     )
-    assert "They contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)" in page
+    assert "The logs contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)" in page
 
 
 def test_every_experiment_has_a_line_per_length_and_one_run_is_called_one(page):
@@ -431,7 +433,7 @@ def test_marks_where_means_differ_are_bold(page):
     assert "| 136.0 (1); 137.6 ± 5.6 |" in page
 
 
-def test_the_mean_of_several_runs_must_be_nearer_than_that_of_one():
+def test_the_mean_of_several_runs_has_a_smaller_margin_than_that_of_one():
     theirs = Sample(100.0, 5.0, 10, 9)
     assert not differ(sample([111.8]), theirs)  # Student's t of 9 degrees of freedom, 2.262, times 5 times sqrt(1.1)
     assert differ(sample([111.9]), theirs)
@@ -447,6 +449,34 @@ def test_behavior_is_tabulated(page):
 def test_without_any_run_the_page_says_so(tmp_path):
     (path,) = write_report(tmp_path)
     text = path.read_text()
-    assert "None has finished yet." in text
+    assert "There is no complete run yet." in text
     assert "**holds**" not in text
     assert "**not tested**" in text
+
+
+def test_complete_runs_are_summarized_per_experiment(page):
+    assert "| Shooting Birds bucket-11 | 1 | 136.0 | 137.6 ± 5.6 | 1 of 1 | 0.28 | 6.1 |" in page
+    assert "| Beastly Rivals hybrid | 1 | 80.0 | not in the paper |  | 0.28 |  |" in page
+
+
+def test_several_complete_runs_are_summarized_by_their_mean_and_range(tmp_path):
+    for seed, reward in enumerate((130.0, 100.0)):
+        write_run(tmp_path, "30M", f"shooting_birds/bucket-11-s{seed}", [reward] * 100)
+    assert "| Shooting Birds bucket-11 | 2 | 115.0 (100.0 to 130.0) | 137.6 ± 5.6 | 0 of 2 |" in page_text(
+        tmp_path, read_results(tmp_path)
+    )
+
+
+def test_the_table_in_the_readme_is_replaced_between_its_markers(results):
+    written = readme_text(f"before\n{BEGIN}stale\n<!-- results:end -->\nafter\n", read_results(results))
+    assert written.startswith(f"before\n{BEGIN}| experiment | runs |")
+    assert written.endswith(" |\n<!-- results:end -->\nafter\n") and "stale" not in written
+    with pytest.raises(ValueError, match="add both lines where the table belongs"):
+        readme_text("no markers", {})
+
+
+def test_the_projects_pages_are_up_to_date():
+    results = read_results(RESULTS)
+    advice = "is stale; run: python -m tools.paper report"
+    assert page_text(RESULTS, results) == (RESULTS / "README.md").read_text(), f"results/README.md {advice}"
+    assert readme_text(README.read_text(), results) == README.read_text(), f"README.md {advice}"

@@ -1,30 +1,16 @@
-"""The page about the finished runs in results/: figures, tables and claims, ours beside the original's."""
+"""The page about the finished runs: figures, tables and claims, ours and the original's."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
-from statistics import mean, stdev
 
-from tools.paper.claims import Behavior, make_claims
-from tools.paper.figures import TITLES, draw_figures
-from tools.paper.original import TIMESTEPS_PER_STEP, original_ends, original_point, paper_figures
-from tools.paper.runs import (
-    COMPLETE,
-    MARK,
-    Experiment,
-    Results,
-    Run,
-    interquartile_mean,
-    interval,
-    main_policy,
-    read_results,
-)
-from tools.paper.statistics import FAILS, HOLDS, differ, sample
+from tools.paper import tables
+from tools.paper.claims import Behavior, judge_claims
+from tools.paper.figures import draw_figures
+from tools.paper.runs import Results, read_results
 
-RESULTS = Path(__file__).resolve().parents[2] / "results"  # the project's own
-MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # timesteps that the last table compares at
-LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
-COURSES = ("lap_radius",)  # behavior over time, which only a plot can show
+README = Path(__file__).resolve().parents[2] / "README.md"  # the project's
+RESULTS = README.with_name("results")  # the project's own
+BEGIN, END = "<!-- results:begin -->\n", "<!-- results:end -->"  # around the table in the project's README
 CAPTIONS = {
     "figure-11-threshold.png": "Figure 11: the threshold approach.",
     "figure-12-bucket.png": "Figure 12: the bucket approach with 3, 11 and 41 values per axis.",
@@ -32,218 +18,106 @@ CAPTIONS = {
     "figure-14-training-time.png": "Figure 14: training time, on a logarithmic scale.",
 }
 INTRODUCTION = """\
-# The paper's experiments: our runs beside the original's
+# The paper's experiments: our runs and the original's
 
-Written by `python -m tools.paper report` from the metrics in the folders beside this page, which are named by the
-length of their runs; of several lengths of one run the longest counts. Runs of one seed whose first rows differ
-count as different runs: with another number of `groups` (a setting of the trainer), for one, everything is rounded
-differently. The original's figures are from its logs of ten runs per experiment; its click accuracies were only
-printed in the paper. Reward is the mean over the episodes of the 300 000 timesteps (20 000 steps of the original)
-before each mark, as in its logs. The reward of the two agents is that of the one that clicks, as in the paper."""
+`python -m tools.paper report` computes this page from the metrics in this folder. The folders of metrics are named
+after the length of their runs in timesteps. If a run is there in several lengths, the longest is used. Two runs of the
+same seed are different runs if their first rows differ. For example, the number of `groups` (a setting of the trainer)
+changes rounding errors.
+
+The original's numbers are from its logs of ten runs per experiment. Its click accuracies are printed in the paper only.
+Reward is the mean over the episodes of the last 300 000 timesteps (20 000 steps of the original), as in its logs. The
+reward of the two agents (`multiagent`) is that of the agent that clicks, as in the paper."""
 COMPLETE_RUNS = """\
-Each run of 30 M timesteps, and the original's mean ± two standard deviations of its ten runs at the same number of
-timesteps. Hours are wall-clock, on a machine that did other work as well."""
+A complete run has 30 million (30 M) timesteps. Reward is the mean of our runs, with the lowest and the highest run in
+brackets, and the original's mean ± two standard deviations (sd) of its ten runs. *Inside* counts our runs within those
+two standard deviations. Hours are wall-clock times on a shared machine."""
+EACH_RUN = """\
+Each complete run:"""
 FIGURES = """\
-Where runs are of different lengths, the mean is over those that got there, and the line breaks where they get fewer.
-Time is on logarithmic scales. Our times in figure 14 are what 30 M timesteps take at the speed of short runs that had
-the machine to themselves, one at a time and in turns (those in `alone/`)."""
+A line shows the mean of our runs. It is interrupted where some runs end. Timesteps and hours have logarithmic scales.
+Our hours in figure 14 are computed for 30 M timesteps from the speed of short runs (those in `alone/`), which were made
+one at a time on an otherwise idle machine."""
 RULES = """\
-Every test is at the 5 % level. Scores are compared by Welch's t test, the scatter of our runs pooled with that of
-the original's ten, as a few runs do not tell it; they are alike if they do not differ and the confidence interval of
-the difference is within 10 points. Stability is an F test of variances. Both are judged at the longest length that
-all the runs a claim needs have reached; before the complete length only if the original's curves show the claim
-there and to the end. Training times are those of figure 14, compared turn by turn, by a t test of the ratios'
-logarithms. Click accuracies of complete runs differ from one point on. Behavior must be shown by all complete runs
-of the paper's approaches: laps in the last third of the time below 0.9 of those in the first, at most 10 blinks in
-10 000 decisions, time in the slow sphere between 1/1.5 and 1.5 of what chance gives (not asked of the two agents,
-whom it never slows)."""
+All tests use the 5 % level.
+
+- **Reward**: Welch's t test. A few runs do not show how much results vary, so our standard deviation is pooled with
+  that of the original's ten runs. Rewards are *alike* if they do not differ significantly and the confidence interval
+  of the difference is within 10 points.
+- **Stability**: an F test of the variances over runs.
+- Both are tested at the largest number of timesteps that runs of all layouts of a claim have reached. Before 30 M
+  timesteps, they are tested only if the original's runs confirm the claim both there and at 30 M.
+- **Training time**: a t test of the logarithms of the ratios of the hours in figure 14, pair by pair.
+- **Click accuracy** of complete runs: different from one percentage point on.
+- **Behavior**: all complete runs of the paper's layouts must show the claim, none must for *does not hold*. Laps are
+  smaller if the mean radius in the last third of the time is below 0.9 times that in the first third. Blinking is rare
+  up to 10 blinks in 10 000 decisions. The slow sphere is neither sought nor avoided if the time in it is between 1/1.5
+  and 1.5 times that by chance; this excludes `multiagent`, where the sphere has no effect on the character."""
 CONTRADICTIONS = """\
-Where the original's own logs do not bear its paper out, by the same rules:"""
-DETAILS = """\
-The figures behind each verdict, with the number of runs in brackets; ± is one standard deviation of runs."""
+By the same rules, the original's own logs do not confirm these claims of the paper:"""
+EVIDENCE = """\
+The numbers behind each verdict, with the number of runs in brackets; ± is one standard deviation of runs:"""
 BEHAVIOR = """\
-Measured by `python -m tools.paper.behavior` on trained policies. Speeds are in units/s, `slow share` is of the time.
-The original's published bucket-11 network, replayed, hits 157 157 127 173 131 168 78 birds in levels 0 to 6."""
+Measured by `python -m tools.paper.behavior` on trained policies. Speeds are in units/s, `slow share` is a fraction of
+time. For comparison, the original's published bucket-11 network hits 157, 157, 127, 173, 131, 168 and 78 birds in
+levels 0 to 6."""
 EXPERIMENTS = """\
-At the end of the runs; where they differ in length there is a line per length, over all that got there. In square
-brackets the 95 % bootstrap confidence interval of the mean, which of two or three runs is no more than the lowest and
-the highest; the interquartile mean (IQM) leaves out the lowest and the highest quarter of the runs, none of up to
-three. Hours are of runs that shared the machine with others. Logs ± one standard deviation."""
+The last figures of all runs. An experiment has a row per length of its runs, over all runs that are at least that long.
+In square brackets is the 95 % bootstrap confidence interval of the mean; with two or three runs it is no more than the
+lowest and the highest run. The interquartile mean (IQM) leaves out the lowest and the highest quarter of four or more
+runs. Hours are from runs on a shared machine. The original's logs are given ± one standard deviation."""
 BY_MARKS = """\
-Mean of our runs, in brackets their number; then the original's mean ± two standard deviations of a run. **Bold**:
-the means differ by Student's t test at the 5 % level, as one in twenty cells does by chance. At the first mark runs of
-one seed are still alike, and 75 arenas cost Shooting Birds some reward, see [DECISIONS](../DECISIONS.md)."""
+The mean of our runs with their number in brackets, then the original's mean ± two standard deviations of a run.
+**Bold**: the two means differ significantly by Student's t test, which happens by chance in one of twenty cells. At
+0.3 M timesteps runs of the same seed are still alike, and 75 arenas cost some reward in Shooting Birds, see
+[DECISIONS](../DECISIONS.md)."""
 
 
-def write_report(results: Path) -> list[Path]:
-    """Draw the figures, write the page into `results` and return the paths of the pages written."""
-    experiments = read_results(results)
-    path = results / "behavior.json"
-    behavior: Behavior = json.loads(path.read_text()) if path.exists() else {}
-    pictures = [picture.name for picture in draw_figures(experiments, results / "figures")]
+def write_report(folder: Path) -> list[Path]:
+    """Draw the figures and write the page into a folder of results. Return the paths of the pages written.
+
+    For the project's own results, the table of complete runs is also written into the project's README.
+    """
+    results = read_results(folder)
+    draw_figures(results, folder / "figures")
+    pages = {folder / "README.md": page_text(folder, results)}
+    if folder.resolve() == RESULTS:
+        pages[README] = readme_text(README.read_text(encoding="utf-8"), results)
+    for path, text in pages.items():
+        path.write_text(text, encoding="utf-8")
+    return list(pages)
+
+
+def page_text(folder: Path, results: Results) -> str:
+    """Return the page about the results in a folder."""
+    path = folder / "behavior.json"
+    behavior: Behavior = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    judged = judge_claims(results, behavior)
     blocks = [
         INTRODUCTION,
-        "## Complete runs", COMPLETE_RUNS, complete_runs(experiments),
+        "## Complete runs", COMPLETE_RUNS, tables.complete_experiments(results),
+        EACH_RUN, tables.complete_runs(results),
         "## The figures of the paper", FIGURES,
-        *(f"![{CAPTIONS[name]}](figures/{name})\n\n{CAPTIONS[name]}" for name in pictures),
-        "## The paper's claims", *claims(experiments, behavior),
-        *behaviors(behavior, results),
-        "## Every experiment", EXPERIMENTS, every_experiment(experiments),
-        "## Reward at some marks", BY_MARKS, *by_marks(experiments),
+        *(f"![{caption}](figures/{name})\n\n{caption}" for name, caption in CAPTIONS.items()),
+        "## The paper's claims", RULES, tables.claims(judged),
+        CONTRADICTIONS, tables.contradictions(judged),
+        EVIDENCE, tables.evidence(judged),
     ]  # fmt: skip
-    page = results / "README.md"
-    page.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
-    return [page]
-
-
-def complete_runs(results: Results) -> str:
-    """Return a table that sets every complete run against the original's ten."""
-    heads = ("run", "reward", "the original", "place", "last ten marks", "the original", "hours", "the original")
-    rows = []
-    for experiment in results.values():
-        ends = original_ends(experiment.game, experiment.layout, experiment.policy)
-        for run in experiment.complete:
-            reward, last = run.rows[COMPLETE]["reward"], last_ten(run)
-            rows.append((
-                f"{TITLES[experiment.game]} {experiment.name}, seed {run.seed}",
-                f"{reward:.1f}", _two_sigma(ends.reward) if ends else "",
-                place(reward, ends.reward) if ends else "not in the paper",
-                f"{last:.1f}", _two_sigma(ends.last_ten) if ends else "",
-                f"{run.hours:.2f}", f"{mean(ends.hours):.1f}" if ends else "",
-            ))  # fmt: skip
-    return _table(heads, rows) if rows else "None has finished yet."
-
-
-def last_ten(run: Run) -> float:
-    """Return the mean reward of the last ten marks of a complete run."""
-    return mean(run.rows[mark]["reward"] for mark in LAST_TEN if mark in run.rows)
-
-
-def place(value: float, others: Sequence[float]) -> str:
-    """Say where a value lies in respect of the mean ± two standard deviations of others."""
-    if abs(value - mean(others)) <= 2 * stdev(others):
-        return "inside"
-    return "above" if value > mean(others) else "**below**"
-
-
-def claims(results: Results, behavior: Behavior) -> list[str]:
-    """State every claim with our verdict and the original's own, then the figures behind them."""
-    rows, details, contradictions = [], [], []
-    for number, claim in enumerate(make_claims(), 1):
-        verdict, logs = claim.judge(results, behavior), claim.logs
-        here = f"**{verdict.word}** {verdict.where}".strip()
-        rows.append((f"{number}", claim.text, TITLES[claim.game], here, logs.word if logs else "do not tell"))
-        details.append(f"{number}. Here: {verdict.evidence}." + (f" Logs: {logs.evidence}." if logs else ""))
-        if logs and logs.word != HOLDS:
-            said = "contradict" if logs.word == FAILS else "do not decide"
-            contradictions.append(f"- They {said} claim {number}, {TITLES[claim.game]}: {logs.evidence}.")
-    return [
-        RULES, _table(("", "the paper says", "game", "here", "the original's logs"), rows),
-        CONTRADICTIONS, "\n".join(contradictions), DETAILS, "\n".join(details),
-    ]  # fmt: skip
-
-
-def behaviors(behavior: Behavior, results: Path) -> list[str]:
-    """Tabulate what `python -m tools.paper.behavior` measured of trained policies, except for courses over time."""
-    blocks = []
-    for game, title in TITLES.items():
-        chosen = {name: figures for name, figures in sorted(behavior.items()) if name.startswith(f"{game}/")}
-        keys = dict.fromkeys(key for figures in chosen.values() for key in figures if key not in COURSES)
-        rows = [
-            (name.removeprefix(f"{game}/"), *(_figure(figures.get(key)) for key in keys))
-            for name, figures in chosen.items()
-        ]
-        if rows:
-            blocks += [f"{title}:", _table(("policy", *(key.replace("_", " ") for key in keys)), rows)]
-    if blocks and (results / "figures" / "behavior.png").exists():
+    if behavior:
+        blocks += ["## Learned behavior", BEHAVIOR, *tables.behaviors(behavior)]
+    if (folder / "figures" / "behavior.png").exists():
         blocks.append("![Behavior of trained policies](figures/behavior.png)")
-    return ["## Learned behavior", BEHAVIOR, *blocks] if blocks else []
+    blocks += [
+        "## Every experiment", EXPERIMENTS, tables.every_experiment(results),
+        "## Reward over time", BY_MARKS, *tables.by_marks(results),
+    ]  # fmt: skip
+    return "\n\n".join(blocks) + "\n"
 
 
-def every_experiment(results: Results) -> str:
-    """Return a table of every experiment at the ends of its runs."""
-    heads = (
-        "experiment", "timesteps", "runs", "reward", "IQM", "accuracy or length", "hours per run",
-        "timesteps/s alone",
-        "logs: reward", "logs: IQM", "logs: length", "paper: reward", "paper: accuracy or length", "paper: hours",
-    )  # fmt: skip
-    return _table(
-        heads,
-        [
-            _experiment_row(experiment, mark)
-            for experiment in results.values()
-            for mark in sorted({run.end for run in experiment.runs})
-        ],
-    )
-
-
-def _experiment_row(experiment: Experiment, mark: int) -> Sequence[str]:
-    key = game, layout, policy = experiment.game, experiment.layout, experiment.policy
-    birds = game == "shooting_birds"
-    rewards, second = experiment.at(mark), mean(experiment.at(mark, "click_accuracy" if birds else "length"))
-    hours = mean(run.hours for run in experiment.runs if run.end == mark)
-    alone = [run.complete_hours for run in experiment.alone]
-    point, ends = original_point(*key, mark), original_ends(*key) if mark == COMPLETE else None
-    theirs = f"{point.reward:.1f} ± {point.reward_std:.1f}" if point else ""
-    printed = paper_figures(game, layout) if policy in ("", main_policy(layout)) else {}
-    printed_second = printed.get("accuracy" if birds else "length")
-    return (
-        f"{TITLES[game]} {experiment.name}", f"{mark / 1e6:g} M", f"{len(rewards)}",
-        f"{mean(rewards):.1f}{_interval(rewards)}",
-        f"{interquartile_mean(rewards):.1f}" if len(rewards) > 1 else "one run",
-        _percent(second) if birds else f"{second:.0f}", f"{hours:.2f}",
-        f"{COMPLETE / 3600 / mean(alone):.0f}" if alone else "",
-        theirs + (_interval(ends.reward) if ends else ""), f"{interquartile_mean(ends.reward):.1f}" if ends else "",
-        f"{point.length:.0f} ± {point.length_std:.0f}" if point and not birds else "",
-        _figure(printed.get("reward")),
-        (_percent(printed_second) if birds else f"{printed_second:.0f}") if printed_second else "",
-        _figure(printed.get("hours")),
-    )  # fmt: skip
-
-
-def by_marks(results: Results) -> list[str]:
-    """Tabulate reward at some marks, of all runs, in bold where it differs from the original's."""
-    blocks = []
-    for game, title in TITLES.items():
-        experiments = [experiment for experiment in results.values() if experiment.game == game]
-        marks = [mark for mark in MARKS if any(experiment.at(mark) for experiment in experiments)]
-        heads = [f"{mark / 1e6:g} M ({mark // TIMESTEPS_PER_STEP // 1000} k steps)" for mark in marks]
-        rows = [(each.name, *(_mark_cell(each, mark) for mark in marks)) for each in experiments]
-        blocks += [f"{title}:", _table(("experiment", *heads), rows)]
-    return blocks
-
-
-def _mark_cell(experiment: Experiment, mark: int) -> str:
-    rewards = experiment.at(mark)
-    point = original_point(experiment.game, experiment.layout, experiment.policy, mark)
-    if not rewards:
-        return ""
-    text = f"{mean(rewards):.1f} ({len(rewards)})"
-    if point is None:
-        return text
-    if differ(sample(rewards), point.sample):
-        text = f"**{text}**"
-    return f"{text}; {point.reward:.1f} ± {2 * point.reward_std:.1f}"
-
-
-def _interval(values: Sequence[float]) -> str:
-    bounds = interval(values)
-    return f" [{bounds[0]:.1f}, {bounds[1]:.1f}]" if bounds else ""
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f} %"
-
-
-def _two_sigma(values: Sequence[float]) -> str:
-    return f"{mean(values):.1f} ± {2 * stdev(values):.1f}"
-
-
-def _figure(value: float | Sequence[float] | None) -> str:
-    if isinstance(value, Sequence):
-        return " ".join(f"{each:.0f}" for each in value)
-    return "" if value is None else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, ["---"] * len(heads), *rows))
+def readme_text(text: str, results: Results) -> str:
+    """Return the text of the project's README with a new table of complete runs between its markers."""
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not end:
+        raise ValueError(f"{README} has no {BEGIN.strip()} … {END}; add both lines where the table belongs")
+    return f"{before}{begin}{tables.complete_experiments(results)}\n{end}{after}"

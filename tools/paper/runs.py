@@ -1,12 +1,8 @@
 """Our finished runs in results/, by experiment, and what several of them say together."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-
-import numpy as np
-from scipy.stats import bootstrap, trim_mean
 
 from joybridge.experiments import find_results
 from joybridge.trainer.metrics import Row, read_rows
@@ -110,16 +106,3 @@ def _place(game: str, layout: str, policy: str) -> tuple[int, int, str, str]:
 def main_policy(layout: str) -> str:
     """Return the policy whose reward stands for a layout: of the two agents the one that clicks, as in the paper."""
     return "buttons" if layout == "multiagent" else ""
-
-
-def interval(values: Sequence[float]) -> tuple[float, float] | None:
-    """Return the 95 % bootstrap confidence interval of the mean, or None for a single value."""
-    if len(values) < 2:
-        return None
-    result = bootstrap((values,), np.mean, method="percentile", rng=np.random.default_rng(0))
-    return float(result.confidence_interval.low), float(result.confidence_interval.high)
-
-
-def interquartile_mean(values: Sequence[float]) -> float:
-    """Return the mean without the lowest and the highest quarter of the values; of up to three, all count."""
-    return float(trim_mean(values, 0.25))

@@ -1,102 +1,106 @@
-"""Rules that decide whether a claim holds: small functions of samples, for our runs and the original's alike."""
+"""The statistics of the report: samples of runs, their comparison at the 5 % level, and intervals."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import mean, stdev
 
+import numpy as np
+from scipy.stats import bootstrap, trim_mean
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
 HOLDS, FAILS, UNDECIDED, UNTESTED = "holds", "does not hold", "undecided", "not tested"
 SIGNIFICANCE = 0.05  # of every test
-EVEN = 10.0  # points of reward: scores are alike if they surely differ by no more
+EQUIVALENCE = 10.0  # points of reward: means are alike if the interval of their difference is within
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What several runs of one experiment say at one length."""
+    """Mean and standard deviation of one figure over several runs."""
 
     mean: float
-    spread: float  # standard deviation of one run
+    std: float  # of one run
     runs: int
-    freedom: int  # degrees of freedom of the spread
+    freedom: int  # degrees of freedom of `std`
+
+
+Rule = Callable[[Sequence[Sample], Sequence[Sample]], str]  # compares the first samples with the second
 
 
 def sample(values: Sequence[float]) -> Sample:
-    """Return what runs say by themselves; a single one says nothing of its spread."""
+    """Return the sample of some runs; a single run has no standard deviation, and 0 is given."""
     return Sample(mean(values), stdev(values) if len(values) > 1 else 0.0, len(values), len(values) - 1)
 
 
 def pooled(ours: Sample, theirs: Sample) -> Sample:
-    """Return our sample with the spread of both together: a few runs do not tell how much they scatter."""
+    """Return our sample with the pooled standard deviation of both, because a few runs do not show it."""
     freedom = ours.freedom + theirs.freedom
-    variance = (ours.freedom * ours.spread**2 + theirs.freedom * theirs.spread**2) / freedom
+    variance = (ours.freedom * ours.std**2 + theirs.freedom * theirs.std**2) / freedom
     return Sample(ours.mean, math.sqrt(variance), ours.runs, freedom)
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a claim holds, and the figures that show it."""
-
-    word: str
-    evidence: str
-    where: str = ""  # the length of the runs that were compared, where it matters
-
-
-Rule = Callable[[Sequence[Sample]], str]
-
-
 def differ(ours: Sample, theirs: Sample) -> bool:
-    """Return whether our mean differs significantly from theirs of the same experiment, by Student's t test."""
+    """Return whether two means of the same experiment differ by Student's t test."""
     both = pooled(ours, theirs)
-    error = both.spread * math.sqrt(1 / ours.runs + 1 / theirs.runs)
-    return abs(ours.mean - theirs.mean) > error * float(t_distribution.ppf(1 - SIGNIFICANCE / 2, both.freedom))
+    error = both.std * math.sqrt(1 / ours.runs + 1 / theirs.runs)
+    return abs(ours.mean - theirs.mean) > error * _critical_t(both.freedom)
 
 
-def beats(samples: Sequence[Sample]) -> str:
-    """Decide whether the first is higher than each of the others, beyond the noise."""
-    first, *others = samples
-    gains = [(first.mean - other.mean, margin(first, other)) for other in others]
+def margin(a: Sample, b: Sample) -> float:
+    """Return the smallest significant difference of two means by Welch's t test."""
+    errors = [(each.std**2 / each.runs, each.freedom) for each in (a, b) if each.std]
+    variance = sum(error for error, _ in errors)
+    if not variance:
+        return 0.0
+    freedom = variance**2 / sum(error**2 / freedom for error, freedom in errors)
+    return math.sqrt(variance) * _critical_t(freedom)
+
+
+def above(first: Sequence[Sample], second: Sequence[Sample]) -> str:
+    """Decide whether each of the first means is significantly above each of the second."""
+    gains = [(a.mean - b.mean, margin(a, b)) for a in first for b in second]
     if any(gain < -least for gain, least in gains):
         return FAILS
     return HOLDS if all(gain > least for gain, least in gains) else UNDECIDED
 
 
-def trails(samples: Sequence[Sample]) -> str:
-    """Decide whether the first is lower than each of the others, beyond the noise."""
-    return beats([replace(each, mean=-each.mean) for each in samples])
-
-
-def alike(samples: Sequence[Sample]) -> str:
-    """Decide whether no two differ beyond the noise, and whether none can differ by more than EVEN."""
+def alike(first: Sequence[Sample], second: Sequence[Sample]) -> str:
+    """Decide whether no two of all means differ significantly, and none can differ by more than EQUIVALENCE."""
+    samples = [*first, *second]
     pairs = [(abs(a.mean - b.mean), margin(a, b)) for i, a in enumerate(samples) for b in samples[:i]]
     if any(difference > least for difference, least in pairs):
         return FAILS
-    return HOLDS if max(difference + least for difference, least in pairs) <= EVEN else UNDECIDED
+    return HOLDS if all(difference + least <= EQUIVALENCE for difference, least in pairs) else UNDECIDED
 
 
 def steadier(first: Sequence[Sample], second: Sequence[Sample]) -> str:
-    """Decide by an F test whether runs of the first experiments scatter less than those of the second."""
-    (calm, calm_freedom), (wild, wild_freedom) = _pooled_variance(first), _pooled_variance(second)
+    """Decide by an F test whether the pooled variance over runs of the first samples is below that of the second."""
+    (calm, calm_freedom), (wild, wild_freedom) = _variance(first), _variance(second)
     chance = float(f_distribution.sf(wild / max(calm, 1e-9), wild_freedom, calm_freedom))
     if chance > 1 - SIGNIFICANCE:
         return FAILS
     return HOLDS if chance < SIGNIFICANCE else UNDECIDED
 
 
-def margin(a: Sample, b: Sample) -> float:
-    """Return the difference of two means from which on it is significant, by Welch's t test."""
-    errors = [each.spread**2 / each.runs for each in (a, b)]
-    if not sum(errors):
-        return 0.0
-    freedom = sum(errors) ** 2 / sum(
-        error**2 / each.freedom for error, each in zip(errors, (a, b), strict=True) if error
-    )
-    return math.sqrt(sum(errors)) * float(t_distribution.ppf(1 - SIGNIFICANCE / 2, freedom))
+def interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """Return the 95 % bootstrap confidence interval of the mean, or None for a single value."""
+    if len(values) < 2:
+        return None
+    result = bootstrap((values,), np.mean, method="percentile", rng=np.random.default_rng(0))
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
 
-def _pooled_variance(samples: Sequence[Sample]) -> tuple[float, int]:
+def interquartile_mean(values: Sequence[float]) -> float:
+    """Return the mean without the lowest and the highest quarter of the values; up to three values all count."""
+    return float(trim_mean(values, 0.25))
+
+
+def _critical_t(freedom: float) -> float:
+    return float(t_distribution.ppf(1 - SIGNIFICANCE / 2, freedom))
+
+
+def _variance(samples: Sequence[Sample]) -> tuple[float, int]:
     """Return the variance over runs, pooled over experiments, and its degrees of freedom."""
     freedom = sum(each.freedom for each in samples)
-    return sum(each.spread**2 * each.freedom for each in samples) / freedom, freedom
+    return sum(each.std**2 * each.freedom for each in samples) / freedom, freedom

@@ -10,7 +10,8 @@ from joybridge.experiments.job import Job, Process, start
 from joybridge.experiments.names import ResultName, find_results
 from joybridge.trainer.config import load_config
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.files import write_atomically
+from joybridge.trainer.metrics import Row, read_rows
 
 POLL_SECONDS = 0.5
 GRACE_SECONDS = 10.0  # for processes to end by themselves after an interrupt
@@ -90,14 +91,12 @@ def keep_results(job: Job, results: Path) -> None:
     for path in paths:
         policy = "" if len(paths) == 1 else path.stem.removeprefix("metrics-")
         target = results / ResultName(job.name, job.timesteps, policy).path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        count = sum(row["timesteps"] // interval <= job.timesteps // interval for row in read_rows(path))
-        fresh = target.with_suffix(".new")
-        fresh.write_text("".join(path.read_text().splitlines(keepends=True)[: 1 + count]))  # 1: the header
-        if target.exists() and _rewards(target) != _rewards(fresh):
-            fresh.unlink()
+        rows = [row for row in read_rows(path) if row["timesteps"] // interval <= job.timesteps // interval]
+        if target.exists() and _rewards(read_rows(target)) != _rewards(rows):
             raise FileExistsError(f"{target} is the result of another run; move it away or use another folder")
-        fresh.replace(target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        lines = path.read_bytes().splitlines(keepends=True)
+        write_atomically(target, b"".join(lines[: 1 + len(rows)]))  # 1: the header
 
 
 def kept_results(job: Job, results: Path) -> list[Path]:
@@ -106,5 +105,5 @@ def kept_results(job: Job, results: Path) -> list[Path]:
     return [path for name, path in find_results(results).items() if replace(name, policy="") == wanted]
 
 
-def _rewards(path: Path) -> list[float | None]:
-    return [row.get("reward") for row in read_rows(path)]
+def _rewards(rows: Sequence[Row]) -> list[float | None]:
+    return [row.get("reward") for row in rows]
