@@ -1,0 +1,96 @@
+"""Which games a server offers and what `joybridge list` shows; each game that cannot be loaded names the next move."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from joybridge.cli import main
+from joybridge.contract.errors import JoybridgeError
+from joybridge.games import BUILT_IN
+from joybridge.simulator.catalog import CatalogError, load_game, load_games
+from joybridge.simulator.new_game.write import TEMPLATE, NewGameError
+
+SCRIPT = Path(sys.executable).parent / "joybridge"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    return tmp_path
+
+
+def test_a_missing_numba_names_the_extra_that_installs_it(folder, monkeypatch):
+    (folder / "needs_numba.py").write_text("import numba")
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setitem(sys.modules, "numba", None)  # Python then raises what it raises where numba is not installed
+    with pytest.raises(CatalogError) as caught:
+        load_game("needs_numba:Game")
+    wanted = "game 'needs_numba:Game' needs the module numba; install it with `pip install 'joybridge[simulator]'`"
+    assert str(caught.value) == wanted
+
+
+def test_a_missing_module_of_the_author_is_named(folder, monkeypatch):
+    (folder / "needs_more.py").write_text("import what_nobody_has")
+    monkeypatch.syspath_prepend(folder)
+    with pytest.raises(CatalogError, match=r"one of its own imports failed \(No module named 'what_nobody_has'\)"):
+        load_game("needs_more:Game")
+
+
+@pytest.mark.parametrize("place", ["nowhere", "nowhere:Game", "nowhere.at_all:Game"])
+def test_a_place_without_a_module_says_where_modules_are_looked_for(place):
+    with pytest.raises(CatalogError, match="expected MODULE:CLASS, importable from the current folder"):
+        load_game(place)
+
+
+def test_errors_of_the_simulator_side_are_joybridge_errors():
+    assert issubclass(CatalogError, JoybridgeError) and issubclass(NewGameError, JoybridgeError)
+
+
+def test_the_script_finds_games_in_the_current_folder(folder):
+    (folder / "my_game.py").write_text((TEMPLATE / "my_game.py").read_text())
+    result = subprocess.run(
+        [SCRIPT, "list", "--game", "my_game:MyGame"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert "\nmy_game: Sail over the fish, then cast the net.\n" in result.stdout
+
+
+def test_the_current_folder_is_not_searched_without_a_game_option(folder):
+    (folder / "numba.py").write_text("raise SystemExit('a file of the user was imported')")
+    result = subprocess.run([SCRIPT, "list"], cwd=folder, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def test_list_shows_options_parameters_sensors_actions_rewards_and_metrics(capsys):
+    assert main(["list", "--game", "tests.support.games:Hybrid"]) == 0
+    games = capsys.readouterr().out.split("\n\n")
+    assert [game.split(":")[0] for game in games] == [*BUILT_IN, "hybrid"]
+    assert games[-1].splitlines()[1:] == [
+        "  option size: small | large (default small)",
+        "  option masks: on | off (default on)",
+        "  parameter drift: 0 .. 2 (default 1)",
+        "  behavior player: 1 agent per arena",
+        "    sensors: place [2], count [1] int32, image [2, 2] uint8, lamps [3] bool",
+        "    axes: x -1..1, force 0.5..2",
+        "    branches: gear (low | middle | high), press (released | pressed)",
+        "    rewards: gain (weight 1), cost (weight 0.5)",
+        "    metrics: length, presses",
+    ]
+
+
+def test_list_keeps_to_the_width_of_a_terminal(capsys):
+    assert main(["list"]) == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 120
+
+
+def test_an_error_is_one_line_without_a_traceback(capsys):
+    assert main(["list", "--game", "nowhere:Game"]) == 2
+    assert re.fullmatch(r"error: game 'nowhere:Game' cannot be imported .*\n", capsys.readouterr().err)
+
+
+def test_every_built_in_game_is_loaded_under_its_own_name():
+    assert [game.name for game in load_games().values()] == list(BUILT_IN)
