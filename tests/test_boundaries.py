@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -129,10 +130,21 @@ def test_relative_imports_are_read_as_what_they_mean():
     )
 
 
-def test_the_contract_needs_nothing_but_numpy_protobuf_and_grpc():
+def test_the_contract_and_the_kit_need_nothing_but_numpy_protobuf_and_grpc():
     found = [targets for package in (*CONTRACT, "joybridge.conformance") for targets in modules(package).values()]
     roots = {module.split(".")[0] for targets in found for module, _ in targets}
-    assert roots - set(sys.stdlib_module_names) == {"numpy", "google", "grpc", "joybridge"}
+    assert roots - set(sys.stdlib_module_names) == {
+        "numpy", "google", "grpc", "grpc_health", "grpc_reflection", "joybridge",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_modules_of_a_package_import_each_other_in_a_circle(package):
+    found = modules(package)
+    # `from package import module` depends on the module; what `package/__init__.py` imports itself is no circle.
+    graph = {name: {t.module for t in targets if t.module in found and t.module not in (name, package)}
+             for name, targets in found.items()}  # fmt: skip
+    assert list(TopologicalSorter(graph).static_order())
 
 
 def test_drawing_modules_are_imported_only_by_each_other_and_inside_functions():

@@ -1,7 +1,8 @@
-"""The conformance kit: good servers keep every rule, and each broken one is found out by the right checks."""
+"""The conformance kit: correct servers pass every check, and each broken server fails the right ones."""
 
 import json
 import logging
+import re
 import subprocess
 import sys
 import time
@@ -10,18 +11,21 @@ from xml.etree import ElementTree
 
 import pytest
 
-from joybridge.conformance.registry import Broken as BrokenRule
+from joybridge.conformance.__main__ import main
+from joybridge.conformance.client import Client
+from joybridge.conformance.expectations import Violation
 from joybridge.conformance.registry import Check
-from joybridge.conformance.report import FAILED, NO_MATTER, PASSED, Result, write_junit
+from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, Result, write_junit
 from joybridge.conformance.rules import CHECKS, FAMILIES
-from joybridge.conformance.runner import PATIENCE, main, run_checks
-from joybridge.conformance.wire import Server
+from joybridge.conformance.runner import MOST_TIMEOUTS, SERVER, Unreachable, run_checks
+from joybridge.conformance.selection import SelectionError, select
 from joybridge.games import BUILT_IN
-from tests.support.broken_servers import BROKEN, Broken, Gauntlet, Honest, serving
+from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, Service, serving
 
 ROOT = Path(__file__).parents[1]
 GAMES = [*BUILT_IN, "hybrid", "duel", "ends"]
 SECONDS = 10.0
+NOWHERE = "127.0.0.1:1"
 
 
 @pytest.fixture(autouse=True)
@@ -32,147 +36,242 @@ def _quiet():
     logging.disable(logging.NOTSET)
 
 
+@pytest.fixture(scope="module")
+def correct():
+    """Yield the address of a server without faults."""
+    with serving(BrokenServer(set())) as address:
+        yield address
+
+
 def failed(results):
     return {result.check.name for result in results if result.outcome == FAILED}
 
 
-def test_there_are_many_checks_each_with_a_rule_and_its_place_in_the_manual():
+def made_up(run):
+    return Check("rule_holds", "order", "A rule.", "Act", False, run)
+
+
+# ------------------------------------------------------------------------------------------------------ the checks
+
+
+def test_there_are_many_checks_each_with_a_rule_and_a_section_of_the_manual():
     manual = (ROOT / "proto/joybridge/v1/bridge.proto").read_text()
-    assert len(CHECKS) >= 100
+    assert len(CHECKS) >= 200
     assert len({check.name for check in CHECKS}) == len(CHECKS)
     assert {check.family for check in CHECKS} == set(FAMILIES)
     for check in CHECKS:
-        assert check.rule.endswith(".") and check.manual in manual, check.name
+        assert check.rule.endswith(".") and re.search(rf"\b{check.section}\b", manual), check.name
 
 
-def test_the_server_keeps_every_rule_with_every_well_behaved_game(simulator, tmp_path):
+def test_the_server_passes_every_check_with_every_game_from_end_to_end(simulator, tmp_path):
     junit = tmp_path / "junit.xml"
-    arguments = [part for game in GAMES for part in ("--game", game)]
-    command = [
-        sys.executable,
-        "-m",
-        "joybridge.simulator",
-        "check",
-        simulator,
-        *arguments,
-        "--json",
-        "--junit",
-        str(junit),
-    ]
-    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+    games = [part for game in GAMES for part in ("--game", game)]
+    command = [sys.executable, "-m", "joybridge", "check", simulator, *games, "--deadline", "60", "--json"]
+    process = subprocess.run(
+        [*command, "--junit", str(junit)], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
+    )
     lines = process.stdout.splitlines()
-    assert (process.returncode, process.stderr) == (0, ""), "\n".join(line for line in lines if "failed" in line)
-    came = json.loads(lines[-1])
-    assert came["failed"] == 0 and came["passed"] + came["does_not_apply"] == len(came["results"])
-    own = [check for check in CHECKS if not check.once]
+    assert (process.returncode, process.stderr) == (0, ""), "\n".join(line for line in lines if ": failed" in line)
+    report = json.loads(lines[-1])
+    assert report["failed"] == 0 and report["passed"] + report["not_applicable"] == len(report["results"])
+    per_game = [check.name for check in CHECKS if not check.per_server]
     for game in GAMES:
-        assert [r["check"] for r in came["results"] if r["game"] == game] == [check.name for check in own]
-        assert any(line.startswith(f"{game}  an act before start is refused: passed") for line in lines)
-    assert {r["check"] for r in came["results"] if r["outcome"] == PASSED} == {check.name for check in CHECKS}
+        assert [r["check"] for r in report["results"] if r["game"] == game] == per_game
+        assert f"{game}  act_before_start_is_refused: passed" in lines
+    assert {r["check"] for r in report["results"] if r["outcome"] == PASSED} == {check.name for check in CHECKS}
     suites = ElementTree.parse(junit).getroot()
-    assert [suite.get("name") for suite in suites] == ["server", *GAMES]
-    assert sum(int(suite.get("tests", "")) for suite in suites) == len(came["results"])
+    assert [suite.get("name") for suite in suites] == [SERVER, *GAMES]
+    assert sum(int(suite.get("tests", "")) for suite in suites) == len(report["results"])
 
 
-def test_a_game_that_has_everything_is_tried_on_everything():
-    with serving(Broken(set())) as address:
-        results = list(run_checks(address, seconds=SECONDS))
+def test_a_game_with_all_features_passes_every_check_but_those_for_missing_features(correct):
+    results = list(run_checks(correct, seconds=SECONDS))
     assert not failed(results)
-    assert {result.check.name for result in results if result.outcome == NO_MATTER} == {
-        "a_game_without_a_picture_refuses_to_draw",
-        "a_game_without_snapshots_refuses_to_save",
-        "a_game_without_snapshots_refuses_to_start_from_one",
+    assert {result.check.name for result in results if result.outcome == NOT_APPLICABLE} == {
+        "draw_is_refused_without_pictures",
+        "save_is_refused_without_snapshots",
+        "start_from_a_snapshot_is_refused_without_snapshots",
     }
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_server_is_found_out_by_the_right_checks_of_its_families(name):
+def test_a_broken_server_fails_exactly_the_right_checks_of_their_families(name):
     broken = BROKEN[name]
-    families = {check.family for check in CHECKS if check.name in broken.checks}
+    checks = select(families=sorted({check.family for check in CHECKS if check.name in broken.checks}))
     with serving(broken) as address:
-        results = list(
-            run_checks(address, seconds=SECONDS, checks=[check for check in CHECKS if check.family in families])
-        )
-    assert failed(results) == broken.checks
+        assert failed(run_checks(address, seconds=SECONDS, checks=checks)) == broken.checks
 
 
-def test_there_are_broken_servers_for_every_family():
+def test_there_is_a_broken_server_for_every_family():
     names = {name for broken in BROKEN.values() for name in broken.checks}
-    assert len(BROKEN) >= 25 and names <= {check.name for check in CHECKS}
+    assert names <= {check.name for check in CHECKS}
     assert {check.family for check in CHECKS if check.name in names} == set(FAMILIES)
 
 
+# ------------------------------------------------------------------------------------------------ the command line
+
+
+def test_list_prints_every_family_check_and_rule_and_needs_no_address(capsys):
+    assert main(["check", "--list"]) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert [line.partition(":")[0] for line in lines if line.partition(":")[0] in FAMILIES] == list(FAMILIES)
+    for check in CHECKS:
+        assert lines[lines.index(check.name) + 1] == check.rule
+
+
+def test_list_prints_only_the_selected_checks(capsys):
+    assert main(["check", "--list", "--family", "order"]) == 0
+    text = capsys.readouterr().out
+    assert "act_before_start_is_refused" in text and "zero_arenas_are_refused" not in text and "limits:" not in text
+
+
+def run(capsys, *arguments):
+    """Run the command line; return the exit status, the JSON object and the lines before it."""
+    status = main(["check", *arguments, "--json"])
+    *lines, last = capsys.readouterr().out.splitlines()
+    return status, json.loads(last), lines
+
+
+def test_a_family_is_selected_by_its_name(correct, capsys):
+    status, report, _ = run(capsys, correct, "--family", "order", "--family", "limits")
+    assert status == 0 and report["passed"] == len(report["results"])
+    assert {r["check"] for r in report["results"]} == {c.name for c in CHECKS if c.family in ("order", "limits")}
+
+
+def test_checks_are_selected_by_their_names_in_addition_to_families(correct, capsys):
+    names = ["game_names_are_unique", "masked_choice_is_refused"]
+    _, report, _ = run(capsys, correct, "--only", names[1], "--only", names[0])
+    assert [(r["game"], r["check"]) for r in report["results"]] == [(SERVER, names[0]), (Gauntlet.name, names[1])]
+    _, report, _ = run(capsys, correct, "--only", names[0], "--family", "order")
+    assert {r["family"] for r in report["results"]} == {"games", "order"}
+
+
+def test_quiet_prints_nothing_but_failures_and_the_summary(correct, capsys):
+    arguments = ["--only", "zero_arenas_are_refused", "--only", "unknown_field_of_act_is_refused", "--quiet"]
+    assert main(["check", correct, "--only", "zero_arenas_are_refused", "--quiet"]) == 0
+    assert re.fullmatch(r"\n1 passed, 0 failed, 0 not applicable in \d+\.\d s\n", capsys.readouterr().out)
+    with serving(BROKEN["NoArenasIsOne"]) as address:
+        assert main(["check", address, *arguments[:2], "--quiet"]) == 1
+    first, *_, last = capsys.readouterr().out.splitlines()
+    assert first == "gauntlet  zero_arenas_are_refused: failed" and last.startswith("0 passed, 1 failed")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--family", "picture"], "unknown family 'picture'; the nearest are pictures"),
+        (["--family", "seds"], "unknown family 'seds'; the nearest are seeds, "),
+        (["--only", "masked"], "unknown check 'masked'; the nearest are masked_choice_is_refused"),
+        (["--only", "nan_axes_are_refused"], "unknown check 'nan_axes_are_refused'; the nearest are "),
+        ([], r"no server responds at 127.0.0.1:1; start one or correct the address ("),
+    ],
+)
+def test_what_cannot_be_checked_is_an_error_in_one_sentence(arguments, error, capsys):
+    assert main(["check", NOWHERE, *arguments]) == 2
+    output = capsys.readouterr()
+    assert output.out == "" and output.err.startswith(f"error: {error}") and output.err.count("\n") == 1
+
+
+def test_a_game_that_the_server_does_not_have_is_an_error_in_one_sentence(correct, capsys):
+    assert main(["check", correct, "--game", "chess"]) == 2
+    assert capsys.readouterr() == ("", "error: unknown game 'chess'; expected gauntlet\n")
+
+
+def test_a_file_that_cannot_be_written_is_an_error_in_one_sentence(correct, tmp_path, capsys):
+    path = tmp_path / "missing" / "junit.xml"
+    assert main(["check", correct, "--only", "zero_arenas_are_refused", "--junit", str(path)]) == 2
+    assert capsys.readouterr().err == f"error: [Errno 2] No such file or directory: '{path}'\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        ([], "ADDRESS is missing; only --list needs none"),
+        (["nowhere"], "argument ADDRESS: got 'nowhere', expected HOST:PORT"),
+        ([NOWHERE, "--deadline", "0"], "argument --deadline: "),
+        ([NOWHERE, "--deadline", "nan"], "argument --deadline: "),
+    ],
+)
+def test_a_malformed_command_line_is_refused(arguments, error, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["check", *arguments])
+    assert end.value.code == 2 and error in capsys.readouterr().err
+
+
+def test_an_unknown_name_lists_the_nearest_ones():
+    with pytest.raises(SelectionError, match="the nearest are axis_below_low_is_refused, axis_above_high_is_refused"):
+        select(names=["axis_above_low_is_refused"])
+
+
+# ----------------------------------------------------------------------------------------- servers that do not work
+
+
 class Sleeps(Gauntlet):
-    """Takes longer for a decision than anybody waits."""
+    """Takes longer for a decision than the deadline."""
 
     def step(self, acts):
         time.sleep(0.5)
         return super().step(acts)
 
 
-def test_a_server_that_does_not_answer_is_a_failure_and_no_hang():
-    steps = [check for check in CHECKS if check.family in ("pictures", "sessions")]
-    begin = time.monotonic()
-    with serving(Broken(set(), game=Sleeps)) as address:
-        results = list(run_checks(address, seconds=0.3, checks=steps))
-    assert time.monotonic() - begin < 10.0
-    assert [r.came for r in results].count("no answer within 0.3 s") == PATIENCE
-    assert results[-1].outcome == FAILED and results[-1].came.startswith("not tried: ")
+def test_after_several_timeouts_the_other_checks_of_a_game_are_not_run():
+    checks = select(families=["pictures", "sessions"])
+    with serving(BrokenServer(set(), game=Sleeps)) as address:
+        results = list(run_checks(address, seconds=0.3, checks=checks))
+    assert len(results) == len(checks)
+    assert [r.got for r in results].count("no response within 0.3 s") == MOST_TIMEOUTS
+    assert results[-1].outcome == FAILED and results[-1].got == f"not run after {MOST_TIMEOUTS} timeouts"
 
 
-def test_a_server_that_is_not_there_fails(capsys):
-    assert main("127.0.0.1:1", [], 1.0, as_object=True, junit=None) == 1
-    assert json.loads(capsys.readouterr().out.splitlines()[-1])["passed"] == 0
+class NoList(Service):
+    """A server that is not complete yet."""
+
+    def ListGames(self, request, context):
+        raise NotImplementedError
 
 
-class Tired(Honest):
-    def answer(self, request):
-        if request.HasField("reset"):
-            raise ZeroDivisionError("a server's own bug \x00\udcff")
-        return super().answer(request)
+def test_without_a_list_of_games_the_server_is_checked_and_a_named_game_too():
+    with serving(BrokenServer(set(), service=NoList)) as address:
+        names = ["game_names_are_unique", "zero_arenas_are_refused"]
+        (result,) = run_checks(address, checks=select(names=names))
+        assert result.got.startswith("ListGames failed with UNKNOWN")
+        assert len(list(run_checks(address, [Gauntlet.name], checks=select(names=names)))) == 2
+        with pytest.raises(Unreachable, match="no game to check: ListGames failed with UNKNOWN"):
+            list(run_checks(address, checks=select(names=names[1:])))
 
 
-def test_a_failure_says_the_rule_what_came_what_was_expected_and_where_it_stands(capsys):
+def test_a_failure_prints_the_rule_both_values_and_the_section(correct):
     def strange(subject):
         """A rule."""
-        raise BrokenRule("\x00 a & b", "<c>")
+        raise Violation("\x00 a & b", "<c>")
 
-    check = Check("a_rule_holds", "order", "A rule.", "Act", False, strange)
-    with serving(Broken(set(), session=Tired)) as address:
-        (result,) = run_checks(address, [Gauntlet.name], checks=[check])
-    assert (result.outcome, result.came, result.expected) == (FAILED, "\x00 a & b", "<c>")
+    (result,) = run_checks(correct, [Gauntlet.name], checks=[made_up(strange)])
+    assert (result.outcome, result.got, result.expected) == (FAILED, "\x00 a & b", "<c>")
     assert result.lines == [
-        "gauntlet  a rule holds: failed", "    rule: A rule.", "    got: \x00 a & b", "    expected: <c>",
-        "    manual: bridge.proto, Act",
+        "gauntlet  rule_holds: failed", "    rule: A rule.", "    got: \x00 a & b", "    expected: <c>",
+        "    see: bridge.proto, Act",
     ]  # fmt: skip
 
 
-def test_junit_holds_whatever_a_server_says(tmp_path):
-    check = Check("a_rule_holds", "order", "A rule.", "Act", False, lambda subject: None)
+def test_junit_holds_any_text_of_a_server(tmp_path):
+    check = made_up(lambda subject: None)
     results = [
         Result("game\x1b", check, FAILED, 0.1, "\x00\ufffe <&>", "c"),
-        Result("game\x1b", check, NO_MATTER, 0.1, "no \x07 bell"),
+        Result("game\x1b", check, NOT_APPLICABLE, 0.1, "no \x07 bell"),
     ]
     write_junit(str(tmp_path / "junit.xml"), results)
     (suite,) = ElementTree.parse(tmp_path / "junit.xml").getroot()
     assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("2", "1", "1")
 
 
-def test_a_kit_that_trips_over_a_server_reports_it_and_goes_on():
-    def trips(subject):
+def test_an_exception_in_a_check_is_a_failure_and_the_next_check_runs(correct):
+    def raises(subject):
         raise KeyError("nothing there")
 
-    check = Check("a_rule_holds", "order", "A rule.", "Act", False, trips)
-    with serving(Broken(set())) as address:
-        one, other = run_checks(address, [Gauntlet.name], checks=[check, check])
-    assert one.outcome == other.outcome == FAILED and "KeyError" in one.came
+    one, other = run_checks(correct, checks=[made_up(raises), made_up(raises)])
+    assert one.outcome == other.outcome == FAILED and one.got == "KeyError: 'nothing there'"
 
 
-def test_an_unknown_game_fails_all_its_checks_that_ask_for_it():
-    with serving(Broken(set())) as address:
-        results = list(
-            run_checks(address, ["chess"], seconds=SECONDS, checks=[c for c in CHECKS if c.family == "starts"])
-        )
-        with Server(address, SECONDS) as server, pytest.raises(BrokenRule, match="NOT_FOUND"):
-            server.describe("chess")
-    assert len(failed(results)) == len(results)
+def test_the_spec_of_an_unknown_game_is_a_violation(correct):
+    with Client(correct, SECONDS) as client, pytest.raises(Violation, match="NOT_FOUND"):
+        client.describe("chess")

@@ -1,6 +1,6 @@
 """Servers that break the contract in one way each, and a game on which every rule can be tried.
 
-BROKEN lists them, each with the checks that must find it out, and no others.
+BROKEN lists them, each with exactly the checks that must fail.
 """
 
 from collections.abc import Iterator
@@ -230,7 +230,7 @@ class Honest(Session):
 
 
 @dataclass
-class Broken:
+class BrokenServer:
     """A server with a fault, and the checks that find it."""
 
     checks: set[str]
@@ -263,7 +263,7 @@ def serving(broken) -> Iterator[str]:
             server.stop(0)  # and no waiting for it: calls that were broken off may keep it for ever
 
 
-BROKEN: dict[str, Broken] = {}
+BROKEN: dict[str, BrokenServer] = {}
 
 
 def broken(*checks, **fields):
@@ -271,7 +271,7 @@ def broken(*checks, **fields):
 
     def keep(kind):
         part = "game" if issubclass(kind, Gauntlet) else "session" if issubclass(kind, Honest) else "service"
-        BROKEN[kind.__name__] = Broken(set(checks), **{part: kind}, **fields)
+        BROKEN[kind.__name__] = BrokenServer(set(checks), **{part: kind}, **fields)
         return kind
 
     return keep
@@ -286,25 +286,25 @@ def floats(tensor):
     return np.frombuffer(tensor.data, "<f4").reshape(tensor.shape).copy()
 
 
-BROKEN["NoHealth"] = Broken({"the_server_says_that_it_is_well", "the_service_says_that_it_is_well"}, health=())
-BROKEN["HealthOfTheServerOnly"] = Broken({"the_service_says_that_it_is_well"}, health=("",))
-BROKEN["NoReflection"] = Broken(
+BROKEN["NoHealth"] = BrokenServer({"health_of_the_server_is_serving", "health_of_the_service_is_serving"}, health=())
+BROKEN["HealthOfTheServerOnly"] = BrokenServer({"health_of_the_service_is_serving"}, health=("",))
+BROKEN["NoReflection"] = BrokenServer(
     {
         "reflection_lists_the_service",
-        "reflection_has_the_methods_of_the_service",
-        "reflection_has_every_field_of_the_contract",
+        "reflection_has_every_method",
+        "reflection_has_every_field",
     },
     reflection=(),
 )
-BROKEN["ReflectionOfNothing"] = Broken({"reflection_lists_the_service"}, reflection=(reflection.SERVICE_NAME,))
+BROKEN["ReflectionOfNothing"] = BrokenServer({"reflection_lists_the_service"}, reflection=(reflection.SERVICE_NAME,))
 
 # ------------------------------------------------------------------------------------------------ specs and starts
 
 
 @broken(
-    "two_descriptions_of_a_game_are_equal", "default_choices_spelled_out_describe_the_same_game",
-    "every_choice_is_described_the_same_twice", "a_session_starts_with_the_spec_that_was_described",
-    "a_choice_starts_with_the_spec_that_was_described_for_it",
+    "spec_is_the_same_on_every_call", "explicit_default_choices_give_the_same_spec",
+    "spec_of_every_choice_is_the_same_on_every_call", "started_has_the_spec_of_describe",
+    "started_has_the_spec_of_describe_for_every_choice",
 )  # fmt: skip
 class ChangingSpec(Gauntlet):
     times = 0
@@ -317,7 +317,7 @@ class ChangingSpec(Gauntlet):
         return spec
 
 
-@broken("a_session_starts_with_the_spec_that_was_described", "a_choice_starts_with_the_spec_that_was_described_for_it")
+@broken("started_has_the_spec_of_describe", "started_has_the_spec_of_describe_for_every_choice")
 class OtherSpecInStarted(Honest):
     def answer(self, request):
         response = super().answer(request)
@@ -326,7 +326,7 @@ class OtherSpecInStarted(Honest):
         return response
 
 
-@broken("the_default_of_a_parameter_lies_in_its_range", "every_choice_of_every_option_can_be_described")
+@broken("parameter_default_is_in_range", "every_choice_has_a_valid_spec")
 class DefaultOutOfRange(Honest):
     @staticmethod
     def describe(games, name, options):
@@ -335,13 +335,22 @@ class DefaultOutOfRange(Honest):
         return spec
 
 
-@broken("first_observations_have_the_shape_of_their_sensors")
+@broken("sensor_bounds_match_the_shape")
+class BoundsOfAnotherShape(Honest):
+    @staticmethod
+    def describe(games, name, options):
+        spec = sessions.describe(games, name, options)
+        spec.behaviors[0].sensors[0].low.extend([-9.0, -9.0])
+        return spec
+
+
+@broken("first_observations_match_the_sensors")
 class FirstShapeWrong(Honest):
     def first(self, step):
         change(step.behaviors[0].observations[0], floats(step.behaviors[0].observations[0]).reshape(-1))
 
 
-@broken("the_first_rewards_are_zero")
+@broken("first_rewards_are_zero")
 class PaidAtTheStart(Honest):
     def first(self, step):
         change(step.behaviors[0].rewards, floats(step.behaviors[0].rewards) + 1)
@@ -350,7 +359,7 @@ class PaidAtTheStart(Honest):
 # -------------------------------------------------------------------------------------------- options, parameters
 
 
-@broken("an_unknown_option_is_refused_by_describe", "an_unknown_option_is_refused_by_start")
+@broken("unknown_option_is_refused_by_describe", "unknown_option_is_refused_by_start")
 class AnyOption(Honest):
     @staticmethod
     def forget(options):
@@ -369,8 +378,8 @@ class AnyOption(Honest):
 
 
 @broken(
-    "a_parameter_above_its_range_is_refused_by_start", "a_parameter_below_its_range_is_refused_by_start",
-    "a_parameter_that_is_infinite_is_refused_by_start",
+    "parameter_above_high_is_refused_by_start", "parameter_below_low_is_refused_by_start",
+    "infinite_parameter_is_refused_by_start",
 )  # fmt: skip
 class ClipsParameters(Honest):
     def request(self, request):
@@ -379,7 +388,7 @@ class ClipsParameters(Honest):
         return request
 
 
-@broken("a_parameter_set_by_reset_plays_as_if_set_by_start")
+@broken("parameter_set_by_reset_acts_as_in_start")
 class ResetForgetsParameters(Gauntlet):
     def reset(self, seed, parameters):
         super().reset(seed, parameters if not hasattr(self, "seed") else {})
@@ -388,7 +397,7 @@ class ResetForgetsParameters(Gauntlet):
 # ----------------------------------------------------------------------------------------------------------- order
 
 
-@broken("an_act_before_start_is_refused", "a_reset_before_start_is_refused", "a_save_before_start_is_refused")
+@broken("act_before_start_is_refused", "reset_before_start_is_refused", "save_before_start_is_refused")
 class WrongStatusBeforeStart(Honest):
     def answer(self, request):
         if self.game is None and request.WhichOneof("request") in ("act", "reset", "save"):
@@ -396,7 +405,7 @@ class WrongStatusBeforeStart(Honest):
         return super().answer(request)
 
 
-@broken("a_second_start_is_refused", "a_start_in_the_middle_of_a_session_is_refused")
+@broken("second_start_is_refused", "start_after_act_and_reset_is_refused")
 class StartsAgain(Honest):
     def answer(self, request):
         if request.HasField("start"):
@@ -404,14 +413,14 @@ class StartsAgain(Honest):
         return super().answer(request)
 
 
-@broken("an_unknown_field_of_a_start_is_refused", "an_unknown_field_of_an_act_is_refused")
+@broken("unknown_field_of_start_is_refused", "unknown_field_of_act_is_refused")
 class IgnoresWhatItDoesNotKnow(Honest):
     def request(self, request):
         request.DiscardUnknownFields()
         return request
 
 
-@broken("describing_an_unknown_game_is_not_found", "describing_no_game_is_not_found")
+@broken("unknown_game_is_not_found_by_describe", "empty_game_name_is_not_found_by_describe")
 class UnknownGameIsInvalid(Honest):
     @staticmethod
     def describe(games, name, options):
@@ -427,7 +436,7 @@ def acts(request):
     return [act for act in request.act.behaviors if act.axes.dtype == pb.DTYPE_FLOAT32 and act.axes.data]
 
 
-@broken("an_axis_that_is_nan_is_refused", "an_axis_that_is_infinite_is_refused")
+@broken("nan_axis_is_refused", "infinite_axis_is_refused")
 class NotANumberIsZero(Honest):
     def request(self, request):
         for act in acts(request):
@@ -437,8 +446,8 @@ class NotANumberIsZero(Honest):
 
 
 @broken(
-    "an_axis_above_its_range_is_refused", "an_axis_below_its_range_is_refused",
-    "an_axis_far_out_of_its_range_is_refused", "an_illegal_action_in_the_last_lane_is_refused",
+    "axis_above_high_is_refused", "axis_below_low_is_refused",
+    "axis_far_out_of_range_is_refused", "invalid_action_in_the_last_lane_is_refused",
 )  # fmt: skip
 class ClipsAxes(Honest):
     def request(self, request):
@@ -452,7 +461,7 @@ class ClipsAxes(Honest):
         return request
 
 
-@broken("a_masked_choice_is_refused")
+@broken("masked_choice_is_refused")
 class ForgetsItsMasks(Honest):
     def _unpack(self, act):
         for previous in self.previous:
@@ -470,7 +479,7 @@ class AnyDtypeOfChoices(Honest):
         return request
 
 
-@broken("an_extra_behavior_is_refused")
+@broken("extra_behavior_is_refused")
 class IgnoresExtraBehaviors(Honest):
     def request(self, request):
         if request.HasField("act"):
@@ -481,27 +490,29 @@ class IgnoresExtraBehaviors(Honest):
 # ----------------------------------------------------------------------------------------------------------- seeds
 
 
-@broken("different_seeds_play_differently", "the_high_bits_of_a_seed_count", "the_largest_seeds_play_differently")
+@broken(
+    "different_seeds_give_different_episodes", "high_bits_of_a_seed_are_used", "largest_seeds_give_different_episodes"
+)
 class IgnoresTheSeed(Gauntlet):
     def reset(self, seed, parameters):
         super().reset(None if seed is None else 7, parameters)
 
 
-@broken("the_high_bits_of_a_seed_count")
+@broken("high_bits_of_a_seed_are_used")
 class HalfASeed(Gauntlet):
     def reset(self, seed, parameters):
         super().reset(None if seed is None else seed % 2**32, parameters)
 
 
-@broken("the_largest_seeds_play_differently")
+@broken("largest_seeds_give_different_episodes")
 class SeedIsADouble(Gauntlet):
     def reset(self, seed, parameters):
         super().reset(None if seed is None else int(float(seed)), parameters)
 
 
 @broken(
-    "an_arena_plays_the_same_however_many_are_beside_it", "first_arena_continues_where_another_session_stops",
-    "the_largest_first_arena_is_an_arena_like_any_other",
+    "arena_does_not_depend_on_the_number_of_arenas", "first_arena_selects_the_arena_numbers",
+    "arena_numbers_may_exceed_32_bits",
 )  # fmt: skip
 class SeedsDependOnTheArenas(Gauntlet):
     def draws(self, arena):
@@ -510,13 +521,13 @@ class SeedsDependOnTheArenas(Gauntlet):
         return np.random.default_rng(key).normal(size=2)
 
 
-@broken("first_arena_continues_where_another_session_stops")
+@broken("first_arena_selects_the_arena_numbers")
 class IgnoresFirstArena(Gauntlet):
     def __init__(self, options, parameters, arenas, first_arena, seed):
         super().__init__(options, parameters, arenas, 0, seed)
 
 
-@broken("a_reset_without_a_seed_begins_other_episodes")
+@broken("reset_without_seed_begins_different_episodes")
 class ResetsToTheBeginning(Gauntlet):
     def reset(self, seed, parameters):
         super().reset(self.seed if seed is None else seed, parameters)
@@ -525,13 +536,13 @@ class ResetsToTheBeginning(Gauntlet):
 # ----------------------------------------------------------------------------------------------------------- steps
 
 
-@broken("observations_have_the_shape_of_their_sensors")
+@broken("observations_match_the_sensors")
 class WrongShape(Honest):
     def later(self, step):
         change(step.behaviors[0].observations[0], floats(step.behaviors[0].observations[0]).reshape(-1))
 
 
-@broken("observations_lie_within_their_bounds")
+@broken("observations_are_in_bounds")
 class OutOfBounds(Honest):
     def later(self, step):
         change(step.behaviors[0].observations[0], floats(step.behaviors[0].observations[0]) + 19)
@@ -543,13 +554,13 @@ class RewardIsNotANumber(Honest):
         change(step.behaviors[2].rewards, floats(step.behaviors[2].rewards) * np.float32(np.nan))
 
 
-@broken("lanes_that_are_skipped_are_paid_nothing_yet")
+@broken("rewards_of_skipped_lanes_are_zero")
 class PaysWhoWaits(Honest):
     def later(self, step):
         change(step.behaviors[1].rewards, floats(step.behaviors[1].rewards) + 1)
 
 
-@broken("no_lane_is_terminated_and_truncated_at_once")
+@broken("no_lane_is_terminated_and_truncated")
 class BothEnds(Honest):
     def later(self, step):
         for part in step.behaviors:
@@ -557,7 +568,7 @@ class BothEnds(Honest):
             part.terminated.CopyFrom(part.truncated)
 
 
-@broken("final_observations_have_a_row_per_end")
+@broken("final_observations_have_a_row_per_ended_lane")
 class NoFinalObservation(Honest):
     def later(self, step):
         for part in step.behaviors:
@@ -565,7 +576,7 @@ class NoFinalObservation(Honest):
                 part.ended.ClearField("final_observations")
 
 
-@broken("ended_lists_exactly_the_lanes_that_ended")
+@broken("ended_lanes_match_the_flags")
 class EndsInAnotherOrder(Honest):
     def later(self, step):
         for part in step.behaviors:
@@ -573,19 +584,19 @@ class EndsInAnotherOrder(Honest):
                 change(part.ended.lanes, np.frombuffer(part.ended.lanes.data, "<i4")[::-1] + 1)
 
 
-@broken("metrics_have_a_row_per_end")
+@broken("metrics_have_a_row_per_ended_lane")
 class NoMetrics(Honest):
     def later(self, step):
         for part in step.behaviors:
             part.ended.ClearField("metrics") if part.HasField("ended") else None
 
 
-@broken("no_episode_is_longer_than_the_spec_says")
+@broken("episodes_are_not_longer_than_max_episode_decisions")
 class EpisodesTooLong(Gauntlet):
     longest = LONGEST + 1
 
 
-@broken("first_masks_are_well_formed", "masks_have_a_column_per_choice_and_allow_one")
+@broken("first_masks_are_valid", "masks_are_valid")
 class AllowsNothing(Honest):
     def every(self, step):
         mask = step.behaviors[0].masks[1]
@@ -602,7 +613,7 @@ class PicturesOnTheirSide(Honest):
             picture.shape[:2] = reversed(picture.shape[:2])
 
 
-@broken("pictures_come_in_the_order_of_the_request")
+@broken("pictures_are_in_the_order_of_draw")
 class PicturesInOrderOfArenas(Honest):
     def request(self, request):
         if request.HasField("act"):
@@ -610,7 +621,7 @@ class PicturesInOrderOfArenas(Honest):
         return request
 
 
-@broken("an_arena_that_does_not_exist_is_not_drawn")
+@broken("unknown_arena_in_draw_is_refused")
 class DrawsAnyArena(Honest):
     def request(self, request):
         if request.HasField("act"):
@@ -618,7 +629,7 @@ class DrawsAnyArena(Honest):
         return request
 
 
-@broken("drawing_changes_nothing_of_the_play")
+@broken("drawing_does_not_change_the_episode")
 class DrawingDraws(Gauntlet):
     def draw(self, arena):
         picture = super().draw(arena)
@@ -626,14 +637,14 @@ class DrawingDraws(Gauntlet):
         return picture
 
 
-@broken("a_session_continues_from_a_snapshot_to_the_same_bytes", "a_snapshot_holds_what_a_reset_has_set")
+@broken("session_continues_from_a_snapshot", "snapshot_includes_seed_and_parameters_of_reset")
 class SnapshotForgets(Gauntlet):
     def restore(self, state):
         super().restore(state)
         self.counts[:, DRAWS] = 0
 
 
-@broken("a_snapshot_holds_what_a_reset_has_set")
+@broken("snapshot_includes_seed_and_parameters_of_reset")
 class SnapshotForgetsTheSeed(Gauntlet):
     def restore(self, state):
         seed = self.seed
@@ -641,7 +652,7 @@ class SnapshotForgetsTheSeed(Gauntlet):
         self.seed = seed
 
 
-@broken("a_snapshot_holds_what_a_reset_has_set")
+@broken("snapshot_includes_seed_and_parameters_of_reset")
 class SnapshotForgetsParameters(Gauntlet):
     def restore(self, state):
         drift = self.drift
@@ -649,7 +660,7 @@ class SnapshotForgetsParameters(Gauntlet):
         self.drift = drift
 
 
-@broken("a_snapshot_of_another_seed_is_refused")
+@broken("snapshot_with_another_seed_is_refused")
 class SnapshotOfAnySeed(Honest):
     def request(self, request):
         if request.start.HasField("snapshot"):
@@ -657,7 +668,7 @@ class SnapshotOfAnySeed(Honest):
         return request
 
 
-@broken("a_snapshot_is_no_larger_than_the_spec_says")
+@broken("snapshot_is_not_larger_than_the_spec_says")
 class LargeSnapshots(Gauntlet):
     def save(self):
         return {**super().save(), "padding": np.zeros(1000, np.uint8)}
@@ -667,8 +678,8 @@ class LargeSnapshots(Gauntlet):
 
 
 @broken(
-    "sessions_side_by_side_do_not_influence_each_other", "a_reset_in_one_session_is_none_in_another",
-    "a_session_that_is_cancelled_disturbs_no_other", "a_client_that_goes_away_disturbs_no_other",
+    "parallel_sessions_are_independent", "reset_does_not_affect_other_sessions",
+    "cancelled_session_does_not_affect_others", "lost_connection_does_not_affect_other_sessions",
 )  # fmt: skip
 class SessionsShareTheirSeed(Gauntlet):
     newest = 0
@@ -682,7 +693,7 @@ class SessionsShareTheirSeed(Gauntlet):
         return super().draws(arena)
 
 
-@broken("no_arenas_are_refused")
+@broken("zero_arenas_are_refused")
 class NoArenasIsOne(Honest):
     def request(self, request):
         if request.HasField("start"):
@@ -690,7 +701,7 @@ class NoArenasIsOne(Honest):
         return request
 
 
-@broken("more_arenas_than_the_spec_allows_are_refused", "very_many_arenas_are_refused")
+@broken("more_than_max_arenas_are_refused", "largest_number_of_arenas_is_refused")
 class TooManyArenasAreInvalid(Honest):
     def answer(self, request):
         if request.start.arenas > 16:

@@ -1,5 +1,6 @@
-"""The conformance kit of joybridge.v1: every rule of bridge.proto that can be observed from outside, as a check.
+"""The conformance kit of joybridge.v1: a check for every rule of bridge.proto that a client can observe.
 
-The kit talks to a server over the wire only, so it tests a server in any language. It imports the contract and
-nothing else. `rules/` holds one module per family of rules; the modules beside it are what the rules are written with.
+The kit uses the network only, so it tests a server written in any language. `rules/` has one module per family of
+checks; the modules in this folder are the tools that the checks are written with. The kit imports the contract
+(`joybridge.v1`, `joybridge.contract`) and no other part of Joybridge.
 """

@@ -1,34 +1,88 @@
 """The command `joybridge check`."""
 
 import argparse
+import json
+import math
 import sys
+import time
 from collections.abc import Sequence
 
-from joybridge.conformance import runner
+from joybridge.conformance.registry import Check
+from joybridge.conformance.report import FAILED, as_json, listing, summary, write_junit
+from joybridge.conformance.rules import FAMILIES
+from joybridge.conformance.runner import DEADLINE, run_checks
+from joybridge.conformance.selection import select
 from joybridge.contract.address import address
+from joybridge.contract.errors import JoybridgeError
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.conformance") -> int:
-    """Run the command line and return its exit status: 1 where the server breaks a rule."""
+    """Run the command line and return its exit status.
+
+    The status is 0 if no check fails, 1 if a check fails, and 2 if nothing can be checked: an unknown name, a server
+    that does not respond, a file that cannot be written.
+    """
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    checker = commands.add_parser("check", help="test a server, in any language, on every rule of the contract")
-    checker.add_argument("address", type=address, metavar="ADDRESS", help="HOST:PORT or unix:PATH of the server")
-    checker.add_argument(
-        "--game", action="append", default=[], metavar="NAME", help="only this game (may be repeated); default: all"
+    checker = commands.add_parser(
+        "check", help="test a server against the contract, in whatever language it is written"
     )
+    checker.add_argument("address", nargs="?", type=address, metavar="ADDRESS", help="HOST:PORT or unix:PATH")
+    for option, metavar, text in (
+        ("--game", "NAME", "check this game; default: all games"),
+        ("--family", "FAMILY", "run the checks of this family; default: all checks"),
+        ("--only", "CHECK", "run this check, in addition to those of --family"),
+    ):
+        checker.add_argument(
+            option, action="append", default=[], metavar=metavar, help=f"{text}. May be repeated"
+        )  # fmt: skip
+    checker.add_argument("--list", action="store_true", help="list the families, checks and rules, and exit")
     checker.add_argument(
-        "--deadline", type=float, default=runner.DEADLINE, metavar="SECONDS",
-        help="the longest that a call or a session of the checks may take; default %(default)s",
+        "--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS",
+        help="the longest time of a call; a session is one call. Default: %(default)g",
     )  # fmt: skip
+    checker.add_argument("--quiet", action="store_true", help="print failures and the summary only")
     checker.add_argument("--json", action="store_true", help="print the results as one JSON object on the last line")
-    checker.add_argument("--junit", metavar="FILE", help="also write the results as JUnit XML")
+    checker.add_argument("--junit", metavar="FILE", help="write the results as JUnit XML")
     options = parser.parse_args(arguments)
+    if not (options.address or options.list):
+        checker.error("ADDRESS is missing; only --list needs none")
     try:
-        return runner.main(options.address, options.game, options.deadline, options.json, options.junit)
-    except OSError as error:
+        checks = select(options.family, options.only)
+        if options.list:
+            print(*listing(checks, FAMILIES), sep="\n")
+            return 0
+        return _check(checks, options)
+    except (JoybridgeError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
+    """Run the checks, print and write their results, and return the exit status."""
+    begin = time.perf_counter()
+    results = []
+    for result in run_checks(options.address, options.game, options.deadline, checks):
+        results.append(result)
+        if result.outcome == FAILED or not options.quiet:
+            print(*result.lines, sep="\n", flush=True)
+    print(f"\n{summary(results)} in {time.perf_counter() - begin:.1f} s")
+    if options.junit is not None:
+        write_junit(options.junit, results)
+    if options.json:
+        print(json.dumps(as_json(options.address, results)))
+    sys.stdout.flush()
+    return int(any(result.outcome == FAILED for result in results))
+
+
+def _seconds(text: str) -> float:
+    """Return a positive number of seconds. Raises ValueError, which argparse reports."""
+    seconds = float(text)
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise ValueError
+    return seconds
 
 
 if __name__ == "__main__":

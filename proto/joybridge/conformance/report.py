@@ -1,52 +1,52 @@
-"""What came of the checks: as lines, as JSON and as JUnit XML."""
+"""Results of checks as text, as JSON and as JUnit XML."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
 from joybridge.conformance.registry import Check
 
-PASSED, FAILED, NO_MATTER = "passed", "failed", "does not apply"
-# What XML 1.0 cannot hold; what a server says may be anything.
-_UNSPEAKABLE = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(55296, 57344), 65534, 65535), "�")
+PASSED, FAILED, NOT_APPLICABLE = "passed", "failed", "not applicable"
+# Characters that XML 1.0 cannot hold; the text of a server may contain any.
+_NOT_IN_XML = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(55296, 57344), 65534, 65535), "�")
 
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one check of one game."""
+    """The result of one check of one game."""
 
-    game: str
+    game: str  # "server" for a check of the whole server
     check: Check
     outcome: str
     seconds: float
-    came: str = ""  # where it failed; where it does not apply, why
+    got: str = ""  # of a failure; the reason if the check is not applicable
     expected: str = ""
 
     @property
     def lines(self) -> list[str]:
-        """Return the result in words: one line, and what went wrong below it."""
-        line = f"{self.game}  {self.check.name.replace('_', ' ')}: {self.outcome}"
-        if self.outcome == NO_MATTER:
-            return [f"{line} ({self.came})"]
+        """Return one line for the result and, for a failure, lines that explain it."""
+        line = f"{self.game}  {self.check.name}: {self.outcome}"
+        if self.outcome == NOT_APPLICABLE:
+            return [f"{line} ({self.got})"]
         return [line, *(f"    {part}" for part in self.explanation)]
 
     @property
     def explanation(self) -> list[str]:
-        """Return what went wrong: the rule, what came, what was expected and where the manual says so."""
+        """Return the rule, what the check got, what it expected and the section of bridge.proto, for a failure."""
         if self.outcome != FAILED:
             return []
         return [
-            f"rule: {self.check.rule}", f"got: {self.came}", f"expected: {self.expected}",
-            f"manual: bridge.proto, {self.check.manual}",
+            f"rule: {self.check.rule}", f"got: {self.got}", f"expected: {self.expected}",
+            f"see: bridge.proto, {self.check.section}",
         ]  # fmt: skip
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return the counts in one line. What does not apply has not been passed."""
+    """Return the number of results of each outcome. Checks that are not applicable have not passed."""
     counts = Counter(result.outcome for result in results)
-    return ", ".join(f"{counts[outcome]} {outcome}" for outcome in (PASSED, FAILED, NO_MATTER))
+    return ", ".join(f"{counts[outcome]} {outcome}" for outcome in (PASSED, FAILED, NOT_APPLICABLE))
 
 
 def as_json(address: str, results: Sequence[Result]) -> dict[str, Any]:
@@ -56,11 +56,11 @@ def as_json(address: str, results: Sequence[Result]) -> dict[str, Any]:
         "address": address,
         "passed": counts[PASSED],
         "failed": counts[FAILED],
-        "does_not_apply": counts[NO_MATTER],
+        "not_applicable": counts[NOT_APPLICABLE],
         "results": [
             {
                 "game": r.game, "family": r.check.family, "check": r.check.name, "outcome": r.outcome,
-                "seconds": round(r.seconds, 4), "rule": r.check.rule, "manual": r.check.manual, "got": r.came,
+                "seconds": round(r.seconds, 4), "rule": r.check.rule, "section": r.check.section, "got": r.got,
                 "expected": r.expected,
             }
             for r in results
@@ -68,23 +68,32 @@ def as_json(address: str, results: Sequence[Result]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def listing(checks: Sequence[Check], families: dict[str, str]) -> Iterator[str]:
+    """Yield lines that list the families with their checks and rules."""
+    for family, description in families.items():
+        own = [check for check in checks if check.family == family]
+        if own:
+            yield f"{family}: {description}"
+            yield from (f"  {check.name}\n      {check.rule}" for check in own)
+
+
 def write_junit(path: str, results: Sequence[Result]) -> None:
-    """Write the results as JUnit XML, a suite per game. Raises OSError."""
+    """Write the results as JUnit XML, one suite per game. Raises OSError."""
     root = ElementTree.Element("testsuites", name="joybridge.v1")
     for game in dict.fromkeys(result.game for result in results):
         own = [result for result in results if result.game == game]
         counts = Counter(result.outcome for result in own)
         suite = ElementTree.SubElement(
-            root, "testsuite", name=game.translate(_UNSPEAKABLE), tests=str(len(own)), failures=str(counts[FAILED]),
-            skipped=str(counts[NO_MATTER]), time=f"{sum(result.seconds for result in own):.3f}",
+            root, "testsuite", name=game.translate(_NOT_IN_XML), tests=str(len(own)), failures=str(counts[FAILED]),
+            skipped=str(counts[NOT_APPLICABLE]), time=f"{sum(result.seconds for result in own):.3f}",
         )  # fmt: skip
         for result in own:
-            name, place = result.check.name, f"{game}.{result.check.family}".translate(_UNSPEAKABLE)
+            name, place = result.check.name, f"{game}.{result.check.family}".translate(_NOT_IN_XML)
             case = ElementTree.SubElement(suite, "testcase", name=name, classname=place, time=f"{result.seconds:.3f}")
+            got = result.got.translate(_NOT_IN_XML)
             if result.outcome == FAILED:
-                text = "\n".join(result.explanation).translate(_UNSPEAKABLE)
-                came = result.came.translate(_UNSPEAKABLE)
-                ElementTree.SubElement(case, "failure", message=came).text = text
-            elif result.outcome == NO_MATTER:
-                ElementTree.SubElement(case, "skipped", message=result.came.translate(_UNSPEAKABLE))
+                text = "\n".join(result.explanation).translate(_NOT_IN_XML)
+                ElementTree.SubElement(case, "failure", message=got).text = text
+            elif result.outcome == NOT_APPLICABLE:
+                ElementTree.SubElement(case, "skipped", message=got)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

@@ -1,81 +1,80 @@
-"""Try a server on the contract: `joybridge check ADDRESS`. The rules are in `joybridge.conformance.rules`."""
+"""Run checks against a server and yield their results."""
 
-import json
-import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from joybridge.conformance.registry import Broken, Check, DoesNotApply, Silent
-from joybridge.conformance.report import FAILED, NO_MATTER, PASSED, Result, as_json, summary, write_junit
+import grpc
+
+from joybridge.conformance.client import Client, Status
+from joybridge.conformance.expectations import NotApplicable, TimedOut, Violation
+from joybridge.conformance.registry import Check
+from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, Result
 from joybridge.conformance.rules import CHECKS
+from joybridge.conformance.selection import require_known
 from joybridge.conformance.subject import Subject
-from joybridge.conformance.wire import Server
+from joybridge.contract.errors import JoybridgeError
 
-DEADLINE = 10.0  # seconds of a call; a session, too, is one
-PATIENCE = 3  # deadlines that a game may let pass before the rest of its checks is given up
+DEADLINE = 10.0  # seconds of a call; a session is one call
+MOST_TIMEOUTS = 3  # of one game; its other checks then fail without being run
+SERVER = "server"  # the name in the results for checks of the whole server
+
+
+class Unreachable(JoybridgeError):
+    """No server responds at an address, or it has nothing to check."""
 
 
 def run_checks(
     address: str, games: Sequence[str] = (), seconds: float = DEADLINE, checks: Sequence[Check] = tuple(CHECKS)
 ) -> Iterator[Result]:
-    """Yield what comes of the checks of a server as a whole and of each of its games, or of the named ones.
+    """Yield the results of the checks of the whole server, then of those of each game.
 
-    No call takes longer than `seconds`. A server that lets several deadlines pass is not asked any further.
+    games: the games to check, by default all. seconds: the deadline of each call. After MOST_TIMEOUTS timeouts the
+    other checks of a game fail without being run. Raises Unreachable if no server responds, and SelectionError if the
+    server does not have one of the games.
     """
-    with Server(address, seconds) as server:
-        whole = _Patient(Subject(server, ""), "server")
-        yield from whole.results([check for check in checks if check.once])
-        if not games:
-            try:
-                games = [game.name for game in server.list_games()]
-            except Broken:
-                return  # a check of the server as a whole has said so
+    of_server = [check for check in checks if check.per_server]
+    of_game = [check for check in checks if not check.per_server]
+    with Client(address, seconds) as client:
+        listed = _listed_games(client)
+        if not isinstance(listed, Status):
+            require_known(games, listed, "game")
+            games = games or listed
+        if not games and not of_server:
+            got = f"ListGames failed with {listed}" if isinstance(listed, Status) else "ListGames returns no games"
+            raise Unreachable(f"{address} has no game to check: {got}")
+        yield from _results(Subject(client, ""), SERVER, of_server)
         for game in games:
-            subject = _Patient(Subject(server, game), game)
-            yield from subject.results([check for check in checks if not check.once])
+            yield from _results(Subject(client, game), game, of_game)
 
 
-class _Patient:
-    """One game, whose checks are given up when it has let too many deadlines pass."""
+def _listed_games(client: Client) -> list[str] | Status:
+    """Return the names of the games, or the status of a failed call, which the checks will report."""
+    try:
+        answer = client.try_list_games()
+    except TimedOut as error:
+        raise Unreachable(f"the server at {client.address} did not respond within {client.seconds:g} s") from error
+    if not isinstance(answer, Status):
+        return [game.name for game in answer]
+    if answer.code == grpc.StatusCode.UNAVAILABLE:
+        reason = " ".join(answer.details.split())
+        raise Unreachable(f"no server responds at {client.address}; start one or correct the address ({reason})")
+    return answer
 
-    def __init__(self, subject: Subject, name: str) -> None:
-        self.subject, self.name = subject, name
-        self.silences = 0
 
-    def results(self, checks: Sequence[Check]) -> Iterator[Result]:
-        for one in checks:
-            if self.silences == PATIENCE:
-                came = f"not tried: {PATIENCE} checks before it waited for an answer in vain"
-                yield Result(self.name, one, FAILED, 0.0, came, "a server that answers")
-            else:
-                yield self.result(one)
-
-    def result(self, one: Check) -> Result:
+def _results(subject: Subject, name: str, checks: Iterable[Check]) -> Iterator[Result]:
+    timeouts = 0
+    for check in checks:
         begin = time.perf_counter()
-        outcome, came, expected = PASSED, "", ""
+        outcome, got, expected = PASSED, "", ""
         try:
-            one.run(self.subject)
-        except DoesNotApply as reason:
-            outcome, came = NO_MATTER, str(reason)
-        except Broken as broken:
-            outcome, came, expected = FAILED, broken.came, broken.expected
-            self.silences += isinstance(broken, Silent)
-        except Exception as error:  # what the kit trips over has come from the server
-            outcome, came, expected = FAILED, f"{type(error).__name__}: {error}", "nothing that stops the check"
-        return Result(self.name, one, outcome, time.perf_counter() - begin, came, expected)
-
-
-def main(address: str, games: Sequence[str], seconds: float, as_object: bool, junit: str | None) -> int:
-    """Check a server, print what came of it, and return 0 if it keeps the contract and 1 if not."""
-    results = []
-    begin = time.perf_counter()
-    for result in run_checks(address, games, seconds):
-        print(*result.lines, sep="\n", flush=True)
-        results.append(result)
-    print(f"\n{summary(results)} in {time.perf_counter() - begin:.1f} s")
-    if junit is not None:
-        write_junit(junit, results)
-    if as_object:
-        print(json.dumps(as_json(address, results)))
-    sys.stdout.flush()
-    return int(any(result.outcome == FAILED for result in results))
+            if timeouts == MOST_TIMEOUTS:
+                raise Violation(f"not run after {MOST_TIMEOUTS} timeouts", "responses within the deadline")
+            check.run(subject)
+        except NotApplicable as reason:
+            outcome, got = NOT_APPLICABLE, str(reason)
+        except Violation as violation:
+            outcome, got, expected = FAILED, violation.got, violation.expected
+            timeouts += isinstance(violation, TimedOut)
+        except Exception as error:  # the server sent something that the check does not expect at all
+            outcome, got, expected = FAILED, f"{type(error).__name__}: {error}", "a response that the check can read"
+        yield Result(name, check, outcome, time.perf_counter() - begin, got, expected)

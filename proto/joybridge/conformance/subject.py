@@ -1,146 +1,81 @@
-"""What the checks try: one game of a server, and what was seen while playing it with random legal actions."""
+"""The subject of a check: one game of a server, with recordings of it that several checks share."""
 
+import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import grpc
 import numpy as np
 
-from joybridge.conformance.reading import Part, parts_of
-from joybridge.conformance.registry import Broken, DoesNotApply, expect
-from joybridge.conformance.wire import OK, Ended, Played, Request, Server, Stream
-from joybridge.contract.codec import ActArrays, pack_act
+from joybridge.conformance.client import OK, Client, Exchange, Request, Status, Stream
+from joybridge.conformance.expectations import NotApplicable, Violation, expect
+from joybridge.conformance.recording import Player, Recording
+from joybridge.conformance.step_view import StepView
 from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
-INVALID, EARLY = grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.FAILED_PRECONDITION
-NOT_FOUND, EXHAUSTED = grpc.StatusCode.NOT_FOUND, grpc.StatusCode.RESOURCE_EXHAUSTED
+INVALID_ARGUMENT, FAILED_PRECONDITION = grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.FAILED_PRECONDITION
+NOT_FOUND, RESOURCE_EXHAUSTED = grpc.StatusCode.NOT_FOUND, grpc.StatusCode.RESOURCE_EXHAUSTED
 
-ARENAS = 2  # of an ordinary session
+ARENAS = 2  # of a session, unless a check needs another number
 SEED = 1
 LARGEST_SEED = 2**64 - 1
-FEW = 12  # decisions of a short play
-MANY = 2100  # of a long one, unless the game cuts its episodes sooner
-LONG_SECONDS = 6.0  # a slow game is played for no longer; what was seen until then is judged
-
-SAVE = pb.PlayRequest(save=pb.Save())
-
-
-def act_request(act: pb.Act) -> pb.PlayRequest:
-    """Return the request with some actions."""
-    return pb.PlayRequest(act=act)
-
-
-def reset_request(seed: int | None = None, parameters: Mapping[str, float] | None = None) -> pb.PlayRequest:
-    """Return a request to begin new episodes."""
-    return pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))
-
-
-def record(step: pb.Step) -> bytes:
-    """Return the bytes of a step, the clock on the wall left out."""
-    return pb.Step(behaviors=step.behaviors, pictures=step.pictures).SerializeToString(deterministic=True)
-
-
-def legal_act(parts: Sequence[Part], spec: pb.GameSpec, randoms: Sequence[np.random.Generator]) -> pb.Act:
-    """Return random actions that the masks allow; those of an arena depend on its own generator alone."""
-    acts = []
-    for part in parts:
-        device, agents = part.behavior.device, part.behavior.agents_per_arena
-        axes, branches = len(device.axes), len(device.branches)
-        chance = np.concatenate([random.random((agents, axes + branches)) for random in randoms])
-        low, high = (np.array([getattr(axis, end) for axis in device.axes]) for end in ("low", "high"))
-        values = np.clip(low + chance[:, :axes] * (high - low), low, high).astype(np.float32)
-        choices = np.empty((part.lanes, branches), np.int32)
-        for index in range(branches):
-            allowed = part.allowed(index)
-            wanted = np.floor(chance[:, axes + index] * allowed.sum(axis=1)) + 1  # the n-th of those allowed
-            choices[:, index] = np.argmax(np.cumsum(allowed, axis=1) == wanted[:, None], axis=1)
-        acts.append(pack_act(ActArrays(values, choices)))
-    return pb.Act(behaviors=acts)
-
-
-@dataclass
-class Recording:
-    """A session that was played with legal actions: requests[i] was answered with steps[i]."""
-
-    spec: pb.GameSpec
-    arenas: int
-    requests: list[pb.PlayRequest] = field(default_factory=list)
-    steps: list[pb.Step] = field(default_factory=list)
-    started: pb.Started | None = None
-    end: Ended | None = None  # how the server ended it, where it did
-    snapshot: pb.Snapshot | None = None
-
-    def parts(self, index: int) -> list[Part]:
-        """Return the parts of one step."""
-        return parts_of(self.steps[index], self.spec, self.arenas, index)
-
-    @cached_property
-    def first(self) -> list[Part]:
-        """Return the parts of the first step."""
-        return self.parts(0) if self.steps else []
-
-    @cached_property
-    def later(self) -> list[Part]:
-        """Return the parts of all other steps."""
-        return [part for index in range(1, len(self.steps)) for part in self.parts(index)]
-
-    @property
-    def records(self) -> list[bytes]:
-        """Return the bytes of the steps."""
-        return [record(step) for step in self.steps]
+SHORT = 12  # decisions of a short session
+LONG = 2100  # decisions of a long session, unless max_episode_decisions is smaller
+LONG_SECONDS = 6.0  # a long session ends early after this time; the checks use the steps until then
 
 
 class Subject:
-    """A server and, for all but the checks of the server as a whole, one of its games."""
+    """A server and one of its games. The game is "" for checks of the whole server."""
 
-    def __init__(self, server: Server, game: str) -> None:
-        """Prepare to check a game; the empty name stands for the server as a whole."""
-        self.server = server
+    def __init__(self, client: Client, game: str) -> None:
+        """Prepare to check a game. Nothing is sent yet."""
+        self.client = client
         self.game = game
 
     @cached_property
     def spec(self) -> pb.GameSpec:
-        """Return the spec under the default options. Raises Broken if there is none."""
-        return self.server.describe(self.game)
+        """Return the spec with default options. Raises Violation if DescribeGame fails."""
+        return self.client.describe(self.game)
 
     @cached_property
-    def brief(self) -> Recording:
-        """Return a short play. Raises Broken if the server does not even start it."""
+    def short_session(self) -> Recording:
+        """Return a recording of SHORT decisions. Raises Violation if the session does not start."""
         recording = self.record()
-        expect(recording.steps, f"{recording.end} in answer to a start", "a session")
+        expect(recording.steps, f"{recording.end} in response to Start", "Started")
         return recording
 
     @cached_property
-    def long(self) -> Recording:
-        """Return a play of a whole episode and one decision more, where the game says how long they are.
+    def long_session(self) -> Recording:
+        """Return a recording of a whole episode and one more decision, if the spec limits the length of episodes.
 
-        Raises Broken if the server plays nothing of it.
+        Raises Violation if the server responds to no Act.
         """
         longest = self.spec.max_episode_decisions
-        recording = self.record(decisions=min(longest, MANY) + 1 if longest else MANY // 4)
-        expect(len(recording.steps) > 1, f"{recording.end} before any step", "a session that can be played")
+        recording = self.record(min(longest, LONG) + 1 if longest else LONG // 4, seconds=LONG_SECONDS)
+        expect(len(recording.steps) > 1, f"{recording.end} before the first Step", "a Step in response to Act")
         return recording
 
     def start(self, arenas: int = ARENAS, seed: int = SEED, **fields: Any) -> pb.PlayRequest:
-        """Return the request that starts this game."""
+        """Return a request that starts this game."""
         return pb.PlayRequest(start=pb.Start(game=self.game, arenas=arenas, seed=seed, **fields))
 
     def record(
-        self, decisions: int = FEW, arenas: int = ARENAS, first_arena: int = 0, server: Server | None = None,
-        resets: Mapping[int, pb.PlayRequest] | None = None, **fields: Any,
+        self, decisions: int = SHORT, arenas: int = ARENAS, first_arena: int = 0, client: Client | None = None,
+        resets: Mapping[int, pb.PlayRequest] | None = None, seconds: float = math.inf, **fields: Any,
     ) -> Recording:  # fmt: skip
-        """Play a session with random legal actions, those of an arena depending on its number alone.
+        """Play a session with random valid actions and return the recording.
 
-        resets: requests to be sent instead of an act, by the decision; the actions, too, begin anew there.
+        The actions of an arena depend on its number only. `resets` maps a decision to the request that is sent
+        instead of its Act; the generators of the actions are seeded again there. The recording ends early after
+        `seconds`. `fields` are fields of Start.
         """
-        with Stream(server or self.server) as stream:
+        with Stream(client or self.client) as stream:
             start = self.start(arenas, first_arena=first_arena, **fields)
             player = Player(stream, Recording(self.spec, arenas), start, first_arena)
-            until = time.monotonic() + LONG_SECONDS
+            until = time.monotonic() + seconds
             for decision in range(decisions):
                 if player.recording.end or time.monotonic() > until:
                     break
@@ -150,112 +85,68 @@ class Subject:
                     player.decide()
             return player.recording
 
-    def play(self, *requests: Request) -> Played:
-        """Send all requests of a stream at once and return what came of it."""
-        return self.server.play(requests)
+    def play(self, *requests: Request) -> Exchange:
+        """Send all requests of a stream without waiting for responses."""
+        return self.client.play(requests)
 
-    def answered(self, *requests: Request) -> list[pb.PlayResponse]:
-        """Return the responses to requests that must be answered. Raises Broken."""
-        played = self.play(*requests)
-        came = f"{len(played.responses)} responses to {len(requests)} requests, and then {played.end}"
-        expect(len(played.responses) == len(requests) and played.end.code == OK.code, came, "a response to each")
-        return played.responses
+    def expect_answered(self, *requests: Request) -> list[pb.PlayResponse]:
+        """Return one response per request. Raises Violation if there are fewer or the stream ends with an error."""
+        exchange = self.play(*requests)
+        got = f"{len(exchange.responses)} responses to {len(requests)} requests, then {exchange.status}"
+        answered = len(exchange.responses) == len(requests) and exchange.status.code == OK.code
+        expect(answered, got, "one response per request, then OK")
+        return exchange.responses
 
-    def refused(self, *requests: Request, codes: Sequence[grpc.StatusCode] = (INVALID,), words: Sequence[str]) -> None:
-        """Raise Broken unless the last of some requests is refused with one of some codes, naming one of some words."""
-        played = self.play(*requests)
+    def expect_refused(
+        self, *requests: Request, codes: Sequence[grpc.StatusCode] = (INVALID_ARGUMENT,), words: Sequence[str]
+    ) -> None:
+        """Raise Violation unless the last request is refused with one of `codes` and a text with one of `words`."""
+        exchange = self.play(*requests)
         before = len(requests) - 1
-        if len(played.responses) < before:
-            raise Broken(f"{played.end} in answer to request {len(played.responses) + 1}", "a response to it")
-        wanted = " or ".join(code.name for code in codes)
-        expect(len(played.responses) == before, "the request was answered", f"a refusal with {wanted}")
-        expect_refusal(played.end, codes, words)
+        if len(exchange.responses) < before:
+            raise Violation(f"{exchange.status} in response to request {len(exchange.responses) + 1}", "a response")
+        expect(len(exchange.responses) == before, "a response to the invalid request", f"status {_names(codes)}")
+        expect_error(exchange.status, codes, words)
 
     def acting(self, behavior: int) -> tuple[list[pb.PlayRequest], pb.Act, int]:
-        """Return requests after which some lane of a behavior decides, legal actions for it, and that lane."""
-        recording = self.brief
+        """Return requests after which a lane of a behavior decides, a valid Act to send next, and that lane.
+
+        Raises NotApplicable if no lane of the behavior decides in the short session.
+        """
+        recording = self.short_session
         for index in range(len(recording.requests) - 1):
-            for part in recording.parts(index)[behavior : behavior + 1]:
-                if part.deciding.any() and recording.requests[index + 1].HasField("act"):
+            for view in recording.views(index)[behavior : behavior + 1]:
+                if view.deciding.any() and recording.requests[index + 1].HasField("act"):
                     act = pb.Act()
                     act.CopyFrom(recording.requests[index + 1].act)
-                    return recording.requests[: index + 1], act, int(np.argmax(part.deciding))
+                    return recording.requests[: index + 1], act, int(np.argmax(view.deciding))
         name = self.spec.behaviors[behavior].name
-        raise DoesNotApply(f"no lane of {name} decides in the first {FEW} decisions")
+        raise NotApplicable(f"no lane of {name} decides in the first {SHORT} decisions")
 
     @cached_property
     def is_random(self) -> bool:
-        """Return whether arenas differ from each other, and so draw from the seed."""
+        """Return whether arenas of one session differ, which means that the game uses its seed."""
         recording = self.record(arenas=4)
-        return any(len({bytes(row) for row in _lanes(part)}) > 1 for part in [*recording.first, *recording.later])
+        return any(
+            len({bytes(row) for row in _arena_observations(view)}) > 1
+            for view in [*recording.first, *recording.later]
+        )  # fmt: skip
 
 
-class Player:
-    """Goes on with a stream, keeping what was sent and what came."""
-
-    def __init__(self, stream: Stream, recording: Recording, start: pb.PlayRequest, first_arena: int = 0) -> None:
-        """Start a session."""
-        self.stream, self.recording, self.first_arena = stream, recording, first_arena
-        self.begin(start)
-
-    def begin(self, request: pb.PlayRequest) -> None:
-        """Send a start or a reset, after which the actions, too, begin anew."""
-        numbers = range(self.first_arena, self.first_arena + self.recording.arenas)
-        self.randoms = [np.random.default_rng([7, number]) for number in numbers]
-        self.send(request)
-
-    def decide(self) -> None:
-        """Play one decision."""
-        recording = self.recording
-        if recording.steps:
-            parts = recording.parts(len(recording.steps) - 1)
-            self.send(act_request(legal_act(parts, recording.spec, self.randoms)))
-
-    def save(self) -> None:
-        """Ask for a snapshot and keep it."""
-        answer = self.stream.ask(SAVE)
-        if isinstance(answer, Ended) or not answer.HasField("snapshot"):
-            came = answer if isinstance(answer, Ended) else answer.WhichOneof("response")
-            raise Broken(f"{came} in answer to a save", "a snapshot")
-        self.recording.snapshot = answer.snapshot
-
-    def send(self, request: pb.PlayRequest) -> None:
-        """Send a request and keep the step with which it is answered."""
-        recording = self.recording
-        if recording.end:
-            return
-        answer = self.stream.ask(request)
-        if isinstance(answer, Ended):
-            recording.end = answer
-            return
-        if answer.HasField("started"):
-            recording.started = answer.started
-        recording.requests.append(request)
-        recording.steps.append(answer.started.step if answer.HasField("started") else answer.step)
+def expect_error(status: Status, codes: Sequence[grpc.StatusCode], words: Sequence[str]) -> None:
+    """Raise Violation unless a call ended with one of `codes` and a text that contains one of `words`."""
+    about = f" that names {' or '.join(map(repr, words))}" if words else ""
+    named = any(word.lower() in status.details.lower() for word in words) if words else status.details
+    expect(status.code in codes and named, status, f"{_names(codes)} with a text{about}")
 
 
-def expect_refusal(end: Ended, codes: Sequence[grpc.StatusCode], words: Sequence[str]) -> None:
-    """Raise Broken unless a call ended with one of some codes, its sentence naming one of some words."""
-    wanted = " or ".join(code.name for code in codes)
-    naming = " or ".join(map(repr, words))
-    expected = f"{wanted} with a sentence that names {naming}" if words else f"{wanted} with a sentence"
-    named = any(word.lower() in end.details.lower() for word in words) if words else end.details
-    expect(end.code in codes and named, end, expected)
+def _names(codes: Sequence[grpc.StatusCode]) -> str:
+    return " or ".join(code.name for code in codes)
 
 
-def expect_same(came: Recording, expected: Recording, what: str) -> None:
-    """Raise Broken unless two plays gave the same bytes."""
-    expect_same_bytes(came.records, expected.records, what)
-
-
-def expect_same_bytes(came: Sequence[bytes], expected: Sequence[bytes], what: str) -> None:
-    """Raise Broken unless two lists of steps are the same."""
-    for index, (one, other) in enumerate(zip(came, expected, strict=False)):
-        expect(one == other, f"{what}: other bytes in step {index}", "the same bytes")
-    expect(len(came) == len(expected), f"{what}: {len(came)} steps", f"{len(expected)} steps")
-
-
-def _lanes(part: Part) -> list[Array]:
-    """Return one row of bytes per arena of what a part senses."""
-    columns = [np.ascontiguousarray(values).view(np.uint8).reshape(part.arenas, -1) for _, values in part.sensed()]
+def _arena_observations(view: StepView) -> list[Array]:
+    """Return one row of bytes per arena: the observations of all its lanes."""
+    columns = [
+        np.ascontiguousarray(values).view(np.uint8).reshape(view.arenas, -1) for _, values in view.observations()
+    ]
     return list(np.concatenate(columns, axis=1)) if columns else []

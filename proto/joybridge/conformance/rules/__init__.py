@@ -1,29 +1,31 @@
-"""The conformance kit of joybridge.v1: every rule of bridge.proto that can be seen from outside, as a check.
-
-Each module that is imported here is a family of rules; the others are what these are written with. The kit
-speaks to a server over the wire alone, so a server in any language can be held to the contract.
-"""
+"""The checks: one module per family."""
 
 from joybridge.conformance.registry import Check, checks_of
 from joybridge.conformance.rules import (
+    action_tensors,
     actions,
-    companions,
+    behaviors,
+    episode_ends,
+    games,
+    health_and_reflection,
     limits,
     order,
     pictures,
+    resets,
     seeds,
     sessions,
     settings,
     snapshots,
     specs,
-    starts,
+    start,
     steps,
 )
 
-FAMILIES = [
-    module.__name__.rpartition(".")[2]
-    for module in (
-        companions, specs, starts, settings, order, actions, seeds, steps, pictures, snapshots, sessions, limits,
-    )
-]  # fmt: skip
+_MODULES = (
+    health_and_reflection, games, specs, behaviors, start, settings, order, actions, action_tensors, seeds, resets,
+    steps, episode_ends, pictures, snapshots, sessions, limits,
+)  # fmt: skip
+FAMILIES: dict[str, str] = {  # name -> description, in the order in which they run
+    module.__name__.rpartition(".")[2]: (module.__doc__ or "").partition("\n")[0] for module in _MODULES
+}
 CHECKS: list[Check] = [check for family in FAMILIES for check in checks_of(family)]

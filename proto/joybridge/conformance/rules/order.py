@@ -1,86 +1,95 @@
-"""The order of messages, and messages that are none."""
+"""The order of requests, and requests that the contract does not have."""
 
-from joybridge.conformance.registry import check, expect
-from joybridge.conformance.subject import EARLY, SAVE, Recording, Subject, act_request, reset_request
-from joybridge.conformance.wire import OK
+from joybridge.conformance.client import OK
+from joybridge.conformance.expectations import expect, expect_equal
+from joybridge.conformance.recording import SAVE, act_request, reset_request
+from joybridge.conformance.registry import check
+from joybridge.conformance.subject import FAILED_PRECONDITION, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
-LATER = b"\xf8\x07\x01"  # field 127, a varint: what a later contract may have
+UNKNOWN_FIELD = b"\xf8\x07\x01"  # field 127, a varint, which a later version of the contract may have
 
 
 @check("ERRORS")
-def an_act_before_start_is_refused(subject: Subject) -> None:
-    """Start comes first; Act before Start is FAILED_PRECONDITION."""
-    subject.refused(_an_act(subject), codes=[EARLY], words=["start"])
+def act_before_start_is_refused(subject: Subject) -> None:
+    """Act before Start is FAILED_PRECONDITION."""
+    subject.expect_refused(_first_act(subject), codes=[FAILED_PRECONDITION], words=["start"])
 
 
 @check("ERRORS")
-def a_reset_before_start_is_refused(subject: Subject) -> None:
-    """Start comes first; a message that may not be sent now is FAILED_PRECONDITION."""
-    subject.refused(reset_request(1), codes=[EARLY], words=["start"])
+def reset_before_start_is_refused(subject: Subject) -> None:
+    """Reset before Start is FAILED_PRECONDITION."""
+    subject.expect_refused(reset_request(1), codes=[FAILED_PRECONDITION], words=["start"])
 
 
 @check("ERRORS")
-def a_save_before_start_is_refused(subject: Subject) -> None:
-    """Start comes first; a message that may not be sent now is FAILED_PRECONDITION."""
-    subject.refused(SAVE, codes=[EARLY], words=["start"])
+def save_before_start_is_refused(subject: Subject) -> None:
+    """Save before Start is FAILED_PRECONDITION."""
+    subject.expect_refused(SAVE, codes=[FAILED_PRECONDITION], words=["start"])
 
 
 @check("ERRORS")
-def a_second_start_is_refused(subject: Subject) -> None:
-    """Start comes once; a second one is FAILED_PRECONDITION."""
-    subject.refused(subject.start(), subject.start(), codes=[EARLY], words=["start"])
+def second_start_is_refused(subject: Subject) -> None:
+    """A second Start is FAILED_PRECONDITION."""
+    subject.expect_refused(subject.start(), subject.start(), codes=[FAILED_PRECONDITION], words=["start"])
 
 
 @check("ERRORS")
-def a_start_in_the_middle_of_a_session_is_refused(subject: Subject) -> None:
-    """Start comes once, first, and not after an Act or a Reset."""
-    subject.refused(
-        subject.start(), _an_act(subject), reset_request(1), subject.start(), codes=[EARLY], words=["start"]
-    )
+def start_after_act_and_reset_is_refused(subject: Subject) -> None:
+    """A second Start is FAILED_PRECONDITION, also later in the session."""
+    requests = [subject.start(), _first_act(subject), reset_request(1), subject.start()]
+    subject.expect_refused(*requests, codes=[FAILED_PRECONDITION], words=["start"])
 
 
 @check("PlayRequest")
-def an_empty_request_is_refused_at_the_beginning(subject: Subject) -> None:
-    """The client sends one request, Start, Act, Reset or Save; a message with none of them is wrong."""
-    subject.refused(pb.PlayRequest(), words=[])
+def empty_request_before_start_is_refused(subject: Subject) -> None:
+    """A PlayRequest has a Start, Act, Reset or Save; one with none of them is INVALID_ARGUMENT."""
+    subject.expect_refused(pb.PlayRequest(), words=[])
 
 
 @check("PlayRequest")
-def an_empty_request_is_refused_in_a_session(subject: Subject) -> None:
-    """The client sends one request, Start, Act, Reset or Save; a message with none of them is wrong."""
-    subject.refused(subject.start(), pb.PlayRequest(), words=[])
+def empty_request_after_start_is_refused(subject: Subject) -> None:
+    """A PlayRequest has a Start, Act, Reset or Save; one with none of them is INVALID_ARGUMENT."""
+    subject.expect_refused(subject.start(), pb.PlayRequest(), words=[])
 
 
 @check("ERRORS")
-def a_refusal_ends_the_session(subject: Subject) -> None:
-    """Every error ends its session: what was sent after it is not answered."""
-    played = subject.play(subject.start(), pb.PlayRequest(), _an_act(subject), _an_act(subject))
-    came = f"{len(played.responses)} responses and {played.end}"
-    expect(len(played.responses) == 1 and played.end.code != OK.code, came, "1 response and an error")
+def requests_after_an_error_are_not_answered(subject: Subject) -> None:
+    """Every error ends its session; the requests after it are not answered."""
+    exchange = subject.play(subject.start(), pb.PlayRequest(), _first_act(subject), _first_act(subject))
+    got = f"{len(exchange.responses)} responses and {exchange.status}"
+    expect(len(exchange.responses) == 1 and exchange.status.code != OK.code, got, "1 response and an error")
+
+
+@check("SESSION")
+def responses_are_in_request_order(subject: Subject) -> None:
+    """Each request gets one response, in order: Started for Start, Step for Act and Reset."""
+    requests = [subject.start(), _first_act(subject), reset_request(1), reset_request(1)]
+    got = [response.WhichOneof("response") for response in subject.expect_answered(*requests)]
+    expect_equal(got, ["started", "step", "step", "step"], "responses")
 
 
 @check("CHANGES")
-def an_unknown_field_of_a_start_is_refused(subject: Subject) -> None:
+def unknown_field_of_start_is_refused(subject: Subject) -> None:
     """A server ignores what it does not know only where this file says so."""
-    start = pb.Start.FromString(subject.start().start.SerializeToString() + LATER)
-    subject.refused(pb.PlayRequest(start=start), words=[])
+    start = pb.Start.FromString(subject.start().start.SerializeToString() + UNKNOWN_FIELD)
+    subject.expect_refused(pb.PlayRequest(start=start), words=[])
 
 
 @check("CHANGES")
-def an_unknown_field_of_an_act_is_refused(subject: Subject) -> None:
+def unknown_field_of_act_is_refused(subject: Subject) -> None:
     """A server ignores what it does not know only where this file says so."""
-    act = pb.Act.FromString(_an_act(subject).act.SerializeToString() + LATER)
-    subject.refused(subject.start(), act_request(act), words=[])
+    act = pb.Act.FromString(_first_act(subject).act.SerializeToString() + UNKNOWN_FIELD)
+    subject.expect_refused(subject.start(), act_request(act), words=[])
 
 
 @check("CHANGES")
-def an_unknown_request_is_refused(subject: Subject) -> None:
-    """A kind of request that the contract does not have is refused and not ignored."""
-    subject.refused(subject.start(), LATER, words=[])
+def unknown_request_is_refused(subject: Subject) -> None:
+    """A request of a kind that the contract does not have is refused."""
+    subject.expect_refused(subject.start(), UNKNOWN_FIELD, words=[])
 
 
-def _an_act(subject: Subject) -> pb.PlayRequest:
-    """Return what a session may do first."""
-    brief: Recording = subject.brief
-    return brief.requests[1] if len(brief.requests) > 1 else act_request(pb.Act())
+def _first_act(subject: Subject) -> pb.PlayRequest:
+    """Return a valid Act for the first decision of a session."""
+    requests = subject.short_session.requests
+    return requests[1] if len(requests) > 1 else act_request(pb.Act())

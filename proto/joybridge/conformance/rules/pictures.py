@@ -1,13 +1,15 @@
-"""Pictures: of the right size, in the right order, and only of what is there."""
+"""Pictures: their size and order, and invalid requests to draw."""
 
 from collections.abc import Sequence
 
-from joybridge.conformance.reading import expect_fit
-from joybridge.conformance.registry import Broken, check, expect, needs
-from joybridge.conformance.subject import EARLY, INVALID, Subject, act_request, record
+from joybridge.conformance.expectations import Violation, expect, skip_unless
+from joybridge.conformance.recording import act_request, step_bytes
+from joybridge.conformance.registry import check
+from joybridge.conformance.step_expectations import expect_tensor
+from joybridge.conformance.subject import FAILED_PRECONDITION, INVALID_ARGUMENT, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
-MOST = 64  # pictures of one act
+MOST = 64  # pictures of one Act
 
 
 @check("Step")
@@ -15,90 +17,91 @@ def pictures_have_the_size_of_the_spec(subject: Subject) -> None:
     """Pictures are UINT8 [height, width, 3]."""
     size = _size(subject)
     for picture in _draw(subject, [0, 1]):
-        expect_fit(picture, pb.DTYPE_UINT8, size, "a picture")
+        expect_tensor(picture, pb.DTYPE_UINT8, size, "a picture")
 
 
 @check("Step")
-def there_is_a_picture_per_arena_asked_for(subject: Subject) -> None:
-    """There is one picture per arena in Act.draw, also where an arena is asked for twice."""
+def every_entry_of_draw_gives_a_picture(subject: Subject) -> None:
+    """A step has one picture per entry of Act.draw, also if an arena is listed twice."""
     for draw in ([0], [1], [0, 1], [1, 1, 0]):
-        came = len(_draw(subject, draw))
-        expect(came == len(draw), f"{came} pictures for draw {draw}", len(draw))
+        got = len(_draw(subject, draw))
+        expect(got == len(draw), f"{got} pictures for draw {draw}", len(draw))
 
 
 @check("Step")
-def pictures_come_in_the_order_of_the_request(subject: Subject) -> None:
-    """Pictures stand in the order of Act.draw."""
-    forth, back = _draw(subject, [0, 1]), _draw(subject, [1, 0])
-    expect(
-        forth[:1] == back[1:] and forth[1:] == back[:1], "pictures in another order", "those of 1, 0 for draw [1, 0]"
-    )
+def pictures_are_in_the_order_of_draw(subject: Subject) -> None:
+    """Pictures are in the order of Act.draw."""
+    forward, backward = _draw(subject, [0, 1]), _draw(subject, [1, 0])
+    reversed_ = forward[:1] == backward[1:] and forward[1:] == backward[:1]
+    expect(reversed_, "pictures in another order", "those of arenas 1, 0 for draw [1, 0]")
 
 
 @check("DETERMINISM")
-def the_same_play_gives_the_same_pictures(subject: Subject) -> None:
-    """The same seed and actions give the same bytes, pictures included."""
-    expect(_draw(subject, [0, 1]) == _draw(subject, [0, 1]), "other pictures in a second session", "the same bytes")
+def pictures_are_deterministic(subject: Subject) -> None:
+    """The same seed and actions give the same bytes, including pictures."""
+    same = _draw(subject, [0, 1]) == _draw(subject, [0, 1])
+    expect(same, "different pictures in a second session", "the same bytes")
 
 
 @check("Act")
-def drawing_changes_nothing_of_the_play(subject: Subject) -> None:
-    """Act.draw asks for pictures after the step and for nothing else."""
+def drawing_does_not_change_the_episode(subject: Subject) -> None:
+    """Act.draw requests pictures and has no other effect."""
     _size(subject)
-    requests = [*subject.brief.requests]
+    requests = [*subject.short_session.requests]
     for moment in range(1, len(requests)):
-        requests[moment] = _drawn(requests[moment], [0])
-    came = [record(pb.Step(behaviors=step.behaviors)) for step in subject.play(*requests).steps]
-    expect(came == subject.brief.records, "another play where arenas were drawn", "the same bytes")
+        requests[moment] = _with_draw(requests[moment], [0])
+    got = [step_bytes(pb.Step(behaviors=step.behaviors)) for step in subject.play(*requests).steps]
+    expect(got == subject.short_session.step_bytes, "different steps if arenas are drawn", "the same bytes")
 
 
 @check("Act")
-def as_many_pictures_as_the_contract_allows_can_be_drawn(subject: Subject) -> None:
-    """An act draws at most 64 arenas."""
-    came = len(_draw(subject, [0, 1] * (MOST // 2)))
-    expect(came == MOST, f"{came} pictures", MOST)
+def most_pictures_are_accepted(subject: Subject) -> None:
+    """An Act draws at most 64 pictures."""
+    got = len(_draw(subject, [0, 1] * (MOST // 2)))
+    expect(got == MOST, f"{got} pictures", MOST)
 
 
 @check("Act")
 def too_many_pictures_are_refused(subject: Subject) -> None:
-    """An act draws at most 64 arenas."""
+    """An Act draws at most 64 pictures."""
     _size(subject)
-    subject.refused(*_requests(subject, [0] * (MOST + 1)), words=["draw", "picture"])
+    subject.expect_refused(*_requests(subject, [0] * (MOST + 1)), words=["draw", "picture"])
 
 
 @check("Act")
-def an_arena_that_does_not_exist_is_not_drawn(subject: Subject) -> None:
+def unknown_arena_in_draw_is_refused(subject: Subject) -> None:
     """Act.draw lists arenas of this session."""
     _size(subject)
     for arena in (2, 2**32 - 1):
-        subject.refused(*_requests(subject, [0, arena]), words=["draw", "arena"])
+        subject.expect_refused(*_requests(subject, [0, arena]), words=["draw", "arena"])
 
 
 @check("GameSpec")
-def a_game_without_a_picture_refuses_to_draw(subject: Subject) -> None:
-    """Where the spec has no picture the game cannot be drawn and Act.draw is refused."""
-    needs(not subject.spec.HasField("picture"), "the game can be drawn")
-    # The manual names no status here: the content is wrong, or it is sent where it may not be.
-    subject.refused(*_requests(subject, [0]), codes=[INVALID, EARLY], words=["draw", "picture"])
+def draw_is_refused_without_pictures(subject: Subject) -> None:
+    """If the spec has no picture, the game cannot be drawn and Act.draw is refused."""
+    skip_unless(not subject.spec.HasField("picture"), "the game has pictures")
+    # Act names FAILED_PRECONDITION; INVALID_ARGUMENT is accepted too.
+    codes = [INVALID_ARGUMENT, FAILED_PRECONDITION]
+    subject.expect_refused(*_requests(subject, [0]), codes=codes, words=["draw", "picture"])
 
 
 def _size(subject: Subject) -> tuple[int, int, int]:
-    needs(subject.spec.HasField("picture"), "the game cannot be drawn")
+    skip_unless(subject.spec.HasField("picture"), "the game has no pictures")
     return subject.spec.picture.height, subject.spec.picture.width, 3
 
 
-def _drawn(request: pb.PlayRequest, draw: Sequence[int]) -> pb.PlayRequest:
+def _with_draw(request: pb.PlayRequest, draw: Sequence[int]) -> pb.PlayRequest:
     return act_request(pb.Act(behaviors=request.act.behaviors, draw=draw))
 
 
 def _requests(subject: Subject, draw: Sequence[int]) -> list[pb.PlayRequest]:
-    """Return a short play whose last act draws."""
-    requests = subject.brief.requests[:4]
+    """Return a short session whose last Act draws."""
+    requests = subject.short_session.requests[:4]
     if len(requests) < 2:
-        raise Broken(f"{subject.brief.end} in a play without pictures", "a play in which to draw")
-    return [*requests[:-1], _drawn(requests[-1], draw)]
+        raise Violation(f"{subject.short_session.end} in response to Act", "a Step")
+    return [*requests[:-1], _with_draw(requests[-1], draw)]
 
 
 def _draw(subject: Subject, draw: Sequence[int]) -> list[pb.Tensor]:
     _size(subject)
-    return list(subject.answered(*_requests(subject, draw))[-1].step.pictures)
+    return list(subject.expect_answered(*_requests(subject, draw))[-1].step.pictures)

@@ -1,46 +1,45 @@
-"""Sessions: any number at once, each on its own, however it ends."""
+"""Sessions: several run at once, are independent of each other, and end with their stream."""
 
 from contextlib import ExitStack
 
-from joybridge.conformance.registry import check, expect, expect_equal
-from joybridge.conformance.subject import (
-    ARENAS,
-    FEW,
+from joybridge.conformance.client import OK, Client, Status, Stream
+from joybridge.conformance.expectations import expect, expect_equal
+from joybridge.conformance.recording import (
     Player,
     Recording,
-    Subject,
     act_request,
-    expect_same,
+    expect_same_recording,
     reset_request,
 )
-from joybridge.conformance.wire import OK, Ended, Server, Stream
+from joybridge.conformance.registry import check
+from joybridge.conformance.subject import ARENAS, SHORT, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
 MANY_SESSIONS = 8
 
 
 @check("SESSION")
-def sessions_side_by_side_do_not_influence_each_other(subject: Subject) -> None:
+def parallel_sessions_are_independent(subject: Subject) -> None:
     """Any number of sessions may run at once; they do not influence each other."""
-    with Stream(subject.server) as one, Stream(subject.server) as other:
+    with Stream(subject.client) as one, Stream(subject.client) as other:
         player = Player(one, Recording(subject.spec, ARENAS), subject.start())
-        disturber = Player(other, Recording(subject.spec, 1), subject.start(arenas=1, seed=9))
-        for _ in range(FEW):
+        second = Player(other, Recording(subject.spec, 1), subject.start(arenas=1, seed=9))
+        for _ in range(SHORT):
             player.decide()
-            disturber.decide()
-    expect_same(player.recording, subject.brief, "beside another session")
+            second.decide()
+    expect_same_recording(player.recording, subject.short_session, "beside another session")
 
 
 @check("SESSION")
-def sessions_with_one_seed_do_not_influence_each_other(subject: Subject) -> None:
-    """Any number of sessions may run at once; they do not influence each other, even where they play the same."""
-    with Stream(subject.server) as one, Stream(subject.server) as other:
+def parallel_sessions_with_one_seed_are_independent(subject: Subject) -> None:
+    """Any number of sessions may run at once; they do not influence each other, also if their seeds are the same."""
+    with Stream(subject.client) as one, Stream(subject.client) as other:
         players = [Player(s, Recording(subject.spec, ARENAS), subject.start()) for s in (one, other)]
-        for _ in range(FEW):
+        for _ in range(SHORT):
             for player in players:
                 player.decide()
     for player in players:
-        expect_same(player.recording, subject.brief, "beside a session with the same seed")
+        expect_same_recording(player.recording, subject.short_session, "beside a session with the same seed")
 
 
 @check("SESSION")
@@ -48,99 +47,108 @@ def many_sessions_can_be_open_at_once(subject: Subject) -> None:
     """Any number of sessions may run at once on one server."""
     with ExitStack() as stack:
         for index in range(MANY_SESSIONS):
-            answer = stack.enter_context(Stream(subject.server)).ask(subject.start(seed=index))
-            expect(not isinstance(answer, Ended), f"{answer} in session {index + 1}", "a session")
+            answer = stack.enter_context(Stream(subject.client)).ask(subject.start(seed=index))
+            expect(not isinstance(answer, Status), f"{answer} in session {index + 1}", "a session")
 
 
 @check("SESSION")
-def a_reset_in_one_session_is_none_in_another(subject: Subject) -> None:
+def reset_does_not_affect_other_sessions(subject: Subject) -> None:
     """Sessions do not influence each other."""
-    with Stream(subject.server) as one, Stream(subject.server) as other:
+    with Stream(subject.client) as one, Stream(subject.client) as other:
         player = Player(one, Recording(subject.spec, ARENAS), subject.start())
-        disturber = Player(other, Recording(subject.spec, ARENAS), subject.start())
-        for _ in range(FEW):
-            disturber.send(reset_request(5))
+        second = Player(other, Recording(subject.spec, ARENAS), subject.start())
+        for _ in range(SHORT):
+            second.send(reset_request(5))
             player.decide()
-    expect_same(player.recording, subject.brief, "beside a session that was reset")
+    expect_same_recording(player.recording, subject.short_session, "beside a session that was reset")
 
 
 @check("ERRORS")
-def an_error_ends_its_own_session_and_no_other(subject: Subject) -> None:
-    """Every error ends its session and no other."""
-    with Stream(subject.server) as one:
+def error_does_not_affect_other_sessions(subject: Subject) -> None:
+    """Every error ends its own session only."""
+    with Stream(subject.client) as one:
         player = Player(one, Recording(subject.spec, ARENAS), subject.start())
-        for _ in range(FEW):
+        for _ in range(SHORT):
             subject.play(subject.start(), pb.PlayRequest())
             player.decide()
-    expect_same(player.recording, subject.brief, "beside sessions that failed")
+    expect_same_recording(player.recording, subject.short_session, "beside sessions with errors")
 
 
 @check("SESSION")
-def a_stream_without_requests_ends_without_an_error(subject: Subject) -> None:
-    """The stream is the session: closing it is no error, even before Start."""
-    played = subject.play()
-    expect_equal(played.end, OK, "the end")
+def stream_without_requests_ends_with_ok(subject: Subject) -> None:
+    """A stream ends with OK after the client has closed its half, also before a Start."""
+    exchange = subject.play()
+    expect_equal(exchange.status, OK, "status")
 
 
 @check("SESSION")
-def a_client_that_closes_half_of_the_stream_is_let_go(subject: Subject) -> None:
-    """Closing the stream frees the arenas: a server does not wait for more requests."""
-    with Stream(subject.server) as stream:
+def stream_ends_with_ok_after_the_last_request(subject: Subject) -> None:
+    """A stream ends with OK after the client has closed its half."""
+    exchange = subject.play(*subject.short_session.requests[:3])
+    expect(exchange.status == OK, exchange.status, "OK")
+
+
+@check("SESSION")
+def half_closed_stream_ends_with_ok(subject: Subject) -> None:
+    """A stream ends with OK after the client has closed its half; the server does not wait for more requests."""
+    with Stream(subject.client) as stream:
         stream.ask(subject.start())
-        came = stream.finish()
-        expect(came == OK, came if isinstance(came, Ended) else "another response", OK)
+        answer = stream.half_close()
+        expect(answer == OK, answer if isinstance(answer, Status) else "another response", "OK")
 
 
 @check("SESSION")
-def a_session_that_is_cancelled_disturbs_no_other(subject: Subject) -> None:
-    """Losing the stream frees its arenas and no others."""
-    with Stream(subject.server) as one:
+def cancelled_session_does_not_affect_others(subject: Subject) -> None:
+    """A session that is cancelled frees its own arenas only."""
+    with Stream(subject.client) as one:
         player = Player(one, Recording(subject.spec, ARENAS), subject.start())
-        for _ in range(FEW):
-            with Stream(subject.server) as other:
+        requests = subject.short_session.requests
+        for _ in range(SHORT):
+            with Stream(subject.client) as other:
                 other.ask(subject.start(seed=9))
-                other.requests.put(subject.brief.requests[1] if len(subject.brief.requests) > 1 else pb.PlayRequest())
-                other.cancel()  # while the server is at work on it
+                other.requests.put(requests[1] if len(requests) > 1 else pb.PlayRequest())
+                other.cancel()  # while the server works on the last request
             player.decide()
-    expect_same(player.recording, subject.brief, "beside sessions that were cancelled")
+    expect_same_recording(player.recording, subject.short_session, "beside cancelled sessions")
 
 
 @check("SESSION")
-def a_client_that_goes_away_disturbs_no_other(subject: Subject) -> None:
-    """Losing the stream frees its arenas and no others."""
-    with Stream(subject.server) as one:
+def lost_connection_does_not_affect_other_sessions(subject: Subject) -> None:
+    """A session that loses its connection frees its own arenas only."""
+    with Stream(subject.client) as one:
         player = Player(one, Recording(subject.spec, ARENAS), subject.start())
         for _ in range(3):
-            with Server(subject.server.address, subject.server.seconds) as gone:
-                lost = Stream(gone)
+            with Client(subject.client.address, subject.client.seconds) as second:
+                lost = Stream(second)
                 lost.ask(subject.start(seed=9))
-                gone.close()  # the connection, with the session still open
+                second.close()  # with the session still open
                 lost.requests.put(None)
             player.decide()
-        for _ in range(FEW - 3):
+        for _ in range(SHORT - 3):
             player.decide()
-    expect_same(player.recording, subject.brief, "beside clients that went away")
+    expect_same_recording(player.recording, subject.short_session, "beside lost connections")
 
 
 @check("DETERMINISM")
-def another_connection_plays_the_same(subject: Subject) -> None:
+def second_connection_gives_the_same_bytes(subject: Subject) -> None:
     """The same bytes, whatever the session or the transport."""
-    with Server(subject.server.address, subject.server.seconds) as other:
-        expect_same(subject.record(server=other), subject.brief, "over another connection")
+    with Client(subject.client.address, subject.client.seconds) as other:
+        expect_same_recording(subject.record(client=other), subject.short_session, "on another connection")
 
 
 @check("DETERMINISM")
-def requests_that_do_not_wait_for_responses_play_the_same(subject: Subject) -> None:
+def requests_sent_at_once_give_the_same_bytes(subject: Subject) -> None:
     """Requests are answered in order, whether or not the client waits for each response."""
-    came = Recording(subject.spec, ARENAS, steps=subject.play(*subject.brief.requests).steps)
-    expect_same(came, subject.brief, "with all requests sent at once")
+    steps = subject.play(*subject.short_session.requests).steps
+    got = Recording(subject.spec, ARENAS, steps=steps)
+    expect_same_recording(got, subject.short_session, "with all requests sent at once")
 
 
 @check("ERRORS")
-def after_many_refusals_the_server_plays_as_before(subject: Subject) -> None:
-    """Every error ends its session and no other, and none that is still to come."""
+def server_works_after_many_errors(subject: Subject) -> None:
+    """Every error ends its own session only, and does not affect later ones."""
     for _ in range(MANY_SESSIONS):
         subject.play(act_request(pb.Act()))
         subject.play(subject.start(arenas=0))
         subject.play(subject.start(), act_request(pb.Act()))
-    expect_same(subject.record(), subject.brief, "after refusals")
+    expect_same_recording(subject.record(), subject.short_session, "after many errors")

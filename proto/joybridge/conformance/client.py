@@ -1,0 +1,177 @@
+"""A client that sends any request, valid or not, and reports how each call ended. Every call has a deadline."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from queue import SimpleQueue
+from types import TracebackType
+from typing import Any, Self
+
+import grpc
+
+from joybridge.conformance.expectations import TimedOut, Violation
+from joybridge.v1 import bridge_pb2 as pb
+
+SERVICE = "joybridge.v1.SimulatorService"
+_OPTIONS = [
+    ("grpc.max_receive_message_length", -1),
+    ("grpc.max_send_message_length", -1),
+    ("grpc.use_local_subchannel_pool", 1),  # closing a channel must close its connection
+]
+Request = pb.PlayRequest | bytes  # bytes are sent as they are
+
+
+@dataclass(frozen=True)
+class Status:
+    """The gRPC status with which a call ended."""
+
+    code: grpc.StatusCode
+    details: str
+
+    def __str__(self) -> str:
+        return f"{self.code.name} {self.details[:300]!r}"
+
+
+OK = Status(grpc.StatusCode.OK, "")
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """The responses of one stream and the status with which it ended."""
+
+    responses: list[pb.PlayResponse]
+    status: Status
+
+    @property
+    def steps(self) -> list[pb.Step]:
+        """Return the steps of the responses, including the one in Started."""
+        return [
+            response.started.step if response.HasField("started") else response.step
+            for response in self.responses
+            if not response.HasField("snapshot")
+        ]
+
+
+class Client:
+    """One connection to the server under test."""
+
+    def __init__(self, address: str, seconds: float) -> None:
+        """Connect. `seconds` is the deadline of each call."""
+        self.address = address
+        self.seconds = seconds
+        self.channel = grpc.insecure_channel(address, _OPTIONS)
+
+    def call(self, method: str, request: Any, response: Any) -> Any:
+        """Make a unary call and return its response, or the status of a failed call. Raises TimedOut."""
+        try:
+            return self.channel.unary_unary(method, encode, response.FromString)(request, timeout=self.seconds)
+        except grpc.RpcError as error:
+            return _status(error, self.seconds)
+
+    def try_list_games(self) -> list[pb.GameSummary] | Status:
+        """Return the games of the server, or the status of a failed call. Raises TimedOut."""
+        answer = self.call(f"/{SERVICE}/ListGames", pb.ListGamesRequest(), pb.ListGamesResponse)
+        return answer if isinstance(answer, Status) else list(answer.games)
+
+    def list_games(self) -> list[pb.GameSummary]:
+        """Return the games of the server. Raises Violation if the call fails."""
+        games: list[pb.GameSummary] = _expect_response(self.try_list_games(), "ListGames")
+        return games
+
+    def try_describe(self, game: str, options: Mapping[str, str]) -> pb.GameSpec | Status:
+        """Return a spec, or the status of a failed call. Raises TimedOut."""
+        request = pb.DescribeGameRequest(game=game, options=options)
+        answer = self.call(f"/{SERVICE}/DescribeGame", request, pb.DescribeGameResponse)
+        return answer if isinstance(answer, Status) else answer.spec
+
+    def describe(self, game: str, options: Mapping[str, str] | None = None) -> pb.GameSpec:
+        """Return a spec. Raises Violation if the call fails."""
+        answer = self.try_describe(game, options or {})
+        spec: pb.GameSpec = _expect_response(answer, f"DescribeGame({game!r}, {dict(options or {})})")
+        return spec
+
+    def play(self, requests: Sequence[Request]) -> Exchange:
+        """Send all requests of a stream without waiting for responses. Raises TimedOut."""
+        stream = self.stream(iter(requests))
+        responses: list[pb.PlayResponse] = []
+        try:
+            responses.extend(stream)
+        except grpc.RpcError as error:
+            return Exchange(responses, _status(error, self.seconds))
+        return Exchange(responses, OK)
+
+    def stream(self, requests: Iterator[Request]) -> Any:
+        """Open a Play stream and return the iterator of its responses."""
+        play = self.channel.stream_stream(f"/{SERVICE}/Play", encode, pb.PlayResponse.FromString)
+        return play(requests, timeout=self.seconds)
+
+    def close(self) -> None:
+        """Close the connection and every stream on it."""
+        self.channel.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class Stream:
+    """One Play stream, used one request at a time."""
+
+    def __init__(self, client: Client) -> None:
+        """Open a stream."""
+        self.seconds = client.seconds
+        self.requests: SimpleQueue[Request | None] = SimpleQueue()
+        self.responses = client.stream(iter(self.requests.get, None))
+
+    def ask(self, request: Request) -> pb.PlayResponse | Status:
+        """Send a request and return its response, or the status if the stream ended. Raises TimedOut."""
+        self.requests.put(request)
+        return self.receive()
+
+    def receive(self) -> pb.PlayResponse | Status:
+        """Return the next response, or the status if the stream ended. Raises TimedOut."""
+        try:
+            response: pb.PlayResponse = next(self.responses)
+        except StopIteration:
+            return OK
+        except grpc.RpcError as error:
+            return _status(error, self.seconds)
+        return response
+
+    def half_close(self) -> pb.PlayResponse | Status:
+        """Close the client's half of the stream and return the next response or the status. Raises TimedOut."""
+        self.requests.put(None)
+        return self.receive()
+
+    def cancel(self) -> None:
+        """Cancel the stream."""
+        self.requests.put(None)  # ends gRPC's thread that waits for the next request
+        self.responses.cancel()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.cancel()
+
+
+def encode(request: Any) -> bytes:
+    """Return the bytes of a request; bytes are returned unchanged."""
+    return request if isinstance(request, bytes) else request.SerializeToString()
+
+
+def _status(error: Any, seconds: float) -> Status:
+    if error.code() == grpc.StatusCode.DEADLINE_EXCEEDED:
+        raise TimedOut(f"no response within {seconds:g} s", "a response")
+    return Status(error.code(), error.details() or "")
+
+
+def _expect_response(answer: Any, call: str) -> Any:
+    if isinstance(answer, Status):
+        raise Violation(f"{call} failed with {answer}", "a response")
+    return answer

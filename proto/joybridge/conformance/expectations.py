@@ -1,0 +1,36 @@
+"""How a check reports its result: it returns, or it raises Violation or NotApplicable."""
+
+from joybridge.contract.errors import JoybridgeError
+
+
+class Violation(JoybridgeError):
+    """The server violates the rule of the check that raises this."""
+
+    def __init__(self, got: object, expected: object) -> None:
+        super().__init__(f"got {got}, expected {expected}")
+        self.got, self.expected = str(got), str(expected)
+
+
+class TimedOut(Violation):
+    """The server did not respond before the deadline."""
+
+
+class NotApplicable(JoybridgeError):
+    """The game lacks the feature that a check tests; the text names the feature."""
+
+
+def expect(condition: object, got: object, expected: object) -> None:
+    """Raise Violation unless a condition is true."""
+    if not condition:
+        raise Violation(got, expected)
+
+
+def expect_equal(got: object, expected: object, what: str) -> None:
+    """Raise Violation unless two values are equal."""
+    expect(got == expected, f"{what} {got!r}", f"{expected!r}")
+
+
+def skip_unless(condition: object, reason: str) -> None:
+    """Raise NotApplicable unless the game has the feature that a check tests."""
+    if not condition:
+        raise NotApplicable(reason)

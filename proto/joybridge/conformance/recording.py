@@ -1,0 +1,135 @@
+"""Sessions played with valid random actions: the player, and the recording that the checks compare and inspect."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from joybridge.conformance.client import Status, Stream
+from joybridge.conformance.expectations import Violation, expect
+from joybridge.conformance.step_view import StepView, views_of
+from joybridge.contract.codec import ActArrays, pack_act
+from joybridge.v1 import bridge_pb2 as pb
+
+SAVE = pb.PlayRequest(save=pb.Save())
+
+
+def act_request(act: pb.Act) -> pb.PlayRequest:
+    """Return a request with an Act."""
+    return pb.PlayRequest(act=act)
+
+
+def reset_request(seed: int | None = None, parameters: Mapping[str, float] | None = None) -> pb.PlayRequest:
+    """Return a request with a Reset."""
+    return pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))
+
+
+def step_bytes(step: pb.Step) -> bytes:
+    """Return the bytes of a step that must be deterministic: all but simulate_seconds."""
+    return pb.Step(behaviors=step.behaviors, pictures=step.pictures).SerializeToString(deterministic=True)
+
+
+def random_act(views: Sequence[StepView], generators: Sequence[np.random.Generator]) -> pb.Act:
+    """Return random valid actions. The actions of an arena depend on its own generator only."""
+    acts = []
+    for view in views:
+        device, agents = view.behavior.device, view.behavior.agents_per_arena
+        axes, branches = len(device.axes), len(device.branches)
+        chance = np.concatenate([generator.random((agents, axes + branches)) for generator in generators])
+        low, high = (np.array([getattr(axis, end) for axis in device.axes]) for end in ("low", "high"))
+        values = np.clip(low + chance[:, :axes] * (high - low), low, high).astype(np.float32)
+        choices = np.empty((view.lanes, branches), np.int32)
+        for index in range(branches):
+            allowed = view.allowed(index)
+            nth = np.floor(chance[:, axes + index] * allowed.sum(axis=1)) + 1  # of the allowed choices, from 1
+            choices[:, index] = np.argmax(np.cumsum(allowed, axis=1) == nth[:, None], axis=1)
+        acts.append(pack_act(ActArrays(values, choices)))
+    return pb.Act(behaviors=acts)
+
+
+@dataclass
+class Recording:
+    """A session: steps[i] is the response to requests[i]."""
+
+    spec: pb.GameSpec
+    arenas: int
+    requests: list[pb.PlayRequest] = field(default_factory=list)
+    steps: list[pb.Step] = field(default_factory=list)
+    started: pb.Started | None = None
+    end: Status | None = None  # the status, if the server ended the session
+    snapshot: pb.Snapshot | None = None
+
+    def views(self, index: int) -> list[StepView]:
+        """Return the views of one step."""
+        return views_of(self.steps[index], self.spec, self.arenas, index)
+
+    @cached_property
+    def first(self) -> list[StepView]:
+        """Return the views of the first step."""
+        return self.views(0) if self.steps else []
+
+    @cached_property
+    def later(self) -> list[StepView]:
+        """Return the views of all steps after the first."""
+        return [view for index in range(1, len(self.steps)) for view in self.views(index)]
+
+    @property
+    def step_bytes(self) -> list[bytes]:
+        """Return the deterministic bytes of each step."""
+        return [step_bytes(step) for step in self.steps]
+
+
+class Player:
+    """Plays a session with random valid actions and records it."""
+
+    def __init__(self, stream: Stream, recording: Recording, start: pb.PlayRequest, first_arena: int = 0) -> None:
+        """Start a session."""
+        self.stream, self.recording, self.first_arena = stream, recording, first_arena
+        self.begin(start)
+
+    def begin(self, request: pb.PlayRequest) -> None:
+        """Send a Start or a Reset and seed the generators of the actions again."""
+        numbers = range(self.first_arena, self.first_arena + self.recording.arenas)
+        self.generators = [np.random.default_rng([7, number]) for number in numbers]
+        self.send(request)
+
+    def decide(self) -> None:
+        """Play one decision."""
+        recording = self.recording
+        if recording.steps:
+            self.send(act_request(random_act(recording.views(len(recording.steps) - 1), self.generators)))
+
+    def save(self) -> None:
+        """Request a snapshot and keep it in the recording. Raises Violation if the response is no snapshot."""
+        answer = self.stream.ask(SAVE)
+        if isinstance(answer, Status) or not answer.HasField("snapshot"):
+            got = answer if isinstance(answer, Status) else answer.WhichOneof("response")
+            raise Violation(f"{got} in response to Save", "a Snapshot")
+        self.recording.snapshot = answer.snapshot
+
+    def send(self, request: pb.PlayRequest) -> None:
+        """Send a request and record the step in its response. Does nothing after the end of the session."""
+        recording = self.recording
+        if recording.end:
+            return
+        answer = self.stream.ask(request)
+        if isinstance(answer, Status):
+            recording.end = answer
+            return
+        if answer.HasField("started"):
+            recording.started = answer.started
+        recording.requests.append(request)
+        recording.steps.append(answer.started.step if answer.HasField("started") else answer.step)
+
+
+def expect_same_recording(got: Recording, expected: Recording, when: str) -> None:
+    """Raise Violation unless two recordings have the same bytes in each step."""
+    expect_same_bytes(got.step_bytes, expected.step_bytes, when)
+
+
+def expect_same_bytes(got: Sequence[bytes], expected: Sequence[bytes], when: str) -> None:
+    """Raise Violation unless two lists of steps have the same bytes."""
+    for index, (one, other) in enumerate(zip(got, expected, strict=False)):
+        expect(one == other, f"different bytes in step {index} {when}", "the same bytes")
+    expect(len(got) == len(expected), f"{len(got)} steps {when}", f"{len(expected)} steps")

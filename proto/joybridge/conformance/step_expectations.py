@@ -1,0 +1,75 @@
+"""What every step must satisfy, whether it follows a Start, an Act or a Reset."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from joybridge.conformance.expectations import expect
+from joybridge.conformance.step_view import StepView, tensor_error
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def expect_tensor(tensor: pb.Tensor, dtype: pb.Dtype, shape: tuple[int, ...], what: str) -> None:
+    """Raise Violation unless a tensor has a dtype, a shape and the bytes of both."""
+    error = tensor_error(tensor, dtype, shape)
+    expect(not error, f"{what} with {error}", f"{pb.Dtype.Name(dtype)} {list(shape)}")
+
+
+def expect_observations(tensors: Sequence[pb.Tensor], view: StepView, rows: int, what: str) -> None:
+    """Raise Violation unless there is one tensor per sensor, each with so many rows."""
+    sensors = view.behavior.sensors
+    expect(len(tensors) == len(sensors), f"{len(tensors)} {what} of {view.where}", f"{len(sensors)}, one per sensor")
+    for tensor, sensor in zip(tensors, sensors, strict=True):
+        expect_tensor(tensor, sensor.dtype, (rows, *sensor.shape), f"{what} of sensor {sensor.name!r} of {view.where}")
+
+
+def expect_finite(view: StepView, final: bool = False) -> None:
+    """Raise Violation if an observation is NaN or infinite."""
+    for sensor, values in view.observations(final):
+        if sensor.dtype == pb.DTYPE_FLOAT32:
+            bad = values[~np.isfinite(values)]
+            expect(not bad.size, f"{bad[:1]} from sensor {sensor.name!r} of {view.where}", "finite numbers")
+
+
+def expect_in_bounds(view: StepView, final: bool = False) -> None:
+    """Raise Violation if an observation is outside the bounds of its sensor."""
+    for sensor, values in view.observations(final):
+        flat = values.reshape(len(values), -1).astype(np.float64)
+        size = flat.shape[1]
+        for bounds, sign, side in ((sensor.low, 1, "at least"), (sensor.high, -1, "at most")):
+            if len(bounds) in (1, size):
+                bad = sign * flat < sign * np.array(bounds)
+                limit = np.broadcast_to(np.array(bounds), flat.shape)[bad][:1]
+                got = f"{flat[bad][:1]} from sensor {sensor.name!r} of {view.where}"
+                expect(not bad.any(), got, f"{side} {limit}")
+
+
+def expect_masks(view: StepView) -> None:
+    """Raise Violation unless the masks match the branches and allow at least one choice per lane."""
+    masks, branches = view.message.masks, view.behavior.device.branches
+    expect(len(masks) in (0, len(branches)), f"{len(masks)} masks of {view.where}", f"0 or {len(branches)}")
+    for index, (mask, branch) in enumerate(zip(masks, branches, strict=False)):
+        expect_tensor(
+            mask, pb.DTYPE_BOOL, (view.lanes, len(branch.choices)), f"mask of {branch.name!r} of {view.where}"
+        )
+        stuck = np.flatnonzero(~view.allowed(index).any(axis=1))
+        got = f"no allowed choice of {branch.name!r} in lanes {stuck.tolist()} of {view.where}"
+        expect(not stuck.size, got, "at least one allowed choice")
+
+
+def expect_deciding(view: StepView) -> None:
+    """Raise Violation unless deciding is absent or has one flag per lane."""
+    if view.message.HasField("deciding"):
+        expect_tensor(view.message.deciding, pb.DTYPE_BOOL, (view.lanes,), f"deciding of {view.where}")
+
+
+def expect_no_ends(view: StepView) -> None:
+    """Raise Violation if a step reports the end of an episode."""
+    expect(not view.ended.any(), f"ended lanes {np.flatnonzero(view.ended).tolist()} of {view.where}", "none")
+    expect(not view.message.HasField("ended"), f"the field ended of {view.where}", "no such field")
+
+
+def expect_no_rewards(view: StepView) -> None:
+    """Raise Violation if a reward is not 0."""
+    rewards = view.rewards
+    expect(rewards is None or not rewards.any(), f"rewards {rewards} of {view.where}", "zeros")
