@@ -203,6 +203,20 @@ def test_an_unknown_name_lists_the_nearest_ones():
         select(names=["axis_above_low_is_refused"])
 
 
+LEAVES = """
+import threading
+from joybridge.conformance.process import leave
+threading.Thread(target=threading.Event().wait).start()  # a normal exit waits for it forever
+print("x" * 1_000_000)
+leave(3)
+"""
+
+
+def test_the_process_ends_with_all_its_output_whatever_its_threads_wait_for():
+    process = subprocess.run([sys.executable, "-c", LEAVES], capture_output=True, text=True, timeout=60, check=False)
+    assert (process.returncode, process.stdout, process.stderr) == (3, "x" * 1_000_000 + "\n", "")
+
+
 # ----------------------------------------------------------------------------------------- servers that do not work
 
 

@@ -1,7 +1,5 @@
 """`python -m joybridge`: the same as the command `joybridge`."""
 
-import sys
+from joybridge.cli import run
 
-from joybridge.cli import main
-
-sys.exit(main())
+run()

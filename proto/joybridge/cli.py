@@ -7,7 +7,7 @@ needs nothing that learns, and the other way round.
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
@@ -31,7 +31,7 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status: 2 where it is unknown or cannot be imported."""
-    name, *rest = sys.argv[1:] if arguments is None else arguments or ["--help"]
+    name, *rest = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if name in ("-h", "--help"):
         print(usage())
         return 0
@@ -53,6 +53,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(module.main([name, *rest], prog="joybridge"))
 
 
+def run() -> NoReturn:
+    """Run the command line as a process of its own and exit."""
+    status = main()
+    if sys.argv[1:2] == ["check"]:
+        from joybridge.conformance.process import leave
+
+        leave(status)
+    sys.exit(status)
+
+
 def usage() -> str:
     """Return the list of commands."""
     lines = [f"  {name:<10}{command.help}" for name, command in COMMANDS.items()]
@@ -68,4 +78,4 @@ def usage() -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

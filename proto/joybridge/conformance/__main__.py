@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 
+from joybridge.conformance.process import leave
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, as_json, listing, summary, write_junit
 from joybridge.conformance.rules import FAMILIES
@@ -86,4 +87,4 @@ def _seconds(text: str) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())
