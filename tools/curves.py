@@ -1,4 +1,4 @@
-"""Plot the learning curves of runs beside the original's.
+"""Plot the learning curves of runs, with the original's.
 
 python -m tools.curves RUN [RUN …] --output curves.png
 """
@@ -21,9 +21,11 @@ PERCENT = {"click_accuracy": "click accuracy"}
 
 def main() -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description="Plot the learning curves of runs beside the original's.")
+    parser = argparse.ArgumentParser(description="Plot the learning curves of runs, with the original's.")
     parser.add_argument("runs", nargs="+", type=Path, help="folders of runs")
-    parser.add_argument("--output", type=Path, default=Path("curves.png"), help="default %(default)s")
+    parser.add_argument(
+        "--output", type=Path, default=Path("curves.png"), help="picture to write; default: %(default)s"
+    )
     options = parser.parse_args()
     plot(options.runs, options.output)
     print(options.output)
@@ -60,8 +62,8 @@ def plot(runs: list[Path], output: Path) -> None:
     plt.close(figure)
 
 
-def _add_original(axes: Axes, config: Config, policy: str, rows: list[Row], colour: str) -> None:
-    """Draw the original's mean and two standard deviations at the steps that the run has reached."""
+def _add_original(axes: Axes, config: Config, policy: str, rows: list[Row], color: str) -> None:
+    """Draw the original's mean and two standard deviations up to the timesteps of the run."""
     end = rows[-1]["timesteps"]
     points = [p for p in original_curve(config.game, config.layout, policy) if p.timesteps <= 1.05 * end]
     if points:
@@ -69,7 +71,7 @@ def _add_original(axes: Axes, config: Config, policy: str, rows: list[Row], colo
             [p.timesteps / 1e6 for p in points],
             [p.reward for p in points],
             [2 * p.reward_std for p in points],
-            fmt="o", markersize=4, capsize=2, color=colour, alpha=0.6, label="the original, ten runs ± 2 sd",
+            fmt="o", markersize=4, capsize=2, color=color, alpha=0.6, label="the original, ten runs ± 2 sd",
         )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
-"""The demonstration: train on Shooting Birds for a few minutes, then show how well it went.
+"""The demonstration: train on Shooting Birds for a few minutes, evaluate the policy and record a video of it.
 
-Runs the commands a person would type, and says which.
+Prints and runs the commands that you would type.
 """
 
 import argparse
@@ -10,31 +10,31 @@ from pathlib import Path
 
 from tools.curves import plot
 
-CONFIG = Path("configs/shooting_birds/bucket-11.yaml")
+CONFIG = "shooting_birds/bucket-11"
 TIMESTEPS = 3_000_000
 
 
 def main() -> int:
     """Run the demonstration and return its exit status."""
-    parser = argparse.ArgumentParser(description="Train on Shooting Birds for a few minutes and show the result.")
-    parser.add_argument("--timesteps", type=int, default=TIMESTEPS, help="default %(default)s")
-    parser.add_argument("--run", type=Path, default=Path("runs/demo"), help="default %(default)s")
+    parser = argparse.ArgumentParser(description="Train on Shooting Birds for a few minutes and show the policy.")
+    parser.add_argument("--timesteps", type=int, default=TIMESTEPS, help="length of the run; default: %(default)s")
+    parser.add_argument("--run", type=Path, default=Path("runs/demo"), help="folder of the run; default: %(default)s")
     options = parser.parse_args()
     run, video, picture = options.run, options.run / "play.mp4", options.run / "curves.png"
     resume = ["--resume"] if (run / "checkpoints").exists() else []
     commands = (
-        ["train", str(CONFIG), "--run", str(run), f"stop={options.timesteps}", *resume],
+        ["train", CONFIG, "--run", str(run), f"stop={options.timesteps}", *resume],
         ["evaluate", str(run), "--episodes", "70"],
         ["record", str(run), str(video), "--seconds", "40"],
     )
     for command in commands:
-        print(f"\n$ python -m joybridge.trainer {' '.join(command)}", flush=True)
-        status = subprocess.run([sys.executable, "-m", "joybridge.trainer", *command], check=False).returncode
+        print(f"\n$ joybridge {' '.join(command)}", flush=True)
+        status = subprocess.run([sys.executable, "-m", "joybridge", *command], check=False).returncode
         if status:
             return status
     plot([run], picture)
-    print(f"\nlearning curve, with the original's results beside it: {picture}\nvideo of the trained policy: {video}")
-    print(f"go on training: joybridge train {CONFIG} --run {run} --resume stop=30000000")
+    print(f"\nlearning curve and the original's: {picture}\nvideo of the trained policy: {video}")
+    print(f"continue training: joybridge train {CONFIG} --run {run} --resume stop=30000000")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The paper's figures 11 to 14, redrawn: our runs beside the original's ten."""
+"""The paper's figures 11 to 14 with our runs and the original's ten."""
 
 import io
 from collections.abc import Mapping
@@ -22,14 +22,14 @@ from tools.paper.original import TIMESTEPS_PER_STEP, original_curve, original_en
 from tools.paper.runs import COMPLETE, GAMES, LAYOUTS, MARK, Experiment, Results, main_policy
 
 TITLES = {"shooting_birds": "Shooting Birds", "beastly_rivals": "Beastly Rivals"}
-COLOURS = {
+COLORS = {
     "bucket-3": "#56B4E9", "bucket-11": "#0072B2", "bucket-41": "#14315C",
     "threshold-0.0": "#D55E00", "threshold-0.1": "#E6A100", "threshold-0.5": "#8C564B",
     "multiagent": "#009E73", "hybrid": "#B0479A",
 }  # fmt: skip
 BEST = {"shooting_birds": "bucket-11", "beastly_rivals": "bucket-3"}  # the bucket whose networks were published
-SECOND = {"shooting_birds": "click_accuracy", "beastly_rivals": "length"}  # what is drawn beside reward
-LIMITS = {  # what there is to see; first rewards of some layouts lie far below
+SECOND = {"shooting_birds": "click_accuracy", "beastly_rivals": "length"}  # the second panel of each game
+LIMITS = {  # of the y axes; the first rewards of some layouts are far below
     ("shooting_birds", "reward"): (-80, 155), ("shooting_birds", "click_accuracy"): (0, 1.03),
     ("beastly_rivals", "reward"): (-5, 122), ("beastly_rivals", "length"): (0, 2020),
 }  # fmt: skip
@@ -58,7 +58,7 @@ def draw_figures(results: Results, folder: Path) -> list[Path]:
 
 
 def _draw_curves(results: Results, layouts: Mapping[str, tuple[str, ...]], path: Path) -> Path:
-    """Draw reward and a second figure of some layouts of each game over timesteps."""
+    """Draw reward and a second metric of some layouts of each game over timesteps."""
     figure, panels = plt.subplots(2, 2, figsize=(11, 7.4), layout="constrained", sharex=True)
     for row, (game, chosen) in zip(panels, layouts.items(), strict=True):
         for axes, key in zip(row, ("reward", SECOND[game]), strict=True):
@@ -67,7 +67,7 @@ def _draw_curves(results: Results, layouts: Mapping[str, tuple[str, ...]], path:
                 if (game, layout, main_policy(layout)) in results:
                     _add_ours(axes, results[game, layout, main_policy(layout)], key)
             _set_axes(axes, game, key)
-        row[0].legend(handles=[Line2D([], [], color=COLOURS[name], lw=2.2, label=name) for name in chosen], loc="best")
+        row[0].legend(handles=[Line2D([], [], color=COLORS[name], lw=2.2, label=name) for name in chosen], loc="best")
     for axes in panels[0]:
         _add_steps(axes)
     for axes in panels[1]:
@@ -87,31 +87,31 @@ def _draw_curves(results: Results, layouts: Mapping[str, tuple[str, ...]], path:
 
 
 def _add_original(axes: Axes, game: str, layout: str, key: str) -> None:
-    """Draw the original's mean and two standard deviations, and the end that the paper prints."""
-    points, colour = original_curve(game, layout, main_policy(layout)), COLOURS[layout]
-    if points and key != "click_accuracy":  # of which there are no logs
+    """Draw the original's mean and two standard deviations, and the last value as printed in the paper."""
+    points, color = original_curve(game, layout, main_policy(layout)), COLORS[layout]
+    if points and key != "click_accuracy":  # there are no logs of it
         millions = [point.timesteps / 1e6 for point in points]
         means = np.array([getattr(point, key) for point in points])
         band = 2 * np.array([getattr(point, f"{key}_std") for point in points])
-        axes.plot(millions, means, color=colour, lw=1.1, ls="--")
-        axes.fill_between(millions, means - band, means + band, color=colour, alpha=0.13, lw=0)
+        axes.plot(millions, means, color=color, lw=1.1, ls="--")
+        axes.fill_between(millions, means - band, means + band, color=color, alpha=0.13, lw=0)
     printed = paper_figures(game, layout).get({"click_accuracy": "accuracy"}.get(key, key))
     if printed:
-        axes.plot(COMPLETE / 1e6, printed, "D", color=colour, mfc="white", ms=5, clip_on=False, zorder=5)
+        axes.plot(COMPLETE / 1e6, printed, "D", color=color, mfc="white", ms=5, clip_on=False, zorder=5)
 
 
 def _add_ours(axes: Axes, experiment: Experiment, key: str) -> None:
-    """Draw the mean over the runs that reached each mark, broken where those are fewer, and their range."""
-    colour = COLOURS[experiment.layout]
+    """Draw the mean and the range of the runs that reached each mark. The line is interrupted where runs end."""
+    color = COLORS[experiment.layout]
     marks = [mark for mark in experiment.marks if experiment.at(mark, key)]
     for _, part in groupby(marks, lambda mark: len(experiment.at(mark, key))):
         millions, values = zip(*((mark / 1e6, experiment.at(mark, key)) for mark in part), strict=True)
-        axes.plot(millions, [np.mean(each) for each in values], color=colour, lw=2)
-        axes.fill_between(millions, [min(v) for v in values], [max(v) for v in values], color=colour, alpha=0.35, lw=0)
+        axes.plot(millions, [np.mean(each) for each in values], color=color, lw=2)
+        axes.fill_between(millions, [min(v) for v in values], [max(v) for v in values], color=color, alpha=0.35, lw=0)
 
 
 def _set_axes(axes: Axes, game: str, key: str) -> None:
-    """Name and scale the axes; timesteps on a logarithmic scale, as most runs are short."""
+    """Label and scale the axes; timesteps are on a logarithmic scale, because most runs are short."""
     axes.set_xscale("log")
     axes.set_xlim(MARK / 1e6, COMPLETE / 1e6)
     axes.xaxis.set_major_locator(FixedLocator([0.3, 1, 3, 10, 30]))
@@ -125,7 +125,7 @@ def _set_axes(axes: Axes, game: str, key: str) -> None:
 
 def _add_steps(axes: Axes) -> None:
     """Add the original's steps as a second axis on top."""
-    millions = TIMESTEPS_PER_STEP / 1e6  # of timesteps in a step
+    millions = TIMESTEPS_PER_STEP / 1e6  # of timesteps per step
     top = axes.secondary_xaxis("top", functions=(lambda x: np.divide(x, millions), lambda x: np.multiply(x, millions)))
     top.xaxis.set_major_locator(FixedLocator([2e4, 1e5, 2e5, 5e5, 1e6, 2e6]))
     top.xaxis.set_minor_locator(NullLocator())
@@ -138,15 +138,15 @@ def _draw_hours(results: Results, path: Path) -> Path:
     """Draw the hours of a complete run of every experiment, ours and the original's."""
     figure, panels = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained", sharey=True, sharex=True)
     for axes, game in zip(panels, GAMES, strict=True):
-        for height, layout in enumerate(COLOURS):
+        for height, layout in enumerate(COLORS):
             _add_hours(axes, results, game, layout, height)
         axes.set_xscale("log")
         axes.set_xlim(0.08, 60)
         axes.xaxis.set_major_locator(FixedLocator([0.1, 1 / 3, 1, 3, 10, 30]))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _duration(value)))
-        axes.set_yticks(range(len(COLOURS)), list(COLOURS))
-        axes.set_ylim(len(COLOURS) - 0.5, -0.5)
+        axes.set_yticks(range(len(COLORS)), list(COLORS))
+        axes.set_ylim(len(COLORS) - 0.5, -0.5)
         axes.set_title(f"{TITLES[game]}: time of a complete run", loc="left", fontsize=10.5)
         axes.grid(visible=False, axis="y")
         axes.spines["top"].set_visible(False)
@@ -175,7 +175,7 @@ def _add_hours(axes: Axes, results: Results, game: str, layout: str, height: int
         axes.plot(theirs, height, "o", color="#A0A0A0", ms=8)
         axes.annotate(_duration(theirs), (theirs, height), (8, 0), **text)
     if ours:
-        axes.plot(ours, height, "o", color=COLOURS[layout], ms=8)
+        axes.plot(ours, height, "o", color=COLORS[layout], ms=8)
         axes.annotate(_duration(ours), (ours, height), (-8, 0), ha="right", **text)
 
 
@@ -184,7 +184,7 @@ def _duration(hours: float) -> str:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a small PNG: these pictures need few colours."""
+    """Write a small PNG: 256 colors are enough for these pictures."""
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=110)
     plt.close(figure)

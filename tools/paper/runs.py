@@ -1,4 +1,4 @@
-"""Our finished runs in results/, by experiment, and what several of them say together."""
+"""Our finished runs in a folder of results, by experiment."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +7,7 @@ from pathlib import Path
 from joybridge.experiments import find_results
 from joybridge.trainer.metrics import Row, read_rows
 
-MARK = 300_000  # timesteps between two rows of metrics: 20 000 of the original's steps
+MARK = 300_000  # timesteps between two rows of metrics, equal to 20 000 of the original's steps
 COMPLETE = 30_000_000  # timesteps of a complete run
 GAMES = ("shooting_birds", "beastly_rivals")
 LAYOUTS = (
@@ -20,21 +20,21 @@ class Run:
     """The metrics of one policy of one run."""
 
     seed: int
-    rows: dict[int, Row]  # by mark: a multiple of MARK timesteps, to which each row belongs
+    rows: dict[int, Row]  # by mark: the nearest multiple of MARK timesteps
 
     @property
     def end(self) -> int:
-        """Return its last mark."""
+        """Return the last mark."""
         return max(self.rows)
 
     @cached_property
     def hours(self) -> float:
-        """Return the wall-clock time of its rows."""
+        """Return the wall-clock time of all rows in hours."""
         return sum(MARK / row["timesteps_per_second"] for row in self.rows.values()) / 3600
 
     @property
     def complete_hours(self) -> float:
-        """Return the time that a complete run takes at its speed."""
+        """Return the hours that a complete run takes at this run's speed."""
         return self.hours * COMPLETE / (MARK * len(self.rows))
 
 
@@ -46,11 +46,11 @@ class Experiment:
     layout: str
     policy: str  # "axes" or "buttons" of multiagent, else ""
     runs: tuple[Run, ...]
-    alone: tuple[Run, ...] = ()  # short ones that had the machine to themselves, for their speed
+    alone: tuple[Run, ...] = ()  # short runs, one at a time on an otherwise idle machine, for their speed
 
     @property
     def name(self) -> str:
-        """Return what to call it within its game."""
+        """Return the name of the experiment within its game."""
         return f"{self.layout}, {self.policy}" if self.policy else self.layout
 
     @property
@@ -59,7 +59,7 @@ class Experiment:
         return sorted({mark for run in self.runs for mark in run.rows})
 
     def at(self, mark: int, key: str = "reward") -> list[float]:
-        """Return the figure of each run that has it at a mark."""
+        """Return a metric at a mark, of each run that has it."""
         return [run.rows[mark][key] for run in self.runs if key in run.rows.get(mark, {})]
 
     @property
@@ -73,17 +73,17 @@ Results = dict[Key, Experiment]
 
 
 def read_results(folder: Path) -> Results:
-    """Return the runs of the paper's games under `folder`; of several lengths of one run, the longest.
+    """Return the runs of the paper's games in a folder of results; of several lengths of a run the longest.
 
-    Runs of a seed that begin alike are one run; others differ in a detail that changes its bits, like `groups`. Those
-    in the folder `alone` count for speed only.
+    Runs of the same seed with the same first reward are lengths of one run. Others differ in a setting that changes
+    rounding errors, for example `groups`. Runs in the folder `alone` count for speed only.
     """
     alone = _read_runs(folder / "alone")
     return {key: Experiment(*key, runs, alone.get(key, ())) for key, runs in _read_runs(folder).items()}
 
 
 def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
-    """Return the longest of the runs that begin alike, by experiment in the order of LAYOUTS."""
+    """Return the longest length of each run, by experiment in the order of LAYOUTS."""
     longest: dict[Key, dict[tuple[int, float], Run]] = {}  # within an experiment, by seed and first reward
     for name, path in find_results(folder).items():
         game, _, layout = name.run.experiment.partition("/")
@@ -99,10 +99,10 @@ def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
 
 
 def _place(game: str, layout: str, policy: str) -> tuple[int, int, str, str]:
-    """Return what puts experiments into the order of GAMES and LAYOUTS, others behind."""
+    """Return a sort key: the order of GAMES and LAYOUTS, other layouts last."""
     return GAMES.index(game), LAYOUTS.index(layout) if layout in LAYOUTS else len(LAYOUTS), layout, policy
 
 
 def main_policy(layout: str) -> str:
-    """Return the policy whose reward stands for a layout: of the two agents the one that clicks, as in the paper."""
+    """Return the policy whose reward counts for a layout: for multiagent the one that clicks, as in the paper."""
     return "buttons" if layout == "multiagent" else ""

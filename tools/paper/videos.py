@@ -2,8 +2,8 @@
 
 python -m tools.paper.videos RUN [RUN …]    writes GAME-LAYOUT.mp4, and GAME.webp for pages without videos
 
-A video begins in the middle of an episode. Games of more than 25 decisions per second are shown at their own pace;
-of slower ones every decision is a frame, so Beastly Rivals runs three times as fast as it is played.
+A video starts in the middle of an episode. Games with more than 25 decisions per second are shown in real time. In
+slower games every decision is a frame, so Beastly Rivals is shown three times as fast as it is played.
 """
 
 import argparse
@@ -24,12 +24,12 @@ from joybridge.trainer.wire.client import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
 
 RATE = 25  # frames per second
-ROWS = 10  # of metrics at the end of a run, whose mean reward says how good it is
-SMALLER = 0.75  # times the picture's width and height
+ROWS = 10  # last rows of metrics, whose mean reward is the score of a run
+SMALLER = 0.75  # factor for the width and the height of pictures
 
 
 class Format(NamedTuple):
-    """A codec with its options, and those of the file around it."""
+    """A codec with its options and the options of the file."""
 
     codec: str
     codec_options: dict[str, str]
@@ -37,11 +37,11 @@ class Format(NamedTuple):
 
 
 MP4 = Format("libx264", {"crf": "27", "preset": "slower"}, {"movflags": "faststart"})
-WEBP = Format("libwebp_anim", {"quality": "60"}, {"loop": "0"})  # 0: for ever
+WEBP = Format("libwebp_anim", {"quality": "60"}, {"loop": "0"})  # 0: endless
 
 
 def frames(run: Path, address: str, seed: int) -> Iterator[av.VideoFrame]:
-    """Yield pictures of a run's policy, which plays from the middle of an episode on.
+    """Yield pictures of a run's policy, from the middle of an episode on.
 
     Raises SimulatorError, CheckpointError or ConfigError.
     """
@@ -58,7 +58,7 @@ def frames(run: Path, address: str, seed: int) -> Iterator[av.VideoFrame]:
 
 
 def encode(pictures: Sequence[av.VideoFrame], output: Path, kind: Format, rate: int) -> None:
-    """Write pictures as a smaller video, so many of them per second."""
+    """Write pictures as a smaller video. rate: frames per second."""
     width, height = (round(SMALLER * side / 2) * 2 for side in (pictures[0].width, pictures[0].height))
     output.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(output), "w", container_options=kind.file_options) as video:
@@ -72,13 +72,13 @@ def encode(pictures: Sequence[av.VideoFrame], output: Path, kind: Format, rate: 
 
 
 def score(run: Path) -> float:
-    """Return the mean reward at the end of a run, of all its policies; as bad as can be where there is none."""
+    """Return the mean reward of all policies at the end of a run; minus infinity without metrics."""
     rows = [row for path in run.glob("metrics-*.csv") for row in read_rows(path)[-ROWS:]]
     return mean([row["reward"] for row in rows if "reward" in row] or [float("-inf")])
 
 
 def best(runs: Iterable[Path], *keys: str) -> dict[tuple[str, ...], Path]:
-    """Return the best run of those that agree in these keys of the configuration. Raises ConfigError."""
+    """Return the best run for each combination of values of some configuration keys. Raises ConfigError."""
     return {tuple(getattr(run_config(run), key) for key in keys): run for run in sorted(runs, key=score)}
 
 
@@ -86,9 +86,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(description="Record short, small videos of the best runs.")
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run")
-    parser.add_argument("--seconds", type=float, default=12.0, help="length of a video; default %(default)g")
-    parser.add_argument("--seed", type=int, default=1, help="of games and samples; default %(default)s")
-    parser.add_argument("--output", type=Path, default=Path("results/videos"), help="default %(default)s")
+    parser.add_argument("--seconds", type=float, default=12.0, help="length of each video; default: %(default)g")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="seed of the games and of action sampling; default: %(default)s"
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("results/videos"), help="folder of videos; default: %(default)s"
+    )
     options = parser.parse_args(arguments)
     try:
         with simulator_process() as address:
