@@ -1,4 +1,4 @@
-"""The measures of behavior on made-up episodes with known answers, and both tools on real runs."""
+"""The measures of behavior on made-up episodes with known results, and both tools on real runs."""
 
 import json
 import math
@@ -46,17 +46,17 @@ def circle(decisions, lanes, radius, lap) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("radius", "lap"), [(5.0, 100), (2.0, 25)])
-def test_whole_laps_on_a_circle_have_its_radius_wherever_it_is(radius, lap):
+def test_whole_laps_on_a_circle_have_its_radius_at_any_place(radius, lap):
     points = lap_radius(trace(ends(300, 3)), circle(300, 3, radius, lap))
     assert points == [[5.0, pytest.approx(radius)], [15.0, pytest.approx(radius)], [25.0, pytest.approx(radius)]]
 
 
-def test_a_lap_that_is_not_quite_whole_has_nearly_the_radius():
+def test_an_almost_whole_lap_has_almost_the_radius():
     ((_, nearly),) = lap_radius(trace(ends(100, 3)), circle(100, 3, 7.0, 110))
     assert 6.8 < nearly < 7.0
 
 
-def test_standing_has_no_lap_radius_and_a_straight_walk_that_of_a_rod():
+def test_standing_has_lap_radius_0_and_a_straight_walk_that_of_a_rod():
     standing = np.ones((100, 3, 2))
     assert lap_radius(trace(ends(100, 3)), standing) == [[5.0, 0.0]]
     walk = standing * np.arange(100)[:, None, None] / 100 * 8.0  # 8 along either axis
@@ -64,7 +64,7 @@ def test_standing_has_no_lap_radius_and_a_straight_walk_that_of_a_rod():
     assert radius == pytest.approx(8.0 * math.sqrt(2) / math.sqrt(12), rel=1e-3)
 
 
-def test_lap_radius_goes_by_the_time_of_the_episode_not_of_the_clock():
+def test_lap_radius_is_measured_over_the_time_of_the_episode():
     places = circle(200, 3, 1.0, 50)
     places[120:] *= 4.0
     # Everybody dies after 120 decisions: the second episode, too, begins at 0, and never sees its first window's end.
@@ -77,7 +77,7 @@ def test_lap_radius_goes_by_the_time_of_the_episode_not_of_the_clock():
     assert mixed == pytest.approx(2.5)
 
 
-def test_a_window_counts_while_three_episodes_live_through_it():
+def test_a_window_counts_if_three_episodes_last_through_it():
     ended = ends(300, 4, (150, 0))
     assert [seconds for seconds, _ in lap_radius(trace(ended), circle(300, 4, 1.0, 50))] == [5.0, 15.0, 25.0]
     ended[150, 1] = True
@@ -115,7 +115,7 @@ def test_blinks_and_survival_are_means_over_episodes():
     assert measures["survival_seconds"] == pytest.approx(9 * 0.12) and measures["blinks_per_episode"] == 1.5
 
 
-def test_time_in_the_slow_sphere_and_what_chance_would_give():
+def test_time_in_the_slow_sphere_and_the_same_by_chance():
     made = rivals()
     made["sensors"]["character"][:, 0, :2] = 6.0 / 7.0, 0.0
     made["sensors"]["slow_sphere"][:, 0, :2] = 2.9 / 7.0, 0.0  # around (3.1, 0): arena 0 is inside all the time
@@ -169,7 +169,7 @@ def test_an_empty_gun_does_not_shoot_and_the_last_episode_does_not_count():
     assert shooting_birds(trace(**made))["seconds_between_shots"] is None
 
 
-def test_hits_are_told_apart_by_the_level_of_the_lanes():
+def test_hits_are_counted_per_level():
     made = birds(lanes=6)
     made["metrics"]["hits"][-1] = 10, 20, 1, 3, 5, 5
     made["metrics"]["click_accuracy"][-1] = 0.5, 1.0, 1.0, 1.0, 0.5, 0.5
@@ -180,11 +180,11 @@ def test_hits_are_told_apart_by_the_level_of_the_lanes():
 # ---------------------------------------------------------------------------------------------------- files and runs
 
 
-def test_the_run_that_trained_longer_stays_in_the_file(tmp_path, capsys):
+def test_the_longer_trained_run_stays_in_the_file(tmp_path, capsys):
     path = tmp_path / "deep" / "behavior.json"
     add_measures(path, "ferry/hybrid-s0", {"timesteps": 30, "x": 1})
     assert add_measures(path, "ferry/hybrid-s0", {"timesteps": 20, "x": 2})["ferry/hybrid-s0"]["x"] == 1
-    assert "ferry/hybrid-s0: kept as it was, after 30 timesteps" in capsys.readouterr().err
+    assert "ferry/hybrid-s0: kept the measures after 30 timesteps" in capsys.readouterr().err
     add_measures(path, "ferry/hybrid-s0", {"timesteps": 30, "x": 3})
     add_measures(path, "ferry/hybrid-s1", {"timesteps": 1, "x": 4})
     assert {name: entry["x"] for name, entry in json.loads(path.read_text()).items()} == {
@@ -233,7 +233,7 @@ def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, ca
     assert again == ("beastly_rivals/bucket-3-s0", rivals)
 
 
-def test_a_game_without_such_measures_is_refused_by_name(simulator, tmp_path):
+def test_a_game_without_measures_is_refused_by_name(simulator, tmp_path):
     (tmp_path / "config.yaml").write_text("game: ferry")
     with pytest.raises(ConfigError, match="plays ferry; behavior is measured in shooting_birds and beastly_rivals"):
         measure(tmp_path, simulator, episodes=1, seed=1)
@@ -252,7 +252,7 @@ def test_videos_of_the_best_runs_are_small_and_play(runs, tmp_path):
     assert max(path.stat().st_size for path in output.iterdir()) < 100_000
 
 
-def test_the_best_of_several_runs_is_the_one_with_most_reward_in_the_end(tmp_path):
+def test_the_best_of_several_runs_has_the_highest_reward_at_the_end(tmp_path):
     for name, layout, rewards in (("a", "hybrid", (9, 1)), ("b", "hybrid", (0, 5)), ("c", "bucket-3", (3, 3))):
         run = tmp_path / name
         run.mkdir()
