@@ -50,6 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 2
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # as `python -m` does: --game finds modules of the current folder
     return int(module.main([name, *rest], prog="joybridge"))
 
 

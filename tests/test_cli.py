@@ -1,0 +1,42 @@
+"""The command `joybridge` lists its commands, runs them, and names the extra that a command needs."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from joybridge import cli
+
+
+@pytest.mark.parametrize("arguments", [[], ["-h"], ["--help"]])
+def test_without_a_command_or_with_help_it_lists_the_commands(arguments, monkeypatch, capsys):
+    assert cli.main(arguments) == 0
+    given = capsys.readouterr().out
+    assert all(f"  {name} " in given for name in cli.COMMANDS)
+    monkeypatch.setattr(sys, "argv", ["joybridge", *arguments])
+    assert cli.main() == 0
+    assert capsys.readouterr().out == given
+
+
+def test_an_unknown_command_is_refused_with_the_known_ones(capsys):
+    assert cli.main(["trian"]) == 2
+    assert "unknown command 'trian'; expected one of serve, list" in capsys.readouterr().err
+
+
+def test_a_command_whose_extra_is_missing_names_the_extra(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "torch", None)  # which makes importing it fail
+    for name in [name for name in sys.modules if name.startswith("joybridge.trainer")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert cli.main(["train", "archer/hybrid"]) == 2
+    assert "needs the module torch; install it with `pip install 'joybridge[train]'`" in capsys.readouterr().err
+
+
+def test_the_installed_command_finds_games_of_the_current_folder(tmp_path):
+    command = Path(sys.executable).with_name("joybridge")
+    subprocess.run([command, "new", "near_game"], cwd=tmp_path, check=True, capture_output=True)
+    listed = subprocess.run(
+        [command, "list", "--game", "near_game:NearGame"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (listed.returncode, listed.stderr) == (0, "")
+    assert "\nnear_game: " in listed.stdout

@@ -1,0 +1,236 @@
+"""Build the wheel and test every extra in an empty virtual environment of its own, on every Python that is present.
+
+The programs run in a folder that contains `trainer.py`, `simulator.py`, `tools.py` and `tests/`, all of which fail when
+they are imported. Python versions of the package's classifiers must work. Newer ones are skipped, with the reason,
+where a dependency has no wheel for them. PyTorch is large, so the extra `train` is installed only on the Python that
+runs this program, unless --train names others.
+
+Exit status: 0, or 1 at the first failure.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+REQUIRED = ("3.11", "3.12", "3.13")  # the classifiers
+NEWER = ("3.14",)
+HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
+TRAPS = ("trainer.py", "simulator.py", "tools.py", "configs.py", "tests/__init__.py")
+READY = "joybridge simulator listening on "
+DEADLINE = 300.0  # seconds of one command
+
+PLAY = """
+import numpy as np
+from joybridge.gym import BridgeVectorEnv
+envs = BridgeVectorEnv("archer", arenas=4, simulator={address!r})
+observations, infos = envs.reset(seed=1)
+for _ in range(100):
+    envs.action_space.seed(2)
+    observations, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
+assert observations.shape == envs.observation_space.shape and np.isfinite(rewards).all(), observations.shape
+envs.close()
+"""
+START = """
+from joybridge.gym import BridgeEnv
+BridgeEnv("archer")
+"""
+
+
+class Failed(Exception):
+    """Something that an installed package should do and does not; the text contains the command and its output."""
+
+
+class NoWheel(Exception):
+    """A dependency without a wheel for a Python."""
+
+
+class Environment:
+    """A virtual environment with the wheel and one of its extras, and an empty folder to work in."""
+
+    def __init__(self, python: Path, wheel: Path, extra: str, folder: Path) -> None:
+        """Make the environment in `folder` and install `extra` ("": none). Raises NoWheel and Failed."""
+        self.bin, self.work = folder / "venv/bin", folder / "work"
+        self.work.mkdir(parents=True)
+        for trap in TRAPS:
+            (self.work / trap).parent.mkdir(exist_ok=True)
+            (self.work / trap).write_text(f"raise RuntimeError('{trap} of the working folder was imported')\n")
+        hidden = {"PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "NUMBA_CACHE_DIR"}
+        self.variables = {name: value for name, value in os.environ.items() if name not in hidden}
+        self.run(str(python), "-m", "venv", "--without-pip", str(folder / "venv"))
+        command = (
+            sys.executable, "-m", "pip", "--python", str(self.bin / "python"), "install", "--quiet", "--no-compile",
+            "--only-binary", ":all:", "--constraint", str(ROOT / "constraints.txt"),
+            f"{wheel}[{extra}]" if extra else str(wheel),
+        )  # fmt: skip
+        try:
+            self.run(*command)
+        except Failed as failure:
+            missing = [line for line in str(failure).splitlines() if "No matching distribution found" in line]
+            if missing:
+                raise NoWheel(missing[0].removeprefix("ERROR: ")) from failure
+            raise
+
+    def run(self, program: str, *arguments: str, status: int = 0) -> str:
+        """Run a program, of the environment if it is there, and return its output. Raises Failed."""
+        command = [str(self.bin / program) if (self.bin / program).exists() else program, *arguments]
+        try:
+            result = subprocess.run(
+                command, cwd=self.work, env=self.variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT, text=True, timeout=DEADLINE, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired as error:
+            raise Failed(f"{' '.join(command)} did not end within {DEADLINE:g} s") from error
+        if result.returncode != status:
+            expected = f"ended with {result.returncode}, expected {status}"
+            raise Failed(f"{' '.join(command)} {expected}; its output:\n{result.stdout}")
+        return result.stdout
+
+    def expect(self, text: str, program: str, *arguments: str, status: int = 0) -> None:
+        """Run a program and raise Failed unless its output contains `text`."""
+        output = self.run(program, *arguments, status=status)
+        if text not in output:
+            raise Failed(f"{program} {' '.join(arguments)}: expected {text!r} in its output:\n{output}")
+
+    def expect_absent(self, *modules: str) -> None:
+        """Raise Failed if any of these modules can be imported."""
+        program = f"import importlib.util as u; print([m for m in {modules} if u.find_spec(m) is not None])"
+        self.expect("[]\n", "python", "-P", "-c", program)  # -P: not the modules of the working folder
+
+    @contextmanager
+    def server(self) -> Iterator[str]:
+        """Run `joybridge serve` on a free port and yield its address. Raises Failed if it does not start."""
+        command = [str(self.bin / "joybridge"), "serve", "--address", "127.0.0.1:0", "--with-parent"]
+        with (self.work / "server.txt").open("w+") as log, subprocess.Popen(
+            command, cwd=self.work, env=self.variables, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+            text=True,
+        ) as process:  # fmt: skip
+            try:
+                assert process.stdout is not None
+                line = process.stdout.readline()
+                if not line.startswith(READY):
+                    log.seek(0)
+                    raise Failed(f"{' '.join(command)} printed {line!r}, expected its address; its log:\n{log.read()}")
+                yield line.removeprefix(READY).strip()
+            finally:
+                process.kill()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Check the wheel and return the exit status."""
+    parser = argparse.ArgumentParser(description="Build the wheel and test each extra in an empty environment.")
+    parser.add_argument(
+        "--train", nargs="*", default=[HERE], help="Python versions that get PyTorch; default %(default)s"
+    )
+    options = parser.parse_args(arguments)
+    begin = time.monotonic()
+    try:
+        with tempfile.TemporaryDirectory() as temporary:
+            wheel = build(Path(temporary))
+            for version in (*REQUIRED, *NEWER):
+                python = find_python(version)
+                if python is None:
+                    print(f"Python {version}: not checked, it is not installed here", flush=True)
+                    continue
+                folder = Path(temporary) / version
+                try:
+                    check(version, python, wheel, folder, train=version in options.train)
+                except NoWheel as reason:
+                    if version in REQUIRED:
+                        raise Failed(f"Python {version}: {reason}") from reason
+                    print(f"Python {version}: not checked: {reason}", flush=True)
+                finally:
+                    shutil.rmtree(folder, ignore_errors=True)
+    except Failed as failure:
+        print(f"failed: {failure}", file=sys.stderr)
+        return 1
+    print(f"the wheel works on every Python that is present ({time.monotonic() - begin:.0f} s)")
+    return 0
+
+
+def build(folder: Path) -> Path:
+    """Build the source distribution and, from it alone, the wheel; return the wheel's path. Raises Failed."""
+    command = [sys.executable, "-m", "build", "--outdir", str(folder), str(ROOT)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise Failed(f"{' '.join(command)} ended with {result.returncode}; its output:\n{result.stdout}{result.stderr}")
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name.split("/")[0] for name in archive.namelist()}
+        ours = {name for name in names if not name.endswith(".dist-info")}
+        if ours != {"joybridge"}:
+            raise Failed(f"{wheel.name} installs the top-level names {sorted(ours)}, expected only 'joybridge'")
+    print(f"{wheel.name}: {wheel.stat().st_size / 1e3:.0f} kB", flush=True)
+    return wheel
+
+
+def find_python(version: str) -> Path | None:
+    """Return the interpreter of a Python version such as "3.12", from PATH or pyenv, or None."""
+    found = shutil.which(f"python{version}")
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    candidates = [Path(found)] if found else []
+    candidates += sorted(pyenv.glob(f"versions/{version}.*/bin/python"))
+    for candidate in candidates:
+        program = "import sys; print('{}.{}'.format(*sys.version_info[:2]))"
+        result = subprocess.run([candidate, "-c", program], capture_output=True, text=True, check=False)
+        if result.stdout.strip() == version:  # pyenv's shims exist for versions that are not switched on
+            return candidate
+    return None
+
+
+def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) -> None:
+    """Test all extras on one Python. Raises Failed and NoWheel."""
+    begin = time.monotonic()
+
+    def done(extra: str) -> None:
+        nonlocal begin
+        print(f"Python {version}: {extra} works ({time.monotonic() - begin:.0f} s)", flush=True)
+        begin = time.monotonic()
+
+    simulator = Environment(python, wheel, "simulator", folder / "simulator")
+    simulator.expect_absent("torch", "gymnasium", "pydantic")
+    simulator.expect("shooting_birds: ", "joybridge", "list")
+    simulator.run("joybridge", "new", "my_game")
+    simulator.expect("my_game: ", "joybridge", "list", "--game", "my_game:MyGame")
+    with simulator.server() as address:
+        done("joybridge[simulator]")
+
+        base = Environment(python, wheel, "", folder / "base")
+        base.expect_absent(
+            "torch", "gymnasium", "pydantic", "numba", "pygame", "simulator", "trainer", "tools", "tests"
+        )
+        base.expect("usage: joybridge COMMAND", "joybridge", "--help")
+        base.expect(" 0 failed", "joybridge", "check", address, "--game", "shooting_birds")
+        base.expect("pip install 'joybridge[train]'", "joybridge", "train", "archer/hybrid", status=2)
+        base.expect("pip install 'joybridge[simulator]'", "joybridge", "list", status=2)
+        done("joybridge")
+
+        gym = Environment(python, wheel, "gym", folder / "gym")
+        gym.expect_absent("torch", "pydantic", "numba", "pygame")
+        gym.run("python", "-W", "error", "-c", PLAY.format(address=address))
+        gym.expect("pip install 'joybridge[simulator]'", "python", "-c", START, status=1)
+        done("joybridge[gym]")
+    if not train:
+        print(f"Python {version}: joybridge[train] not checked (--train {version} does)", flush=True)
+        return
+    trainer = Environment(python, wheel, "train", folder / "train")
+    trainer.expect_absent("gymnasium", "pettingzoo", "pygame", "ray", "matplotlib")
+    trainer.run("joybridge", "train", "archer/hybrid", "--run", "run", "arenas=8", "stop=960")
+    output = trainer.run("joybridge", "evaluate", "run", "--episodes", "8", "--json")
+    (result,) = json.loads(output.splitlines()[-1]).values()
+    if result["timesteps"] < 960:
+        raise Failed(f"joybridge evaluate: the run has {result['timesteps']} timesteps, expected 960")
+    done("joybridge[train]")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
