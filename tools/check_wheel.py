@@ -209,7 +209,7 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
             "torch", "gymnasium", "pydantic", "numba", "pygame", "simulator", "trainer", "tools", "tests"
         )
         base.expect("usage: joybridge COMMAND", "joybridge", "--help")
-        base.expect(" 0 failed", "joybridge", "check", address, "--game", "shooting_birds")
+        base.expect(" 0 failed", "joybridge", "check", address, "--deadline", "120", "--game", "shooting_birds")
         base.expect("pip install 'joybridge[train]'", "joybridge", "train", "archer/hybrid", status=2)
         base.expect("pip install 'joybridge[simulator]'", "joybridge", "list", status=2)
         done("joybridge")
