@@ -32,7 +32,7 @@ DEADLINE = 300.0  # seconds of one command
 PLAY = """
 import numpy as np
 from joybridge.gym import BridgeVectorEnv
-envs = BridgeVectorEnv("archer", arenas=4, simulator={address!r})
+envs = BridgeVectorEnv("shooting_birds", arenas=4, simulator={address!r})
 observations, infos = envs.reset(seed=1)
 for _ in range(100):
     envs.action_space.seed(2)
@@ -204,21 +204,21 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     with simulator.server() as address:
         done("joybridge[simulator]")
 
-        base = Environment(python, wheel, "", folder / "base")
-        base.expect_absent(
-            "torch", "gymnasium", "pydantic", "numba", "pygame", "simulator", "trainer", "tools", "tests"
-        )
-        base.expect("usage: joybridge COMMAND", "joybridge", "--help")
-        base.expect(" 0 failed", "joybridge", "check", address, "--deadline", "120", "--game", "shooting_birds")
-        base.expect("pip install 'joybridge[train]'", "joybridge", "train", "archer/hybrid", status=2)
-        base.expect("pip install 'joybridge[simulator]'", "joybridge", "list", status=2)
-        done("joybridge")
-
         gym = Environment(python, wheel, "gym", folder / "gym")
         gym.expect_absent("torch", "pydantic", "numba", "pygame")
         gym.run("python", "-W", "error", "-c", PLAY.format(address=address))
         gym.expect("pip install 'joybridge[simulator]'", "python", "-c", START, status=1)
         done("joybridge[gym]")
+
+        base = Environment(python, wheel, "", folder / "base")
+        base.expect_absent(
+            "torch", "gymnasium", "pydantic", "numba", "pygame", "simulator", "trainer", "tools", "tests"
+        )
+        base.expect("usage: joybridge COMMAND", "joybridge", "--help")
+        base.expect(" 0 failed", "joybridge", "check", address, "--game", "archer")
+        base.expect("pip install 'joybridge[train]'", "joybridge", "train", "archer/hybrid", status=2)
+        base.expect("pip install 'joybridge[simulator]'", "joybridge", "list", status=2)
+        done("joybridge")
     if not train:
         print(f"Python {version}: joybridge[train] not checked (--train {version} does)", flush=True)
         return
