@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from joybridge import cli
+from joybridge.trainer.wire.errors import SimulatorLost
+from joybridge.trainer.wire.launch import simulator_process
 
 
 @pytest.mark.parametrize("arguments", [[], ["-h"], ["--help"]])
@@ -40,3 +42,9 @@ def test_the_installed_command_finds_games_of_the_current_folder(tmp_path):
     )
     assert (listed.returncode, listed.stderr) == (0, "")
     assert "\nnear_game: " in listed.stdout
+
+
+def test_a_simulator_whose_games_are_not_installed_is_not_started(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    with pytest.raises(SimulatorLost, match=r"pip install 'joybridge\[simulator\]'"), simulator_process():
+        pass

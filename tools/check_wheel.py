@@ -21,12 +21,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from joybridge.contract.address import READY
+
 ROOT = Path(__file__).resolve().parents[1]
 REQUIRED = ("3.11", "3.12", "3.13")  # the classifiers
 NEWER = ("3.14",)
 HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
 TRAPS = ("trainer.py", "simulator.py", "tools.py", "configs.py", "tests/__init__.py")
-READY = "joybridge simulator listening on "
 DEADLINE = 300.0  # seconds of one command
 
 PLAY = """

@@ -41,7 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = COMMANDS[name]
     try:
         module = import_module(command.module)
-    except ModuleNotFoundError as error:
+        if "" not in sys.path:
+            sys.path.insert(0, "")  # as `python -m` does: --game finds modules of the current folder
+        return int(module.main([name, *rest], prog="joybridge"))
+    except ModuleNotFoundError as error:  # some modules are imported only when the command runs
         if (error.name or "").startswith("joybridge") or not command.extra:
             raise
         print(
@@ -50,9 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 2
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # as `python -m` does: --game finds modules of the current folder
-    return int(module.main([name, *rest], prog="joybridge"))
 
 
 def run() -> NoReturn:

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from threading import Thread
 
 from joybridge.contract.address import READY
@@ -22,11 +23,17 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     """Run `joybridge serve` on a free loopback port and yield its address.
 
     games: further games as MODULE:CLASS. What games print goes to standard error. The process ends with the block, or
-    with this process if that is killed (see --with-parent). Raises SimulatorLost if it does not start.
+    with this process if that is killed (see --with-parent). Raises SimulatorLost if it does not start, and at once if
+    the extra `simulator` is not installed.
     """
     command = [*COMMAND, "--address", "127.0.0.1:0", "--with-parent"]
     for game in games:
         command += ["--game", game]
+    if find_spec("numba") is None:
+        raise SimulatorLost(
+            "a simulator cannot be started here because its games are not installed; install them with "
+            "`pip install 'joybridge[simulator]'`, or give the address of a running simulator"
+        )
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     printer: Thread | None = None
     try:
