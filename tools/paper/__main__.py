@@ -20,10 +20,10 @@ from pathlib import Path
 from joybridge.experiments import Cluster, Job, run_grid, start
 from joybridge.experiments.grid import kept_results
 from joybridge.trainer.checkpoint import has_checkpoint
+from joybridge.trainer.config_files import FOLDER
 from tools.paper.page import RESULTS, write_report
 from tools.paper.runs import GAMES, LAYOUTS
 
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 EXPERIMENTS = tuple(f"{game}/{layout}" for game in GAMES for layout in LAYOUTS)
 
 
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     run.add_argument("--backend", choices=("local", "ray"), default="local", help="where to run; default: %(default)s")
     run.add_argument("--address", help="address of a running Ray cluster; default: start a local one for this command")
-    run.add_argument("--configs", type=Path, default=CONFIGS, help="folder of configurations; default: the project's")
+    run.add_argument("--configs", type=Path, default=FOLDER, help="folder of configurations; default: the project's")
     run.add_argument("--runs", type=Path, default=Path("runs/paper"), help="folder of runs; default: %(default)s")
     run.add_argument("--results", type=Path, default=RESULTS, help="folder of results; default: the project's")
     report = commands.add_parser("report", help="write the page and the figures of all finished runs")

@@ -21,7 +21,7 @@ INTRODUCTION = """\
 # The paper's experiments: our runs and the original's
 
 `python -m tools.paper report` computes this page from the metrics in this folder. The folders of metrics are named
-after the length of their runs in timesteps. If a run is there in several lengths, the longest is used. Two runs of the
+after the length of their runs in timesteps. If there are several lengths of a run, the longest is used. Two runs of the
 same seed are different runs if their first rows differ. For example, the number of `groups` (a setting of the trainer)
 changes rounding errors.
 
@@ -33,7 +33,8 @@ A complete run has 30 million (30 M) timesteps. Reward is the mean of our runs, 
 brackets, and the original's mean ± two standard deviations (sd) of its ten runs. *Inside* counts our runs within those
 two standard deviations. Hours are wall-clock times on a shared machine."""
 EACH_RUN = """\
-Each complete run:"""
+Each complete run, compared with the same two standard deviations (*place*). *Last ten marks* is the mean reward of the
+last 3 M timesteps."""
 FIGURES = """\
 A line shows the mean of our runs. It is interrupted where some runs end. Timesteps and hours have logarithmic scales.
 Our hours in figure 14 are computed for 30 M timesteps from the speed of short runs (those in `alone/`), which were made
@@ -48,10 +49,10 @@ All tests use the 5 % level.
 - Both are tested at the largest number of timesteps that runs of all layouts of a claim have reached. Before 30 M
   timesteps, they are tested only if the original's runs confirm the claim both there and at 30 M.
 - **Training time**: a t test of the logarithms of the ratios of the hours in figure 14, pair by pair.
-- **Click accuracy** of complete runs: different from one percentage point on.
-- **Behavior**: all complete runs of the paper's layouts must show the claim, none must for *does not hold*. Laps are
-  smaller if the mean radius in the last third of the time is below 0.9 times that in the first third. Blinking is rare
-  up to 10 blinks in 10 000 decisions. The slow sphere is neither sought nor avoided if the time in it is between 1/1.5
+- **Click accuracy** of complete runs: a difference counts if it is larger than one percentage point.
+- **Behavior**: a claim *holds* if all complete runs of the paper's layouts show it, and *does not hold* if none does.
+  Laps are smaller if the mean radius in the last third of the time is below 0.9 times that in the first third. Blinking
+  is rare up to 10 blinks in 10 000 decisions. The slow sphere is neither sought nor avoided if the time in it is between 1/1.5
   and 1.5 times that by chance; this excludes `multiagent`, where the sphere has no effect on the character."""
 CONTRADICTIONS = """\
 By the same rules, the original's own logs do not confirm these claims of the paper:"""
