@@ -1,6 +1,7 @@
 """Gymnasium and PettingZoo environments, through gRPC at a real server process."""
 
 import gc
+import inspect
 import subprocess
 import sys
 import warnings
@@ -17,23 +18,30 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
+import joybridge.gym
 from joybridge.contract.codec import ActArrays
-from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv
+from joybridge.games import BUILT_IN
+from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv, sample_mask
+from joybridge.gym.registration import GAMES, environment_id
+from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import CLIP, make_layouts
 from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, describe
 from joybridge.trainer.wire.launch import simulator_process
+from tests.support.gym_games import Brief, Chase
 
 with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of games that it imports of its own
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-GAMES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase")]
-IDS = ["joybridge/ShootingBirds-v0", "joybridge/BeastlyRivals-v0"]
+PLACES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase")]
+IDS = {environment_id(game): game for game in BUILT_IN}
+CHECKED = ["joybridge/ShootingBirds-v0", "joybridge/BeastlyRivals-v0", "joybridge/Orchard-v0"]
 LAYOUTS = ["bucket-11", "hybrid", "threshold-0.5"]
 
 
 @pytest.fixture(scope="module")
 def simulator():
-    with simulator_process(GAMES) as address:
+    with simulator_process(PLACES) as address:
         yield address
 
 
@@ -72,11 +80,11 @@ def raw_actions(space, actions):
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals", "brief"])
 def test_playing_is_stepping_a_session(simulator, make, game, layout):
-    envs = make(BridgeVectorEnv, game, 3, layout, frame_stack=2, seed=7)
+    envs = make(BridgeVectorEnv, game, 3, layout=layout, frame_stack=2, seed=7)
     with Session(simulator, game, arenas=3, seed=7) as session:
         (behavior,) = session.spec.behaviors
         (mapping,) = make_layouts(layout, behavior.device).values()
-        weights = np.array([channel.default_weight for channel in behavior.channels])
+        weights = np.array([channel.default_weight for channel in behavior.channels], np.float32)
         observations, _ = envs.reset()
         frames = flat(session.steps[0].observations)
         stacked = np.concatenate([np.zeros_like(frames), frames], axis=1)
@@ -101,7 +109,7 @@ def test_playing_is_stepping_a_session(simulator, make, game, layout):
 @pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals"])
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_what_is_returned_keeps_the_conventions(make, game, layout):
-    envs = make(BridgeVectorEnv, game, 4, layout)
+    envs = make(BridgeVectorEnv, game, 4, layout=layout)
     assert envs.num_envs == 4 and envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert envs.observation_space == batch_space(envs.single_observation_space, 4)
     assert envs.action_space == batch_space(envs.single_action_space, 4)
@@ -120,7 +128,7 @@ def test_what_is_returned_keeps_the_conventions(make, game, layout):
 
 
 def test_spaces_follow_layout_and_spec(make):
-    spaces = {layout: make(BridgeVectorEnv, "brief", 2, layout).single_action_space for layout in LAYOUTS}
+    spaces = {layout: make(BridgeVectorEnv, "brief", 2, layout=layout).single_action_space for layout in LAYOUTS}
     assert spaces["bucket-11"] == MultiDiscrete([11, 3, 2])
     assert spaces["threshold-0.5"] == Box(-1, 1, (3,))
     assert spaces["hybrid"] == Dict(continuous=Box(-1, 1, (1,)), discrete=MultiDiscrete([2, 3]))
@@ -131,7 +139,7 @@ def test_spaces_follow_layout_and_spec(make):
 
 
 def test_continuous_actions_span_the_axis_and_are_clipped(make):
-    envs = make(BridgeVectorEnv, "brief", 5, "hybrid", reward_weights={"press": 0.0})
+    envs = make(BridgeVectorEnv, "brief", 5, reward_weights={"press": 0.0})
     envs.reset()
     lever = np.array([[-1.0], [-0.5], [0.0], [1.0], [7.0]])  # of an axis that reaches from -2 to 4
     rewards = envs.step({"continuous": lever, "discrete": np.zeros((5, 2), int)})[1]
@@ -139,14 +147,14 @@ def test_continuous_actions_span_the_axis_and_are_clipped(make):
 
 
 def test_channels_are_weighted_as_asked(make):
-    envs = make(BridgeVectorEnv, "brief", 2, reward_weights={"press": -3.0, "gear": 0.25})
+    envs = make(BridgeVectorEnv, "brief", 2, layout="bucket-11", reward_weights={"press": -3.0, "gear": 0.25})
     envs.reset()
     rewards = envs.step(np.array([[10, 2, 0], [0, 1, 1]]))[1]  # lever 4, gear 2, pressed; lever -2, gear 1, nothing
     assert rewards.tolist() == [4.0 - 3.0 + 0.5, -2.0 + 0.25]
 
 
 def test_an_episode_that_ends_is_followed_by_the_next_in_the_same_step(make):
-    envs = make(BridgeVectorEnv, "brief", 6, "hybrid", frame_stack=3, seed=2)
+    envs = make(BridgeVectorEnv, "brief", 6, frame_stack=3, seed=2)
     observations, infos = envs.reset()
     assert infos == {}
     press = {"continuous": np.zeros((6, 1)), "discrete": np.tile([1, 0], (6, 1))}
@@ -179,7 +187,7 @@ def test_an_episode_that_ends_is_followed_by_the_next_in_the_same_step(make):
 
 
 def test_gymnasiums_wrappers_understand_it(make):
-    envs = RecordEpisodeStatistics(make(BridgeVectorEnv, "brief", 4, "hybrid"))
+    envs = RecordEpisodeStatistics(make(BridgeVectorEnv, "brief", 4))
     lists = DictInfoToList(envs)
     lists.reset(seed=3)
     for _ in range(6):
@@ -193,7 +201,8 @@ def test_gymnasiums_wrappers_understand_it(make):
 def test_stable_baselines3_is_told_of_ends(make):
     from tools.sb3_example import BridgeVecEnv  # which loads torch
 
-    envs, adapted = make(BridgeVectorEnv, "brief", 4), BridgeVecEnv(make(BridgeVectorEnv, "brief", 4))
+    envs, other = (make(BridgeVectorEnv, "brief", 4, layout="bucket-11") for _ in range(2))
+    adapted = BridgeVecEnv(other)
     adapted.seed(6)
     assert np.array_equal(adapted.reset(), envs.reset(seed=6)[0])
     for _ in range(6):
@@ -256,7 +265,7 @@ def test_pictures_of_all_arenas_come_with_each_step(make):
 
 
 def test_lanes_that_wait_are_named_and_masks_given(make):
-    envs = make(BridgeVectorEnv, "turns", 2, "hybrid", frame_stack=2)  # lanes: two agents of each arena
+    envs = make(BridgeVectorEnv, "turns", 2, frame_stack=2)  # lanes: two agents of each arena
     observations, infos = envs.reset()
     assert envs.num_envs == 4 and infos["deciding"].tolist() == [True, False] * 2 and infos["_deciding"].all()
     for count in range(1, 9):
@@ -274,8 +283,31 @@ def test_lanes_that_wait_are_named_and_masks_given(make):
     assert terminated.all() and infos["final_info"] == {}
 
 
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_mask_has_one_form_and_sampling_obeys_it(make, layout):
+    env = make(BridgeEnv, "archer", layout=layout, seed=2)
+    envs = make(BridgeVectorEnv, "archer", 1, layout=layout, seed=2)
+    (_, info), (_, infos) = env.reset(), envs.reset()
+    forbidden = 0
+    for _ in range(200):
+        if layout == "threshold-0.5":
+            assert "action_mask" not in info
+            action = env.action_space.sample()
+        else:
+            mask = info["action_mask"]
+            assert mask.dtype == bool and np.array_equal(mask, infos["action_mask"][0])
+            forbidden += int((~mask).sum())
+            action = env.action_space.sample(mask=sample_mask(env.action_space, mask))
+        batch = {kind: part[None] for kind, part in action.items()} if isinstance(action, dict) else action[None]
+        *_, terminated, truncated, info = env.step(action)
+        *_, infos = envs.step(batch)
+        if terminated or truncated:
+            _, info = env.reset()
+    assert forbidden > 0 or layout == "threshold-0.5"
+
+
 def test_a_forbidden_choice_is_the_end_and_the_simulator_says_why(make):
-    envs = make(BridgeVectorEnv, "turns", 1, "hybrid")
+    envs = make(BridgeVectorEnv, "turns", 1)
     envs.reset()
     with pytest.raises(SimulatorError, match="branch 'card' got 'ace' in lane 0, which its mask forbids"):
         envs.step(np.zeros((2, 1), int))
@@ -285,7 +317,7 @@ def test_a_forbidden_choice_is_the_end_and_the_simulator_says_why(make):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("name", CHECKED)
 def test_check_env_passes(simulator, name, layout):
     env = gymnasium.make(name, layout=layout, simulator=simulator)
     try:
@@ -295,7 +327,8 @@ def test_check_env_passes(simulator, name, layout):
 
 
 def test_one_arena_plays_as_one_of_many(make):
-    env, envs = make(BridgeEnv, "brief", seed=3), make(BridgeVectorEnv, "brief", 1, seed=3)
+    env = make(BridgeEnv, "brief", layout="bucket-11", seed=3)
+    envs = make(BridgeVectorEnv, "brief", 1, layout="bucket-11", seed=3)
     observation, info = env.reset()
     assert np.array_equal(envs.reset()[0][0], observation) and info == {}
     for _ in range(20):
@@ -381,7 +414,8 @@ def test_agents_take_turns(make):
     _, infos = env.reset()
     while env.agents:
         (agent,) = (agent for agent in env.agents if infos[agent]["deciding"])
-        move = env.action_space(agent).sample(mask=infos[agent]["action_mask"])
+        space = env.action_space(agent)
+        move = space.sample(mask=sample_mask(space, infos[agent]["action_mask"]))
         with pytest.raises(ValueError, match=f"actions has none of agent '{agent}'"):
             env.step({})
         *_, infos = env.step({agent: move})  # those that wait may be left out
@@ -411,7 +445,7 @@ def test_the_same_seed_plays_the_same_game(make):
         returned = [env.step(moves) if moves else env.reset() for env in envs]
 
 
-# --------------------------------------------------------------------------------- names, ends, errors
+# ---------------------------------------------------------------------------------------------- names
 
 
 def test_the_built_in_games_are_registered():
@@ -428,7 +462,7 @@ assert one.unwrapped.game_spec.name == "shooting_birds"
 for env in (one, many):
     env.reset(seed=1)
     env.step(env.action_space.sample())
-assert "torch" not in sys.modules
+assert not {"torch", "pydantic", "joybridge.simulator"} & set(sys.modules)
 print(Path(f"/proc/self/task/{os.getpid()}/children").read_text())
 """  # which ends without closing them
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
@@ -437,13 +471,131 @@ print(Path(f"/proc/self/task/{os.getpid()}/children").read_text())
     assert len(simulators) == 2 and not any(Path(f"/proc/{simulator}").exists() for simulator in simulators)
 
 
-def test_make_names_every_game(simulator):
-    for name in IDS:
-        env = gymnasium.make(name, simulator=simulator)
-        envs = gymnasium.make_vec(name, num_envs=3, simulator=simulator)
-        assert envs.num_envs == 3 and envs.spec.id == env.spec.id == name
-        env.close()
-        envs.close()
+def test_every_built_in_game_is_registered(simulator):
+    assert sorted(GAMES) == sorted(BUILT_IN)
+    for name, game in IDS.items():
+        agents = sum(behavior.agents_per_arena for behavior in describe(simulator, game, {}).behaviors)
+        if agents == 1:
+            env = gymnasium.make(name, simulator=simulator)
+            envs = gymnasium.make_vec(name, num_envs=3, simulator=simulator)
+            assert envs.num_envs == 3 and envs.spec.id == env.spec.id == name
+            env.close()
+            envs.close()
+        else:
+            with pytest.raises(ValueError, match=rf"{game} .* has {agents} agents .*BridgeParallelEnv"):
+                gymnasium.make(name, simulator=simulator)
+
+
+def test_the_documentation_names_everything_public():
+    for name in joybridge.gym.__all__:
+        assert name in joybridge.gym.__doc__ and getattr(joybridge.gym, name).__doc__
+
+
+# ---------------------------------------------------------------------------------------------- arguments
+
+
+@pytest.mark.parametrize("kind", [BridgeEnv, BridgeParallelEnv, BridgeVectorEnv])
+def test_defaults_are_those_of_a_training_configuration(kind):
+    fields = Config.model_fields | PolicyConfig.model_fields
+    defaults = {name: p.default for name, p in inspect.signature(kind).parameters.items() if name in fields}
+    assert {"layout", "frame_stack", "seed", "options", "parameters", "sensors", "reward_weights"} <= set(defaults)
+    for name, default in defaults.items():
+        if name != "game":
+            assert default == (fields[name].default or None if default is None else fields[name].default), name
+
+
+@pytest.mark.parametrize("kind", [BridgeEnv, BridgeParallelEnv, BridgeVectorEnv])
+def test_a_misspelled_argument_is_pythons_type_error(kind):
+    with pytest.raises(TypeError, match=rf"{kind.__name__}\.__init__\(\) got an unexpected keyword argument 'layuot'"):
+        kind("shooting_birds", layuot="hybrid")
+
+
+def test_the_environments_have_the_same_arguments():
+    one, several, many = (
+        list(inspect.signature(kind).parameters) for kind in (BridgeEnv, BridgeParallelEnv, BridgeVectorEnv)
+    )
+    assert one == several == [name for name in many if name != "arenas"]
+
+
+def test_only_the_chosen_sensors_are_observed(make):
+    envs, chosen = (make(BridgeVectorEnv, "brief", 2, frame_stack=2, sensors=s) for s in (None, ["noise"]))
+    assert chosen.single_observation_space == Box(-1.0, np.inf, (4,))
+    assert np.array_equal(chosen.reset(seed=1)[0], envs.reset(seed=1)[0][:, [1, 2, 4, 5]])
+    env = make(BridgeParallelEnv, "brief", layout="multiagent", frame_stack=1, sensors={"axes": ["clock"]})
+    assert {name: len(observation) for name, observation in env.reset()[0].items()} == {"axes": 1, "buttons": 3}
+
+
+# ------------------------------------------------------------------------------------------ one's own games
+
+
+@pytest.mark.parametrize("game", [Brief, "tests.support.gym_games:Brief"])
+def test_a_game_of_ones_own_is_played_in_one_line(game):
+    env = BridgeEnv(game)
+    assert env.game_spec.name == "brief" and env.reset()[0] in env.observation_space
+    env.close()
+
+
+@pytest.mark.parametrize("games", [Chase, "tests.support.gym_games:Chase", [Chase, "tests.support.gym_games:Turns"]])
+def test_further_games_are_offered_by_name(games):
+    env = BridgeParallelEnv("chase", games=games)
+    assert env.possible_agents == ["hunter", "runner_0", "runner_1"]
+    env.close()
+
+
+def test_a_game_is_imported_from_where_this_process_imports(tmp_path, monkeypatch):
+    source = (Path(__file__).parent / "support/gym_games.py").read_text()
+    (tmp_path / "elsewhere_games.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    env = BridgeEnv("elsewhere_games:Brief")
+    assert env.game_spec.name == "brief"
+    env.close()
+
+
+class NotAGame:
+    """Has no name."""
+
+
+class Outer:
+    """Holds a game that has no place of its own."""
+
+    class Inner(Brief):
+        """A class within a class."""
+
+
+@pytest.mark.parametrize(
+    ("game", "text"),
+    [
+        (Outer.Inner, r"cannot import the game class .*test_gym\.Outer\.Inner: move it to the top level"),
+        (type("Made", (Brief,), {"__module__": "__main__"}), r"cannot import the game class __main__\.Made: move it"),
+        (NotAGame, "NotAGame.* is not a subclass of joybridge.simulator.Game or BatchedGame"),
+        ("tests.support.gym_games:Breif", "'tests.support.gym_games:Breif' cannot be imported .*has no attribute"),
+        ("nowhere:Brief", "'nowhere:Brief' cannot be imported .*expected a game's name or MODULE:CLASS"),
+        (Brief(), "game is <.*Brief object .*, expected a name, a game class or 'MODULE:CLASS'"),
+    ],
+)
+def test_a_class_that_is_no_game_of_the_simulators_process_is_named(game, text):
+    with pytest.raises(ConfigError, match=text):
+        BridgeEnv(game)
+
+
+def test_a_running_simulator_gets_no_further_games(simulator):
+    with pytest.raises(ConfigError, match=r"start that with `joybridge serve --game tests\.support\.gym_games:Brief`"):
+        BridgeEnv(Brief, simulator=simulator)
+
+
+def test_the_reason_of_a_failed_start_is_raised():
+    with pytest.raises(SimulatorLost, match=r"did not start: game 'nowhere:Game' cannot be imported \(No module"):
+        BridgeEnv("game", games="nowhere:Game")
+
+
+def test_without_the_extra_a_sentence_says_how_to_install_it(tmp_path, monkeypatch):
+    (tmp_path / "numba.py").write_text("raise ModuleNotFoundError(\"No module named 'numba'\", name='numba')")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(SimulatorLost, match=r"needs the module numba; install it with `pip install 'joybridge\[sim"):
+        BridgeEnv(Brief)
+
+
+# ------------------------------------------------------------------------------------ simulators and errors
 
 
 def simulators(monkeypatch):
@@ -486,14 +638,17 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
 @pytest.mark.parametrize(
     ("kind", "game", "settings", "text"),
     [
-        (BridgeVectorEnv, "chase", {}, r"by 2 \(hunter, runner\).*use joybridge.gym.BridgePar"),
-        (BridgeVectorEnv, "brief", {"layout": "multiagent"}, r"by 2 \(axes, buttons\).*use joybridge.gym.BridgePar"),
-        (BridgeEnv, "turns", {}, r"by 2 \(player_0, player_1\).*use joybridge.gym.BridgePar"),
+        (BridgeVectorEnv, "chase", {}, r"has 2 agents \(hunter, runner\).*use joybridge.gym.BridgePar"),
+        (BridgeVectorEnv, "brief", {"layout": "multiagent"}, r"has 2 agents \(axes, buttons\)"),
+        (BridgeEnv, "turns", {}, r"has 2 agents \(player_0, player_1\).*use joybridge.gym.BridgePar"),
         (BridgeEnv, "brief", {"layout": "hybrids"}, "unknown layout 'hybrids', expected hybrid,"),
         (BridgeEnv, "brief", {"frame_stack": 0}, "frame_stack is 0, expected at least 1"),
         (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
         (BridgeEnv, "brief", {"render_mode": "human"}, "render_mode is 'human', expected None or 'rgb_array'"),
-        (BridgeEnv, "brief", {"reward_weights": {"pres": 1}}, "reward_weights: player has no 'pres'; it has lever"),
+        (BridgeEnv, "brief", {"reward_weights": {"pres": 1}}, "reward_weights: the game has no 'pres'; it has lever"),
+        (BridgeEnv, "brief", {"sensors": ["clok"]}, "player: sensors: the game has no 'clok'; it has clock, noise"),
+        (BridgeEnv, "brief", {"sensors": []}, "player: sensors is empty, expected at least one"),
+        (BridgeParallelEnv, "chase", {"sensors": {"runner": []}}, "no agent 'runner'; there are hunter"),
         (BridgeVectorEnv, "turns", {"render_mode": "rgb_array"}, "turns cannot be drawn"),
         (BridgeVectorEnv, "brief", {"arenas": 65, "render_mode": "rgb_array"}, "65 arenas, at most 64 can be drawn"),
         (BridgeParallelEnv, "chase", {"reward_weights": {"runner": {}}}, "no agent 'runner'; there are hunter"),
@@ -526,7 +681,7 @@ def test_what_the_simulator_refuses_is_its_sentence(make):
     ],
 )  # fmt: skip
 def test_wrong_actions_are_named_and_harmless(make, layout, actions, text):
-    envs = make(BridgeVectorEnv, "brief", 2, layout)
+    envs = make(BridgeVectorEnv, "brief", 2, layout=layout)
     with pytest.raises(ResetNeeded):
         envs.step(envs.action_space.sample())
     envs.reset()

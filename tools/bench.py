@@ -334,7 +334,7 @@ def bench_peers() -> Figures:
     ours = figures["shooting_birds/bucket-11, timesteps/s"]["median"]
     figures = {"Joybridge, trained, timesteps/s": figures["shooting_birds/bucket-11, timesteps/s"]}
     for arenas in (15, 75):
-        envs = BridgeVectorEnv("shooting_birds", arenas)
+        envs = BridgeVectorEnv("shooting_birds", arenas, layout="bucket-11")
         model = make_model(envs, 0)
         rates: list[float] = []
         for window in range(4):
@@ -349,7 +349,7 @@ def bench_peers() -> Figures:
         figures[f"{name}, trained, timesteps/s"] = {"median": median, "low": min(rates), "high": max(rates)}
         figures[f"Joybridge / {name}"] = {"median": ours / median, "low": ours / max(rates), "high": ours / min(rates)}
     with simulator_process() as address:
-        makers = [partial(BridgeEnv, "shooting_birds", simulator=address) for _ in range(4)]
+        makers = [partial(BridgeEnv, "shooting_birds", layout="bucket-11", simulator=address) for _ in range(4)]
         vector = AsyncVectorEnv(makers, context="spawn")
         vector.reset(seed=0)
 

@@ -110,7 +110,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of game and learner; default %(default)s")
     options = parser.parse_args()
     torch.set_num_threads(1)  # networks this small are slower with more
-    envs = BridgeVectorEnv("shooting_birds", options.arenas, options.layout)
+    envs = BridgeVectorEnv("shooting_birds", options.arenas, layout=options.layout)
     model = make_model(envs, options.seed)
     print(f"rewards are per episode of {envs.game_spec.max_episode_decisions} decisions")
     model.learn(options.timesteps, Report(envs.game_spec.max_episode_decisions))

@@ -1,4 +1,4 @@
-"""What stands between an environment and its simulator: the session, and who plays in which of its lanes."""
+"""What all environments share: the session with a simulator, and the players in it."""
 
 import weakref
 from collections.abc import Iterable, Mapping
@@ -8,96 +8,113 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
+from joybridge.contract.codec import lane_count
 from joybridge.contract.spec import MAX_PICTURES, choose_parameters
 from joybridge.contract.tensors import Array
-from joybridge.gym.lanes import Lanes, Player
+from joybridge.gym.games import Game, Games, choose_game
+from joybridge.gym.player import Player
+from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import list_roles, make_acts
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
 
-TURN_BASED_FPS = 5.0  # of games without a clock
+TURN_BASED_FPS = 5.0  # frames per second of games without a clock
 
 
 class Bridge:
-    """What all environments share: a session, the simulator behind it where it is one's own, the players."""
+    """A session, its simulator if that was started for it, and the players."""
 
     def __init__(
         self,
-        game: str,
+        game: Game,
         *,
+        arenas: int,
+        layout: str,
+        frame_stack: int,
+        seed: int,
+        options: Mapping[str, str] | None,
+        parameters: Mapping[str, float] | None,
+        sensors: Any,
+        reward_weights: Any,
+        games: Games,
+        simulator: str | None,
+        render_mode: str | None,
         single: bool,
         split: bool,
-        arenas: int = 1,
-        layout: str = "bucket-11",
-        frame_stack: int = 3,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-        parameters: Mapping[str, float] | None = None,
-        simulator: str | None = None,
-        reward_weights: Mapping[str, Any] | None = None,
-        render_mode: str | None = None,
     ) -> None:
-        """Open the session, as BridgeVectorEnv says.
+        """Open the session; the arguments are those of BridgeVectorEnv, which also describes the errors.
 
-        split: one player per agent, not one per policy in all lanes. single: there may be one player only, and
-        `reward_weights` are its; otherwise they are per player.
+        single: only one player is allowed, and `sensors` and `reward_weights` are its; otherwise they are by player.
+        split: one player per agent of the game, not one in all lanes of a behavior.
         """
         if frame_stack < 1:
-            raise ValueError(f"frame_stack is {frame_stack}, expected at least 1")
+            raise ConfigError(f"frame_stack is {frame_stack}, expected at least 1")
         if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
+            raise ConfigError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
         seed = _check_seed(seed)
+        name, places = choose_game(game, games, simulator)
         with ExitStack() as resources:
-            address = simulator or resources.enter_context(simulator_process())
+            address = simulator or resources.enter_context(simulator_process(places))
             self.session = resources.enter_context(
-                Session(address, game, arenas=arenas, seed=seed, options=options, parameters=parameters)
+                Session(address, name, arenas=arenas, seed=seed, options=options, parameters=parameters)
             )
             self.spec = self.session.spec
-            self.lanes = [Lanes(behavior, frame_stack) for behavior in self.spec.behaviors]
-            self.players = self._make_players(layout, reward_weights or {}, single, split)
-            self.pictures: list[Array] = []  # of all arenas after the last step
+            self.players = self._make_players(
+                layout, frame_stack, sensors, reward_weights or {}, single=single, split=split
+            )
             self.drawn = self._choose_drawn(render_mode)
-            self.fresh = True  # all episodes have begun and none has been played
+            self.pictures: list[Array] = []  # of all arenas after the last step
+            self.fresh = True  # the current episodes have not been played yet
             self.playing = False
-            # Called by `close`, when the environment is collected, or at the interpreter's end; once.
+            # Called by `close`, when the environment is garbage collected, or when the interpreter exits; only once.
             self.close = weakref.finalize(self, resources.pop_all().close)
 
     def _make_players(
-        self, layout: str, reward_weights: Mapping[str, Any], single: bool, split: bool
+        self,
+        layout: str,
+        frame_stack: int,
+        sensors: Any,
+        reward_weights: Mapping[str, Any],
+        *,
+        single: bool,
+        split: bool,
     ) -> dict[str, Player]:
-        """Return the players by name. Raises ValueError."""
-        planned = {}
-        for policy, behavior, hand in list_roles(layout, self.spec):
-            lanes = self.lanes[behavior]
-            agents = lanes.behavior.agents_per_arena if split else 1
+        """Return the players by name. Raises ConfigError or LayoutError."""
+        seats = {}
+        for role in list_roles(layout, self.spec):
+            agents = self.spec.behaviors[role.behavior].agents_per_arena if split else 1
             for agent in range(agents):
-                rows = slice(agent, agent + 1) if agents > 1 else slice(None)
-                planned[f"{policy}_{agent}" if agents > 1 else policy] = (lanes, rows, hand)
-        if single and len(planned) > 1:
-            raise ValueError(
-                f"{self.spec.name} with layout {layout!r} is played by {len(planned)} ({', '.join(planned)}) and this "
+                seats[f"{role.name}_{agent}" if agents > 1 else role.name] = (role, agent if agents > 1 else None)
+        if single and len(seats) > 1:
+            raise ConfigError(
+                f"{self.spec.name} with layout {layout!r} has {len(seats)} agents ({', '.join(seats)}), and this "
                 "environment is for one; use joybridge.gym.BridgeParallelEnv"
             )
-        for name in () if single else reward_weights:
-            if name not in planned:
-                raise ValueError(f"reward_weights: there is no agent {name!r}; there are {', '.join(planned)}")
-        return {
-            name: Player(
-                *plan,
-                reward_weights if single else reward_weights.get(name, {}),
-                "actions" if single else f"actions[{name!r}]",
-            )
-            for name, plan in planned.items()
-        }
+        if single:
+            (only,) = seats
+            sensors, reward_weights = {only: sensors}, {only: reward_weights}
+        sensors = sensors or {}
+        for argument, given in (("sensors", sensors), ("reward_weights", reward_weights)):
+            for name in given:
+                if name not in seats:
+                    raise ConfigError(f"{argument}: there is no agent {name!r}; there are {', '.join(seats)}")
+        players = {}
+        for name, (role, lane) in seats.items():
+            behavior = self.spec.behaviors[role.behavior]
+            players[name] = Player(
+                "" if single else name, role, behavior, lanes=lane_count(behavior, self.session.arenas), lane=lane,
+                frame_stack=frame_stack, sensors=sensors.get(name), reward_weights=reward_weights.get(name, {}),
+            )  # fmt: skip
+        return players
 
     def _choose_drawn(self, render_mode: str | None) -> range:
-        """Return the arenas to draw. Raises ValueError where they cannot be."""
+        """Return the arenas to draw. Raises ConfigError if they cannot be drawn."""
         if render_mode is None:
             return range(0)
         if not self.spec.HasField("picture"):
-            raise ValueError(f"{self.spec.name} cannot be drawn: its spec has no picture; leave out render_mode")
+            raise ConfigError(f"{self.spec.name} cannot be drawn: its spec has no picture; leave out render_mode")
         if self.session.arenas > MAX_PICTURES:
-            raise ValueError(f"render_mode: {self.session.arenas} arenas, at most {MAX_PICTURES} can be drawn")
+            raise ConfigError(f"render_mode: {self.session.arenas} arenas, at most {MAX_PICTURES} can be drawn")
         return range(self.session.arenas)
 
     def metadata(self, known: Mapping[str, Any]) -> dict[str, Any]:
@@ -106,7 +123,7 @@ class Bridge:
         return {**known, "render_fps": 1.0 / seconds if seconds else TURN_BASED_FPS}
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> int | None:
-        """Begin new episodes everywhere; return the seed as Python's int. Raises ValueError."""
+        """Begin new episodes in all arenas; return the seed as an int of Python. Raises ConfigError or SpecError."""
         self._require_open()
         seed = None if seed is None else _check_seed(seed)
         if seed is not None or parameters or not self.fresh:
@@ -114,31 +131,31 @@ class Bridge:
             self.session.reset(seed, chosen)
             self.pictures = []
         self.fresh, self.playing = False, True
-        for lanes, step in zip(self.lanes, self.session.steps, strict=True):
-            lanes.begin(step)
+        for player in self.players.values():
+            player.begin(self.session.steps[player.index])
         return seed
 
     def play(self, moves: Iterable[tuple[Player, Any]]) -> None:
-        """Advance every arena by one decision; lanes without a move rest. Raises ValueError."""
+        """Play one decision in every arena; lanes without an action rest. Raises ActionError."""
         self._require_open()
         if not self.playing:
             raise ResetNeeded("no episode is being played; call reset first")
         acts = make_acts(self.spec, self.session.arenas)
-        for lanes, act in zip(self.lanes, acts, strict=True):
-            for column, mask in enumerate(lanes.step.masks or ()):
-                act.choices[:, column] = mask.argmax(axis=1)  # the first that is allowed
+        for step, act in zip(self.session.steps, acts, strict=True):
+            for column, mask in enumerate(step.masks or ()):
+                act.choices[:, column] = mask.argmax(axis=1)  # the first choice that is allowed
         for player, actions in moves:
-            player.write(actions, acts[self.lanes.index(player.lanes)])
+            player.write(actions, acts[player.index])
         if self.drawn:
             steps, self.pictures = self.session.step_and_draw(acts, self.drawn)
         else:
             steps = self.session.step(acts)
-        for lanes, step in zip(self.lanes, steps, strict=True):
-            lanes.push(step)
+        for player in self.players.values():
+            player.push(steps[player.index])
         self.fresh = all((step.terminated | step.truncated).all() for step in steps)
 
     def picture(self) -> Array | None:
-        """Return the only arena's picture, as BridgeEnv says."""
+        """Return the picture of the only arena after the last step, black before the first; None if not drawn."""
         if not self.drawn:
             return None
         size = (self.spec.picture.height, self.spec.picture.width, 3)
@@ -150,7 +167,23 @@ class Bridge:
 
 
 def _check_seed(seed: Any) -> int:
-    """Return a seed as Python's int. Raises ValueError for one that the contract does not carry."""
+    """Return a seed as an int of Python. Raises ConfigError for one that the contract cannot carry."""
     if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**64:
-        raise ValueError(f"seed is {seed!r}, expected one int of 0..2^64-1, which fixes the games of all arenas")
+        raise ConfigError(f"seed is {seed!r}, expected one int of 0..2^64-1, which seeds all arenas")
     return int(seed)
+
+
+def only_parameters(options: Mapping[str, Any] | None) -> Mapping[str, float]:
+    """Return the parameters in the options of a reset. Raises ConfigError for other options."""
+    for name in options or {}:
+        if name != "parameters":
+            raise ConfigError(f"reset: unknown option {name!r}, expected parameters")
+    parameters: Mapping[str, float] = (options or {}).get("parameters", {})
+    return parameters
+
+
+def batch_of_one(action: Any) -> Any:
+    """Return the action of one lane as a batch of one."""
+    if isinstance(action, Mapping):
+        return {kind: np.asarray(part)[None] for kind, part in action.items()}
+    return np.asarray(action)[None]

@@ -1,5 +1,6 @@
 """Start a simulator as a child process, and always end it."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -13,18 +14,18 @@ from joybridge.trainer.wire.errors import SimulatorLost
 __all__ = ["simulator_process"]
 
 ENDING_SECONDS = 5.0
-# -P: a folder joybridge/ or a file tools.py in the current folder is not imported in place of the installed modules.
 # -u: what games print appears at once.
-COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge.simulator", "serve"]
+COMMAND = [sys.executable, "-u", "-m", "joybridge.simulator", "serve"]
 
 
 @contextmanager
 def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     """Run `joybridge serve` on a free loopback port and yield its address.
 
-    games: further games as MODULE:CLASS. What games print goes to standard error. The process ends with the block, or
-    with this process if that is killed (see --with-parent). Raises SimulatorLost if it does not start, and at once if
-    the extra `simulator` is not installed.
+    games: further games as MODULE:CLASS, which are searched where this process imports from. What the simulator and
+    its games print goes to standard error. The process ends with the block, or with this process if that is killed (see
+    --with-parent). Raises SimulatorLost if it does not start, and at once if the extra
+    `simulator` is not installed.
     """
     command = [*COMMAND, "--address", "127.0.0.1:0", "--with-parent"]
     for game in games:
@@ -34,16 +35,23 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
             "a simulator cannot be started here because its games are not installed; install them with "
             "`pip install 'joybridge[simulator]'`, or give the address of a running simulator"
         )
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    folders = {"PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path)} if games else {}
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env=os.environ | folders,
+    )  # fmt: skip
     printer: Thread | None = None
     try:
         assert process.stdout is not None
+        said = ""
         for line in process.stdout:
             if line.startswith(READY):
                 break
             sys.stderr.write(line)
+            said = line.strip() or said
         else:
-            raise SimulatorLost(f"the simulator did not start (exit status {process.wait()}); its message is above")
+            reason = said.removeprefix("error: ") or f"exit status {process.wait()}"
+            raise SimulatorLost(f"the simulator did not start: {reason}")
         # Without a reader, a game that prints would block once the pipe is full.
         printer = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)
         printer.start()

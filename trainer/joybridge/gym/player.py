@@ -1,0 +1,170 @@
+"""One policy in an environment: what it observes, which rewards it gets, and how its actions reach the device."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, Dict, MultiDiscrete
+
+from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.tensors import Array
+from joybridge.gym.spaces import make_action_spaces, make_observation_space
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.layouts import CLIP, Role
+from joybridge.trainer.observations import FrameStack, ObservationEncoder, final_observations
+from joybridge.v1 import bridge_pb2 as pb
+
+Outcome = tuple[Array, float, bool, bool, dict[str, Any]]  # observation, reward, terminated, truncated, info
+
+
+class ActionError(JoybridgeError, ValueError):
+    """An action that is missing or outside of its space; nothing was sent, and the environment can go on."""
+
+
+class Player:
+    """One policy in all lanes of a behavior, or in one of them.
+
+    step: the last timestep, of this player's lanes only. final: the last observations of the episodes that ended in
+    it, float32 [ended, frame_stack x frame].
+    """
+
+    step: StepArrays
+    final: Array
+
+    def __init__(
+        self,
+        name: str,
+        role: Role,
+        behavior: pb.Behavior,
+        *,
+        lanes: int,
+        lane: int | None,
+        frame_stack: int,
+        sensors: Sequence[str] | None,
+        reward_weights: Mapping[str, float],
+    ) -> None:
+        """Make the spaces.
+
+        name: of the actions in errors begins with it, unless it is empty. lanes: number of lanes of the behavior.
+        lane: the one to play in; None: all. Raises ConfigError for an unknown sensor or reward channel.
+        """
+        self.index, self.layout, self.behavior, self._lane = role.behavior, role.layout, behavior, lane
+        self._where = f"actions[{name!r}]" if name else "actions"
+        self._rows = slice(None) if lane is None else slice(lane, lane + 1)
+        self.lanes = lanes if lane is None else 1
+        if sensors is not None and not sensors:
+            raise ConfigError(f"{name or role.name}: sensors is empty, expected at least one; leave it out to use all")
+        self._encoder = ObservationEncoder(name or role.name, behavior, sensors, reward_weights)
+        self._stack = FrameStack(self.lanes, self._encoder.size, frame_stack)
+        self.observation_space = make_observation_space(self._encoder.sensors, frame_stack)
+        self._parts = make_action_spaces(self.layout.space)
+        self.action_space: Box | MultiDiscrete | Dict = (
+            Dict(self._parts) if len(self._parts) > 1 else next(iter(self._parts.values()))
+        )
+
+    def begin(self, step: StepArrays) -> None:
+        """Take the first timestep of new episodes, of all lanes of the behavior."""
+        self.step = step if self._lane is None else _one_lane(step, self._lane)
+        self._stack.begin(self._encoder.frames(self.step.observations))
+
+    def push(self, step: StepArrays) -> None:
+        """Take the timestep that followed a decision, of all lanes of the behavior."""
+        self.step = step = step if self._lane is None else _one_lane(step, self._lane)
+        if len(step.ended):
+            frames = self._encoder.frames(step.final_observations or [])
+            self.final = final_observations(self._stack.now, frames, step)
+        self._stack.push(self._encoder.frames(step.observations), step)
+
+    def observations(self) -> Array:
+        """Return a copy of the observations that the next decisions are based on, [lanes, frame_stack x frame]."""
+        return self._stack.now.copy()
+
+    def rewards(self) -> Array:
+        """Return the weighted sums of the reward channels, float64 [lanes]."""
+        return self._encoder.rewards(self.step).astype(np.float64)
+
+    def infos(self) -> dict[str, Array]:
+        """Return "action_mask" and "deciding" for the next decisions, [lanes, ...] each, where the game has them."""
+        infos: dict[str, Array] = {}
+        if self.step.masks is not None and self.layout.discrete:
+            infos["action_mask"] = np.concatenate(self.layout.masks(self.step.masks), axis=1)
+        if self.step.deciding is not None:
+            infos["deciding"] = self.step.deciding.copy()
+        return infos
+
+    def metrics(self) -> dict[str, Array]:
+        """Return the metrics of the episodes that ended, [ended] each, by name."""
+        columns = () if self.step.metrics is None else self.step.metrics.T
+        return {metric.name: column for metric, column in zip(self.behavior.metrics, columns, strict=False)}
+
+    def decides(self) -> bool:
+        """Return whether any of the lanes decides next."""
+        return self.step.deciding is None or bool(self.step.deciding.any())
+
+    def write(self, actions: Any, act: ActArrays) -> None:
+        """Write the actions [lanes, ...] into this player's part of `act`. Raises ActionError."""
+        continuous = self._part(actions, "continuous").astype(np.float64) * CLIP
+        discrete = self._part(actions, "discrete")
+        self.layout.write(
+            continuous, discrete, ActArrays(act.axes[self._rows], act.choices[self._rows]), self.step.masks
+        )
+
+    def _part(self, actions: Any, kind: str) -> Array:
+        """Return the continuous or the discrete actions [lanes, width], checked; 0 in lanes that wait."""
+        where = self._where
+        if kind not in self._parts:
+            return np.zeros((self.lanes, 0), np.int64)
+        if len(self._parts) > 1:
+            where = f"{where}[{kind!r}]"
+            if not isinstance(actions, Mapping) or kind not in actions:
+                raise ActionError(f"{where} is missing, expected a dict of continuous and discrete actions")
+            actions = actions[kind]
+        values: Array = np.asarray(actions)
+        space = self._parts[kind]
+        shape = [self.lanes, *space.shape]
+        kinds, wanted = ("iu", "integers") if kind == "discrete" else ("iuf", "numbers")
+        if list(values.shape) != shape or values.dtype.kind not in kinds:
+            raise ActionError(f"{where}: {values.dtype} of shape {list(values.shape)}, expected {wanted} of {shape}")
+        if self.step.deciding is not None:
+            values = np.where(self.step.deciding[:, None], values, 0)
+        wrong = (values < 0) | (values >= space.nvec) if kind == "discrete" else ~np.isfinite(values)
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0].tolist()
+            wanted = f"0..{space.nvec[column] - 1}" if kind == "discrete" else "a finite number"
+            raise ActionError(f"{where}: {values[row, column]} at [{row}, {column}], expected {wanted}")
+        return values
+
+    # The methods below are for players of one lane.
+
+    def first(self) -> tuple[Array, dict[str, Any]]:
+        """Return the observation and the info at the beginning of an episode."""
+        return self._stack.now[0].copy(), self._info()
+
+    def outcome(self) -> Outcome:
+        """Return what followed the decision; if the episode ended, its last observation and its metrics."""
+        step = self.step
+        terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
+        observation, info = (self._stack.now[0].copy(), self._info())
+        if len(step.ended):
+            observation, info = self.final[0], {name: float(column[0]) for name, column in self.metrics().items()}
+        return observation, float(self.rewards()[0]), terminated, truncated, info
+
+    def _info(self) -> dict[str, Any]:
+        return {name: rows[0] for name, rows in self.infos().items()}
+
+
+def _one_lane(step: StepArrays, lane: int) -> StepArrays:
+    """Return the timestep of one lane of a behavior."""
+    row, ended = slice(lane, lane + 1), np.flatnonzero(step.ended == lane)
+    return StepArrays(
+        observations=[sensor[row] for sensor in step.observations],
+        rewards=step.rewards[row],
+        terminated=step.terminated[row],
+        truncated=step.truncated[row],
+        masks=None if step.masks is None else [mask[row] for mask in step.masks],
+        deciding=None if step.deciding is None else step.deciding[row],
+        ended=np.zeros(len(ended), np.int32),
+        final_observations=[sensor[ended] for sensor in step.final_observations or ()],
+        metrics=None if step.metrics is None else step.metrics[ended],
+    )

@@ -1,0 +1,118 @@
+"""Many arenas of a game as one vector environment of Gymnasium."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from joybridge.contract.tensors import Array
+from joybridge.gym.bridge import Bridge, only_parameters
+from joybridge.gym.games import Game, Games
+
+
+class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
+    """Many arenas of a game with one behavior. `num_envs` is the number of lanes: arenas x agents per arena.
+
+    Autoreset is SAME_STEP: when an episode ends, the next one begins in the same step. The observations are then those
+    of the next episode; infos hold the last observation, "final_obs", and the metrics, "final_info". Rewards are
+    float64 [num_envs].
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        game: Game,
+        arenas: int = 75,
+        *,
+        layout: str = "hybrid",
+        frame_stack: int = 3,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+        parameters: Mapping[str, float] | None = None,
+        sensors: Sequence[str] | None = None,
+        reward_weights: Mapping[str, float] | None = None,
+        games: Games = (),
+        simulator: str | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Open a session with a simulator.
+
+        game: the name of a game, or a game of your own: its class or "MODULE:CLASS". layout: how the action space maps
+        to the axes and buttons of the game: "hybrid", "bucket-N", "threshold-T" or "multiagent". frame_stack: frames
+        per observation. seed: of all episodes until a reset with another seed. options and parameters: of the game, by
+        name. sensors: names of those to observe; None: all. reward_weights: weights of reward channels that differ from
+        the defaults of the game. games: further games of your own to offer. simulator: HOST:PORT or unix:PATH of one
+        that is running; None: start one. render_mode: None or "rgb_array".
+
+        Raises ConfigError, LayoutError or SpecError, which are ValueErrors, for an argument that cannot be used;
+        SimulatorError if the simulator refuses; SimulatorLost if it cannot be started or reached.
+        """
+        self._bridge = Bridge(
+            game, arenas=arenas, layout=layout, frame_stack=frame_stack, seed=seed, options=options,
+            parameters=parameters, sensors=sensors, reward_weights=reward_weights, games=games, simulator=simulator,
+            render_mode=render_mode, single=True, split=False,
+        )  # fmt: skip
+        self.game_spec = self._bridge.spec
+        self.metadata = self._bridge.metadata(self.metadata)
+        self.render_mode = render_mode
+        (self._player,) = self._bridge.players.values()
+        self.num_envs = self._player.lanes
+        self.single_observation_space = self._player.observation_space
+        self.single_action_space = self._player.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begin new episodes in all arenas; return observations and infos.
+
+        With a seed, the episodes are those of a new environment with this seed. Without, the random streams of the
+        arenas continue; episodes that have just begun, at the start or because all ended in the last step, are kept.
+        options: {"parameters": {name: value}} changes parameters of the game. Raises ConfigError or SpecError.
+        """
+        seed = self._bridge.reset(seed, only_parameters(options))
+        super().reset(seed=seed)
+        return self._player.observations(), self._infos()
+
+    def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Play one decision in every arena. Raises ActionError for actions that do not fit the action space."""
+        self._bridge.play([(self._player, actions)])
+        step, infos = self._player.step, self._infos()
+        if len(step.ended):
+            infos |= self._final_infos()
+        observations, rewards = self._player.observations(), self._player.rewards()
+        return observations, rewards, step.terminated.copy(), step.truncated.copy(), infos
+
+    def render(self) -> tuple[Array, ...] | None:
+        """Return the arenas' pictures after the last step, uint8 [height, width, 3] each.
+
+        None before the first step after a reset, because the simulator draws in a step, and without `render_mode`.
+        """
+        return tuple(picture.copy() for picture in self._bridge.pictures) or None
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the session, and the simulator if this environment has started it."""
+        self._bridge.close()
+
+    def _infos(self) -> dict[str, Any]:
+        infos = self._player.infos()
+        return infos | {f"_{name}": np.ones(self.num_envs, bool) for name in infos}
+
+    def _final_infos(self) -> dict[str, Any]:
+        ended = self._player.step.ended
+        present = np.zeros(self.num_envs, bool)
+        present[ended] = True
+        observations = np.full(self.num_envs, None, object)
+        for lane, final in zip(ended, self._player.final, strict=True):
+            observations[lane] = final.copy()
+        info: dict[str, Array] = {}
+        for name, column in self._player.metrics().items():
+            values = np.zeros(self.num_envs, np.float32)
+            values[ended] = column
+            info |= {name: values, f"_{name}": present.copy()}
+        return {
+            "final_obs": observations, "_final_obs": present.copy(),
+            "final_info": info, "_final_info": present.copy(),
+        }  # fmt: skip
