@@ -486,7 +486,9 @@ def test_every_built_in_game_is_registered(simulator):
                 gymnasium.make(name, simulator=simulator)
 
 
-def test_the_documentation_names_everything_public():
+def test_what_is_public_is_documented():
+    public = {name for name, value in vars(joybridge.gym).items() if name[0] != "_" and not inspect.ismodule(value)}
+    assert set(joybridge.gym.__all__) == public
     for name in joybridge.gym.__all__:
         assert name in joybridge.gym.__doc__ and getattr(joybridge.gym, name).__doc__
 

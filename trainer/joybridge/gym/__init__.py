@@ -35,13 +35,13 @@ Processes. gRPC does not survive a fork. A program that has created an environme
 spawning, for example AsyncVectorEnv with context="spawn". BridgeVectorEnv needs no further processes.
 """
 
+from joybridge.gym import registration
 from joybridge.gym.parallel_env import BridgeParallelEnv
 from joybridge.gym.player import ActionError
-from joybridge.gym.registration import register_games
 from joybridge.gym.single_env import BridgeEnv
 from joybridge.gym.spaces import sample_mask
 from joybridge.gym.vector_env import BridgeVectorEnv
 
 __all__ = ["ActionError", "BridgeEnv", "BridgeParallelEnv", "BridgeVectorEnv", "sample_mask"]
 
-register_games()
+registration.register_games()
