@@ -1,4 +1,4 @@
-"""The built-in games, one folder each. A new game is a new folder and a line in `BUILT_IN`."""
+"""The built-in games, one folder each. To add one, add its folder and a line in `BUILT_IN`."""
 
 BUILT_IN = {
     "beastly_rivals": "joybridge.games.beastly_rivals.game:BeastlyRivals",

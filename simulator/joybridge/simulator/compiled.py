@@ -1,7 +1,7 @@
-"""How game rules are compiled: plain Python functions over arrays, made fast by Numba.
+"""`compiled`: a decorator that compiles the rules of a game, plain Python functions over arrays, with Numba.
 
-The same source runs interpreted with NUMBA_DISABLE_JIT=1, to the same bits (a test compares them), so the
-rules are written once. No fast-math: floating point must be the same on every machine.
+With NUMBA_DISABLE_JIT=1 the same functions run interpreted and give the same bits; a test compares them. Fast-math is
+off, because results must be the same on every machine.
 """
 
 from collections.abc import Callable
@@ -13,5 +13,5 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """Compile a function at its first call and keep the machine code in a cache on disk."""
+    """Return the function, compiled at its first call. Numba caches the machine code on disk."""
     return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]

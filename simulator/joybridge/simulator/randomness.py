@@ -1,8 +1,8 @@
-"""Random numbers per arena: each arena has its own stream, set by the seed and the arena's number alone.
+"""Random numbers for compiled rules: each arena has a stream that depends on the seed and its number only.
 
-Uniform numbers in [0, 1) are made a block at a time by NumPy's Philox, a counter-based generator (Salmon et
-al. 2011): block b of arena a is a pure function of (seed, a, b). A stream's whole state is therefore two
-integers, and compiled game code reads plain arrays.
+NumPy's Philox, a counter-based generator (Salmon et al. 2011), generates uniform numbers in [0, 1) in blocks: block b
+of arena a is a pure function of (seed, a, b). The state of a stream is therefore two integers, block and cursor, and
+compiled code reads the numbers from plain arrays.
 """
 
 from collections.abc import Mapping
@@ -14,20 +14,20 @@ from joybridge.contract.tensors import Array
 from joybridge.simulator.batched_game import check_range
 from joybridge.simulator.compiled import compiled
 
-BLOCK = 512
+BLOCK = 512  # numbers per block
 
 
 class Streams(NamedTuple):
-    """The streams of a batch of arenas, as compiled code takes them."""
+    """The streams of a batch of arenas, in the form that compiled code accepts."""
 
-    values: Array  # float64 [arenas, BLOCK]: the present block of each
-    cursor: Array  # int64 [arenas]: how many of its numbers are used
-    block: Array  # int64 [arenas]: its number
+    values: Array  # float64 [arenas, BLOCK]: the current block of each
+    cursor: Array  # int64 [arenas]: how many numbers of the block are used
+    block: Array  # int64 [arenas]: number of the current block
     key: Array  # uint64 [arenas, 2]: seed and arena number
 
 
 def open_streams(seed: int, first_arena: int, arenas: int) -> Streams:
-    """Return the streams of arenas first_arena .. first_arena + arenas - 1 of `seed`, at their beginning."""
+    """Return the streams of arenas first_arena .. first_arena + arenas - 1 of `seed`, each at its first number."""
     key = np.empty((arenas, 2), np.uint64)
     key[:, 0] = seed
     key[:, 1] = np.arange(first_arena, first_arena + arenas)
@@ -37,14 +37,14 @@ def open_streams(seed: int, first_arena: int, arenas: int) -> Streams:
 
 
 def fill(streams: Streams, arenas: Array) -> None:
-    """Make the present block of the given arenas."""
+    """Generate the current block of the given arenas."""
     for arena in arenas:
         philox = np.random.Philox(key=streams.key[arena], counter=[0, 0, int(streams.block[arena]), 0])
         np.random.Generator(philox).random(out=streams.values[arena])
 
 
 def reserve(streams: Streams, draws: int) -> None:
-    """Make sure that every arena can draw `draws` numbers (at most BLOCK) before the next call."""
+    """Guarantee every arena at least `draws` numbers (at most BLOCK): those with fewer left go to their next block."""
     short = np.flatnonzero(streams.cursor > BLOCK - draws)
     if len(short):
         streams.block[short] += 1
@@ -58,7 +58,7 @@ def save_streams(streams: Streams) -> dict[str, Array]:
 
 
 def restore_streams(streams: Streams, state: Mapping[str, Array]) -> None:
-    """Take back the state that `save_streams` returned. Raises ValueError for an impossible one."""
+    """Restore the state that `save_streams` returned. Raises ValueError if it is invalid."""
     check_range("cursor", state["cursor"], 0, BLOCK)
     check_range("block", state["block"], 0, 2**62)
     for name in save_streams(streams):
@@ -68,7 +68,7 @@ def restore_streams(streams: Streams, state: Mapping[str, Array]) -> None:
 
 @compiled
 def uniform(streams: Streams, arena: int, low: float, high: float) -> float:
-    """Draw from [low, high)."""
+    """Return the next number of a stream, uniform in [low, high)."""
     value = streams.values[arena, streams.cursor[arena]]
     streams.cursor[arena] += 1
     return float(low + (high - low) * value)
@@ -76,5 +76,5 @@ def uniform(streams: Streams, arena: int, low: float, high: float) -> float:
 
 @compiled
 def integer(streams: Streams, arena: int, count: int) -> int:
-    """Draw from 0 .. count - 1."""
+    """Return the next number of a stream as an integer, uniform in 0 .. count - 1."""
     return int(uniform(streams, arena, 0.0, count))

@@ -1,6 +1,7 @@
-"""What the pictures of the built-in games share: fine canvases, frames of reference, shapes and text.
+"""Helpers for drawing pictures with pygame: frames of reference, shapes, gradients, text and smooth edges.
 
-Only pictures need pygame, so nothing on the path of a step imports this module.
+Draw on a canvas FINE times as large as the picture, then return `picture(canvas)`. Import this module inside `draw`
+only: stepping a game must not load pygame.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from joybridge.contract.tensors import Array
 
 __all__ = ["FINE", "Box", "Color", "Frame", "block", "disc", "ellipse", "fade", "fit", "picture", "shape", "write"]
 
-FINE = 2  # pictures are painted this much larger, then scaled down, which smooths every edge
+FINE = 2  # canvas pixels per picture pixel, in each direction; scaling down smooths the edges
 
 Color = tuple[int, int, int] | tuple[int, int, int, int]
 Box = tuple[float, float, float, float]  # left, bottom, right, top
@@ -22,13 +23,13 @@ Box = tuple[float, float, float, float]  # left, bottom, right, top
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame of reference on a canvas: its point p lies at pixel `origin + axes @ p`."""
+    """A coordinate system on a canvas: its point p is at pixel `origin + axes @ p`."""
 
     origin: Array  # float64 [2], px
-    axes: Array  # float64 [2, 2], px per unit: the columns are the directions of x and y
+    axes: Array  # float64 [2, 2], px per unit; the columns are the x and the y direction
 
     def placed(self, x: float, y: float, scale_x: float = 1.0, scale_y: float = 1.0, turn: float = 0.0) -> "Frame":
-        """Return the frame of a thing at (x, y) of this one, scaled, then turned counter-clockwise by rad."""
+        """Return a frame with its origin at (x, y) of this one, scaled, then turned counter-clockwise (rad)."""
         cosine, sine = np.cos(turn), np.sin(turn)
         own = np.array([[cosine * scale_x, -sine * scale_y], [sine * scale_x, cosine * scale_y]])
         return Frame(self.origin + self.axes @ (x, y), self.axes @ own)
@@ -39,24 +40,24 @@ class Frame:
         return pixels
 
     def box(self, left: float, bottom: float, right: float, top: float) -> pygame.Rect:
-        """Return the pixels of a box; the frame must not be turned."""
+        """Return a box in pixels. The frame must not be turned."""
         corners = np.rint(self.points([(left, bottom), (right, top)])).astype(int)
         low, high = corners.min(axis=0), corners.max(axis=0)
         return pygame.Rect(*map(int, low), *map(int, high - low))
 
     def length(self, units: float) -> float:
-        """Return a length in px, along the axis with the larger scale: how a disc that stays round is scaled."""
+        """Return a length in px, scaled as the longer axis: use it for discs, which stay round in any frame."""
         return units * float(np.hypot(*self.axes).max())
 
 
 def fit(width: int, height: int, half_width: float, half_height: float) -> Frame:
-    """Return the frame, y up and (0, 0) in the middle, that shows a box of the world on a canvas, as large as fits."""
+    """Return a frame for a canvas (px): y up, (0, 0) in the middle, and at least the given half extents visible."""
     scale = min(width / (2 * half_width), height / (2 * half_height))
     return Frame(np.array([width / 2, height / 2]), np.array([[scale, 0.0], [0.0, -scale]]))
 
 
 def shape(canvas: pygame.Surface, frame: Frame, points: npt.ArrayLike, fill: Color, edge: Color | None = None) -> None:
-    """Fill a polygon [n, 2] of a frame and, if it has a color, draw its edge with a thin line."""
+    """Fill a polygon [n, 2] in a frame. With an edge color, draw its outline as well."""
     pixels = frame.points(points).tolist()
     pygame.draw.polygon(canvas, fill, pixels)
     if edge is not None:
@@ -64,12 +65,12 @@ def shape(canvas: pygame.Surface, frame: Frame, points: npt.ArrayLike, fill: Col
 
 
 def block(canvas: pygame.Surface, frame: Frame, box: Box, fill: Color) -> None:
-    """Fill a box of a frame that is not turned."""
-    pygame.draw.rect(canvas, fill, frame.box(*box))  # Surface.fill misplaces what begins above the canvas
+    """Fill a box in a frame that is not turned."""
+    pygame.draw.rect(canvas, fill, frame.box(*box))  # Surface.fill misplaces boxes that begin above the canvas
 
 
 def disc(canvas: pygame.Surface, center: Array, radius: float, fill: Color, line: float = 0.0) -> None:
-    """Fill a disc around a pixel [2] of a canvas, or draw a ring with a line inwards of its radius; all in px."""
+    """Fill a disc around a pixel [2], or draw a ring whose line lies inside the radius. All lengths are in px."""
     pygame.draw.circle(canvas, fill, np.rint(center).tolist(), round(radius), round(line))
 
 
@@ -80,14 +81,14 @@ def ellipse(x: float, y: float, radius_x: float, radius_y: float, corners: int =
 
 
 def fade(canvas: pygame.Surface, box: pygame.Rect, top: Color, bottom: Color) -> None:
-    """Fill a box of a canvas with a gradient from its top to its bottom."""
+    """Fill a box of a canvas (px) with a vertical gradient."""
     for row in range(box.height):
         color = pygame.Color(top).lerp(bottom, row / box.height)
         pygame.draw.line(canvas, color, (box.left, box.top + row), (box.right - 1, box.top + row))
 
 
 def write(canvas: pygame.Surface, text: str, size: float, color: Color, x: float, y: float, align: float = 0.0) -> None:
-    """Write a line `size` px high around height y; `align` 0, 0.5 or 1 puts its left, middle or right at x."""
+    """Write a line of text `size` px high, centered at y. x is its left (align 0), middle (0.5) or right end (1)."""
     line = _font(round(size)).render(text, True, color)
     canvas.blit(line, (x - align * line.get_width(), y - line.get_height() / 2))
 
@@ -99,6 +100,6 @@ def _font(size: int) -> pygame.font.Font:
 
 
 def picture(canvas: pygame.Surface) -> Array:
-    """Return a fine canvas scaled down to its picture, uint8 [height, width, 3]."""
+    """Return the canvas scaled down by FINE, uint8 [height, width, 3]."""
     small = pygame.transform.smoothscale(canvas, (canvas.get_width() // FINE, canvas.get_height() // FINE))
     return np.ascontiguousarray(pygame.surfarray.pixels3d(small).swapaxes(0, 1))

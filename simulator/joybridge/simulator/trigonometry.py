@@ -1,15 +1,15 @@
 """Sine and cosine that give the same bits on every machine.
 
-The C library's and NumPy's own differ in the last bit between processors (they choose vector instructions
-at run time), which would break "same seed, same bytes". These use only additions, multiplications and
-rounding, which IEEE 754 fixes, and work on numbers and arrays alike. Error below 1e-12 for |x| < 1e4.
+The functions of the C library and of NumPy choose vector instructions at run time, so their last bit differs between
+processors, and the same seed would not give the same bytes. These functions use only additions, multiplications and
+rounding, which IEEE 754 defines exactly. They accept numbers and arrays. The error is below 1e-12 for |x| < 1e4.
 """
 
 import numpy as np
 
 from joybridge.simulator.compiled import compiled
 
-# Taylor coefficients of sin: (-1)^k / (2k + 1)!, k = 10 .. 0. At pi/2 the first one left out is below 1e-18.
+# Taylor coefficients of sin: (-1)^k / (2k + 1)!, k = 10 .. 0. At pi/2 the next one is below 1e-18.
 C10, C9, C8, C7, C6 = (
     1 / 51090942171709440000,
     -1 / 121645100408832000,
@@ -19,7 +19,7 @@ C10, C9, C8, C7, C6 = (
 )
 C5, C4, C3, C2, C1 = -1 / 39916800, 1 / 362880, -1 / 5040, 1 / 120, -1 / 6
 
-# Pi in two parts, the first short enough for its product with a number of turns to be exact.
+# Pi as a sum. The first part has few enough bits that its product with a number of turns is exact.
 PI_HIGH, PI_LOW = 2 * 1.57079632673412561417, 2 * 6.07710050650619224932e-11
 
 

@@ -1,1 +1,1 @@
-"""Archer: a small game of an axis and masked choices at once, for teaching and tests."""
+"""Archer: a small game with a continuous action and masked choices."""

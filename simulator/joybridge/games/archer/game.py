@@ -1,6 +1,6 @@
-"""Archer: lead a rising balloon with the bow while drawing the string, then loose.
+"""Archer: aim a bow ahead of a rising balloon while drawing the string, then loose the arrow.
 
-An axis and a branch at once, with masks: what the string allows depends on how far it is drawn.
+A continuous and a discrete action at once. The choices are masked: they depend on how far the string is drawn.
 """
 
 from collections.abc import Mapping
@@ -26,13 +26,13 @@ from joybridge.v1 import bridge_pb2 as pb
 
 DECISIONS = 120  # per episode, at most
 ARROWS = 10
-REST, DRAW, LOOSE = range(3)  # what the string may do
+REST, DRAW, LOOSE = range(3)  # choices of the branch "string"
 PULLS = 3  # decisions to draw the string
 FLIGHT = 4  # decisions an arrow takes, fewer than drawing and loosing the next
-STEEPEST, TURN = 1.25, 0.2  # of the bow: its slope, and what it changes by in a decision
-DROP = 0.02  # what an arrow loses of its climb in a decision
-FASTEST = 0.06  # that a balloon rises in a decision
-RADIUS = 0.09  # of a balloon; the sky is 1 high and an arrow's way 1 long
+STEEPEST, TURN = 1.25, 0.2  # of the bow: highest slope, largest change per decision
+DROP = 0.02  # how much an arrow's climb decreases per decision
+FASTEST = 0.06  # rise of a balloon per decision
+RADIUS = 0.09  # of a balloon; the sky is 1 high, and an arrow flies a distance of 1
 WIDTH, HEIGHT = 360, 240
 
 
@@ -40,34 +40,40 @@ class Archer(Game):
     """One archer under one sky."""
 
     name = "archer"
-    description = "Lead the balloons and loose the arrow in time: an axis, and choices that the bow allows."
+    description = "Aim ahead of the balloons and loose the arrow in time: an axis, and choices that are masked."
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec: an axis turns the bow, a branch works the string."""
+        """Return the spec: an axis turns the bow, a branch controls the string."""
         archer = behavior(
             "archer",
-            description="paid 1 for each balloon",
+            description="reward 1 for each balloon",
             sensors=[
                 sensor("bow", [3], 0, 1, "slope, string, arrows left"),
-                sensor("arrow", [1], 0, 1, "how much of its way lies before it"),
-                sensor("balloon", [2], 0, 1, "height, how fast it rises"),
+                sensor("arrow", [1], 0, 1, "fraction of its flight that is left; 0: no arrow in the air"),
+                sensor("balloon", [2], 0, 1, "height, speed"),
             ],
             axes=[axis("turn")],
-            branches=[branch("string", ["rest", "draw", "loose"], "loose when fully drawn, draw until then")],
+            branches=[
+                branch(
+                    "string",
+                    ["rest", "draw", "loose"],
+                    "draw until the string is fully drawn; only then loose is allowed",
+                )
+            ],
             metrics=["hits", "accuracy"],
         )
         return spec(cls, [archer], max_episode_decisions=DECISIONS, tick_seconds=0.1, picture=(WIDTH, HEIGHT))
 
     def reset(self) -> TimeStep:
-        """Begin with a full quiver and a balloon on the ground."""
+        """Begin an episode with all arrows and a balloon on the ground."""
         self.decisions, self.hits, self.arrows, self.pulls, self.slope = 0, 0, ARROWS, 0, 0.5
         self.flight, self.height, self.climb = 0, 0.0, 0.0  # of the arrow in the air: decisions left, height, speed
         self._release_balloon()
         return transition(self._observe(), masks=self._masks())
 
     def step(self, action: Action) -> TimeStep:
-        """Turn the bow, draw or loose, then let arrow and balloon fly."""
+        """Turn the bow, draw or loose, then move arrow and balloon."""
         self.decisions += 1
         self.slope = min(STEEPEST, max(0.0, self.slope + TURN * action["turn"]))
         if action["string"] == DRAW:
@@ -88,7 +94,7 @@ class Archer(Game):
         return (termination if spent else truncation)(self._observe(), rewards, metrics)
 
     def _arrow_hits(self) -> bool:
-        """Let the arrow fly on; return whether it comes to the balloon now, and meets it."""
+        """Move the arrow and return whether it hits the balloon now."""
         if not self.flight:
             return False
         self.flight, self.climb = self.flight - 1, self.climb - DROP
@@ -110,8 +116,8 @@ class Archer(Game):
         }
 
     def draw(self) -> Array:
-        """Return a picture: the archer, the string as it is drawn, the arrow on its way, balloon and quiver."""
-        import pygame  # stays off the stepping path
+        """Return a picture: the archer, the string, the flying arrow, the balloon and the arrows that are left."""
+        import pygame  # imported here because only pictures need it
 
         from joybridge.simulator.render import FINE, Frame, block, disc, fade, picture, shape, write
 

@@ -1,1 +1,1 @@
-"""Beastly Rivals Onslaught: a character led by a cursor, a beast that hunts it, and a sphere that slows."""
+"""Beastly Rivals Onslaught: lead a character with a cursor, away from a beast."""

@@ -1,1 +1,1 @@
-"""Ferry: a small game of two behaviors, for teaching and tests."""
+"""Ferry: a small game with two behaviors."""

@@ -1,6 +1,6 @@
-"""Ferry: a helmsman steers a boat through gates while two lookouts sound the horn at ships on their side.
+"""Ferry: a helmsman steers a boat through gates, and two lookouts sound the horn when a ship is on their side.
 
-Two behaviors that are trained side by side: one holds an axis, the other, two agents strong, a button.
+Two behaviors that are trained at the same time: one agent with an axis, and two agents with a button.
 """
 
 from collections.abc import Mapping
@@ -13,8 +13,8 @@ from joybridge.v1 import bridge_pb2 as pb
 
 DECISIONS = 60  # per episode
 GATE_DECISIONS = 12  # until the next gate
-SHIP_CHANCE = 0.3  # that a ship shows on a side in a decision
-SPEED = 0.25  # of the boat across the river, widths per decision at full rudder
+SHIP_CHANCE = 0.3  # that there is a ship on a side, per decision
+SPEED = 0.25  # of the boat across the river per decision at full rudder; the river reaches from -1 to 1
 WIDTH, HEIGHT = 320, 240
 SIDES = ("port", "starboard")
 
@@ -30,28 +30,31 @@ class Ferry(Game):
         """Return the spec: a helmsman and two lookouts."""
         helmsman = behavior(
             "helmsman",
-            description="paid for being near the middle of the next gate, at most 1 per decision",
-            sensors=[sensor("boat", [1], -1, 1, "across the river"), sensor("gate", [2], -1, 1, "place, how near")],
+            description="rewarded for being near the middle of the next gate, at most 1 per decision",
+            sensors=[
+                sensor("boat", [1], -1, 1, "across the river"),
+                sensor("gate", [2], -1, 1, "position across the river, fraction of the way to it that is done"),
+            ],
             axes=[axis("rudder")],
         )
         lookout = behavior(
             "lookout",
-            description="paid 1 for the horn at a ship or silence without one, else -1",
-            sensors=[sensor("ship", [1], 0, 1, "whether one shows on this lookout's side")],
+            description="reward 1 for sounding the horn if and only if there is a ship, else -1",
+            sensors=[sensor("ship", [1], 0, 1, "1 if there is one on this lookout's side")],
             branches=[button("horn")],
             agents=len(SIDES),
         )
         return spec(cls, [helmsman, lookout], max_episode_decisions=DECISIONS, picture=(WIDTH, HEIGHT))
 
     def reset(self) -> list[TimeStep]:
-        """Begin in the middle of the river."""
+        """Begin an episode in the middle of the river."""
         self.decisions, self.boat, self.gate = 0, 0.0, float(self.rng.uniform(-0.9, 0.9))
         self.ships = np.zeros(len(SIDES), bool)
         self.horns = np.zeros(len(SIDES), bool)
         return [transition(observation) for observation in self._observe()]
 
     def step(self, action: list[Action]) -> list[TimeStep]:
-        """Steer and sound, then show the next gate and ships."""
+        """Steer the boat and sound the horns, then move on to the next ships and gate."""
         helm, *lookouts = action
         self.boat = min(1.0, max(-1.0, self.boat + SPEED * helm["rudder"]))
         self.horns = np.array([lookout["horn"] == 1 for lookout in lookouts])
@@ -70,7 +73,7 @@ class Ferry(Game):
 
     def draw(self) -> Array:
         """Return a picture: the river from above, the gate ahead, ships and horns at the edges."""
-        import pygame  # stays off the stepping path
+        import pygame  # imported here because only pictures need it
 
         canvas = pygame.Surface((WIDTH, HEIGHT))
         canvas.fill((38, 110, 160))

@@ -1,1 +1,1 @@
-"""Marble: a small game of axes alone, for teaching and tests."""
+"""Marble: a small game with continuous actions only."""

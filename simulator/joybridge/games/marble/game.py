@@ -1,6 +1,6 @@
-"""Marble: tilt a board in both directions to roll a marble into a ring, and keep it off the edge.
+"""Marble: tilt a board in two directions to roll a marble into a ring without losing it over the edge.
 
-Axes only: two at once, on something that is slow to start and slow to stop.
+Continuous actions only: two axes at once, and a marble with inertia.
 """
 
 from collections.abc import Mapping
@@ -23,11 +23,11 @@ from joybridge.simulator import (
 from joybridge.v1 import bridge_pb2 as pb
 
 DECISIONS = 120  # per episode
-RING_DECISIONS = 30  # until the ring is somewhere else
+RING_DECISIONS = 30  # until the ring moves to another place
 RING, MARBLE = 0.22, 0.08  # radii; the board reaches from -1 to 1
-PULL = 0.02  # what full tilt adds to the speed in a decision
-ROLLS = 0.95  # share of its speed that the marble keeps in a decision
-FASTEST = PULL / (1 - ROLLS)  # the speed that full tilt leads to
+PULL = 0.02  # speed that full tilt adds per decision
+ROLLS = 0.95  # fraction of its speed that the marble keeps per decision
+FASTEST = PULL / (1 - ROLLS)  # the speed at constant full tilt
 SIZE = 280
 
 
@@ -42,10 +42,10 @@ class Marble(Game):
         """Return the spec: two tilts."""
         hand = behavior(
             "hand",
-            description="paid for being near the middle of the ring, at most 1 per decision, until the marble falls",
+            description="rewarded for being near the middle of the ring, at most 1 per decision",
             sensors=[
                 sensor("marble", [2], -1, 1, "x, y"),
-                sensor("speed", [2], -1, 1, "x, y, as a share of the fastest"),
+                sensor("speed", [2], -1, 1, "x, y, as a fraction of the highest"),
                 sensor("ring", [2], -2, 2, "x, y from the marble"),
             ],
             axes=[axis("tilt_x"), axis("tilt_y")],
@@ -54,14 +54,14 @@ class Marble(Game):
         return spec(cls, [hand], max_episode_decisions=DECISIONS, tick_seconds=0.05, picture=(SIZE, SIZE))
 
     def reset(self) -> TimeStep:
-        """Begin at rest in the middle."""
+        """Begin an episode with the marble at rest in the middle."""
         self.decisions, self.inside = 0, 0
         self.place, self.speed, self.tilt = np.zeros(2), np.zeros(2), np.zeros(2)
         self._move_ring()
         return transition(self._observe())
 
     def step(self, action: Action) -> TimeStep:
-        """Tilt and let the marble roll."""
+        """Tilt the board and move the marble."""
         self.tilt = np.array([action["tilt_x"], action["tilt_y"]])
         self.speed = ROLLS * self.speed + PULL * self.tilt
         self.place = self.place + self.speed
@@ -85,8 +85,8 @@ class Marble(Game):
         return {"marble": self.place, "speed": self.speed / FASTEST, "ring": self.ring - self.place}
 
     def draw(self) -> Array:
-        """Return a picture: the board from above, its raised sides showing, with the ring and the marble."""
-        import pygame  # stays off the stepping path
+        """Return a picture: the tilted board from above, with the ring and the marble."""
+        import pygame  # imported here because only pictures need it
 
         from joybridge.simulator.render import FINE, disc, fade, fit, picture
 

@@ -1,1 +1,1 @@
-"""Noughts: a small game of two that take turns, for teaching and tests."""
+"""Noughts and crosses: a small turn-based game for two agents."""

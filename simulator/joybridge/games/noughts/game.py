@@ -1,7 +1,8 @@
-"""Noughts and crosses: three in a row wins. Two agents of one behavior play against each other by turns.
+"""Noughts and crosses: three in a row wins. Two agents of one behavior take turns.
 
-TimeStep-based: one agent decides while the other waits, taken fields are masked, and only the end pays. As both learn
-alike, their rewards cancel out; how good they are shows in the share of moves that give nothing away.
+One agent decides while the other waits, taken fields are masked, and only the end of an episode is rewarded. Both
+agents have the same policy, so their rewards add up to 0; the metric `sound`, the fraction of moves that do not worsen
+the outcome of perfect play, shows how well it plays.
 """
 
 from collections.abc import Mapping
@@ -24,7 +25,7 @@ from joybridge.simulator import (
 )
 from joybridge.v1 import bridge_pb2 as pb
 
-FIELDS = range(9)  # row by row; a player's marks are a number whose bits are the fields
+FIELDS = range(9)  # row by row; a player's marks are an integer with a bit per field
 FULL = 0b111_111_111
 ROWS = (0b111, 0b111_000, 0b111_000_000, 0b1_001_001, 0b10_010_010, 0b100_100_100, 0b100_010_001, 0b1_010_100)
 SIZE = 280
@@ -35,14 +36,14 @@ class Noughts(Game):
 
     name = "noughts"
     description = "Three in a row wins: two agents of one behavior take turns, and one of them always waits."
-    last = (0, 0)  # the marks at the end of the game before, for the picture
+    last = (0, 0)  # both players' marks at the end of the previous episode, for the picture
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec: two players that choose a field."""
+        """Return the spec: two agents that choose a field."""
         player = behavior(
             "player",
-            description="paid at the end: 1 for a win, -1 for a loss, 0 for a draw",
+            description="reward at the end: 1 for a win, -1 for a loss, 0 for a draw",
             sensors=[sensor("own", [9], 0, 1, "marks, row by row"), sensor("other", [9], 0, 1, "the other's marks")],
             branches=[branch("field", [f"{column}{row}" for row in "123" for column in "abc"])],
             metrics=["sound", "drawn"],
@@ -51,13 +52,13 @@ class Noughts(Game):
         return spec(cls, [player], picture=(SIZE, SIZE))
 
     def reset(self) -> list[TimeStep]:
-        """Begin with an empty board; chance says who."""
+        """Begin an episode with an empty board; who moves first is random."""
         self.mover = int(self.rng.integers(2))
         self.marks, self.moves, self.sound = [0, 0], [0, 0], [0, 0]
         return self._take_turns()
 
     def step(self, action: list[Action]) -> list[TimeStep]:
-        """Mark the mover's field; the other one is next."""
+        """Mark the field that the mover has chosen; then it is the other agent's turn."""
         mover, other = self.mover, 1 - self.mover
         before, theirs = self.marks[mover], self.marks[other]
         after = before | 1 << int(action[mover]["field"])
@@ -84,8 +85,8 @@ class Noughts(Game):
         return {"own": own, "other": other}
 
     def draw(self) -> Array:
-        """Return a picture: the board; an empty one shows in faint ink how the game before ended."""
-        import pygame  # stays off the stepping path
+        """Return a picture of the board; before the first move, the end of the previous episode in faint colors."""
+        import pygame  # imported here because only pictures need it
 
         from joybridge.simulator.render import FINE, disc, fit, picture, shape
 
@@ -124,7 +125,7 @@ def wins(marks: int) -> bool:
 
 @cache
 def outcome(own: int, other: int) -> int:
-    """Return what the player to move reaches if both play perfectly: 1 a win, 0 a draw, -1 a loss."""
+    """Return the outcome of perfect play for the player to move: 1 a win, 0 a draw, -1 a loss."""
     if wins(other):
         return -1
     free = [1 << field for field in FIELDS if not (own | other) >> field & 1]

@@ -1,1 +1,1 @@
-"""Orchard: a small game of buttons alone, for teaching and tests."""
+"""Orchard: a small game with discrete actions only."""

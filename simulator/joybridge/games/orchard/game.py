@@ -1,6 +1,6 @@
-"""Orchard: walk under falling apples with a basket, and shut its lid when a wasp dives.
+"""Orchard: walk under falling apples with a basket, and close its lid when a wasp attacks.
 
-Buttons only: one branch walks and another holds the lid, both in the same decision.
+Discrete actions only: one branch walks and another closes the lid, both in the same decision.
 """
 
 from collections.abc import Mapping
@@ -24,9 +24,9 @@ from joybridge.simulator import (
 from joybridge.v1 import bridge_pb2 as pb
 
 COLUMNS = 7
-PAUSE = 3  # decisions between two apples, and the most columns: an apple can always just be reached
+PAUSE = 3  # decisions between two apples, and the most columns between them: every apple can be reached
 APPLES = 20  # per episode
-WASP_CHANCE = 0.3  # in decisions in which no apple lands
+WASP_CHANCE = 0.3  # per decision in which no apple lands
 WIDTH, HEIGHT = 320, 240
 
 
@@ -34,30 +34,36 @@ class Orchard(Game):
     """One tree with one basket under it."""
 
     name = "orchard"
-    description = "Catch the apples and shut the lid to wasps: two branches at once."
+    description = "Catch the apples and close the lid when a wasp comes: two branches at once."
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec: steps to the left and right, and a lid."""
+        """Return the spec: a branch for walking and a button for the lid."""
         picker = behavior(
             "picker",
             sensors=[
-                sensor("apples", [2], -1, 1, "columns from the basket to the lower and the higher one, of all"),
-                sensor("fallen", [1], 0, 1, "how near the lower one is"),
-                sensor("wasp", [1], 0, 1, "whether one dives at the basket"),
+                sensor(
+                    "apples",
+                    [2],
+                    -1,
+                    1,
+                    "columns from the basket to the lower and to the higher one, as a fraction of the width",
+                ),
+                sensor("fallen", [1], 0, 1, "fraction of its fall that the lower one has completed"),
+                sensor("wasp", [1], 0, 1, "1 if a wasp attacks in the next decision"),
             ],
-            branches=[branch("walk", ["left", "stay", "right"]), button("lid", "shut while pressed")],
+            branches=[branch("walk", ["left", "stay", "right"]), button("lid", "closed while pressed")],
             channels=[
-                channel("apple", 1.0, "one that falls into the open basket"),
-                channel("sting", -1.0, "a wasp that finds the basket open"),
-                channel("shut", -0.1, "a decision with the lid held"),
+                channel("apple", 1.0, "an apple that falls into the open basket"),
+                channel("sting", -1.0, "a wasp that attacks the open basket"),
+                channel("shut", -0.1, "a decision with the lid closed"),
             ],
             metrics=["caught", "stings"],
         )
         return spec(cls, [picker], max_episode_decisions=APPLES * PAUSE, tick_seconds=0.2, picture=(WIDTH, HEIGHT))
 
     def reset(self) -> TimeStep:
-        """Begin in the middle, with two apples in the air."""
+        """Begin an episode with the basket in the middle and two apples in the air."""
         self.decisions, self.caught, self.stings = 0, 0, 0
         self.place, self.shut, self.wasp = COLUMNS // 2, False, False
         lower = self._drop(self.place)
@@ -65,7 +71,7 @@ class Orchard(Game):
         return transition(self._observe())
 
     def step(self, action: Action) -> TimeStep:
-        """Walk and hold the lid, while the apples fall on and the wasp strikes."""
+        """Move the basket and the lid, then the apples and the wasp."""
         self.place = min(COLUMNS - 1, max(0, self.place + int(action["walk"]) - 1))
         self.shut = action["lid"] == 1
         self.decisions += 1
@@ -89,8 +95,8 @@ class Orchard(Game):
         return {"apples": apples, "fallen": [self.decisions % PAUSE / (PAUSE - 1)], "wasp": [float(self.wasp)]}
 
     def draw(self) -> Array:
-        """Return a picture: the tree, two apples on their way, the basket with its lid and a wasp above it."""
-        import pygame  # stays off the stepping path
+        """Return a picture: the tree, two falling apples, the basket with its lid, and a wasp above it."""
+        import pygame  # imported here because only pictures need it
 
         from joybridge.simulator.render import FINE, disc, fade, picture, write
 

@@ -1,1 +1,1 @@
-"""Shooting Birds: a crosshair, ten birds, and trees and barns in the way."""
+"""Shooting Birds: shoot birds with a crosshair; trees and barns hide some of them."""
