@@ -21,7 +21,7 @@ LEFT, STAY, RIGHT = range(3)
 
 
 def begin(game, seed=0, **state):
-    """Return an arena of a game after its reset, which also sets these attributes, and its first turn or turns."""
+    """Return an arena after its reset, with these attributes changed, and what reset returned."""
     arena = game()
     arena.rng = np.random.default_rng(seed)
     first = arena.reset()
@@ -31,13 +31,13 @@ def begin(game, seed=0, **state):
     return arena, first
 
 
-def until_the_end(arena, turn, choose):
-    """Play an episode with the actions that `choose` makes of turns; return the rewards by channel, and the end."""
+def until_the_end(arena, timestep, choose):
+    """Play an episode with the actions that `choose` makes of timesteps; return the rewards by channel, and the end."""
     total: dict[str, float] = {}
-    while not (turn.terminated or turn.truncated):
-        turn = arena.step(choose(turn))
-        total = {name: total.get(name, 0.0) + value for name, value in turn.rewards.items()}
-    return total, turn
+    while not (timestep.terminated or timestep.truncated):
+        timestep = arena.step(choose(timestep))
+        total = {name: total.get(name, 0.0) + value for name, value in timestep.rewards.items()}
+    return total, timestep
 
 
 # ---------------------------------------------------------------------------------------------------------- orchard
@@ -53,8 +53,8 @@ def until_the_end(arena, turn, choose):
 )
 def test_an_apple_pays_in_the_open_basket_under_it(column, lid, paid):
     orchard, _ = begin(Orchard, decisions=PAUSE - 1, apples=[column, 6])
-    turn = orchard.step({"walk": STAY, "lid": lid})
-    assert turn.rewards == paid and orchard.caught == paid["apple"]
+    timestep = orchard.step({"walk": STAY, "lid": lid})
+    assert timestep.rewards == paid and orchard.caught == paid["apple"]
     assert orchard.apples[0] == 6  # the higher one is now the lower one
 
 
@@ -67,25 +67,25 @@ def test_an_apple_pays_only_when_it_has_fallen():
 @pytest.mark.parametrize(("lid", "stings"), [(0, 1.0), (1, 0.0)])
 def test_a_wasp_stings_where_the_lid_is_open(lid, stings):
     orchard, _ = begin(Orchard, wasp=True)
-    turn = orchard.step({"walk": STAY, "lid": lid})
-    assert turn.rewards == {"apple": 0.0, "sting": stings, "shut": float(lid)} and orchard.stings == stings
+    timestep = orchard.step({"walk": STAY, "lid": lid})
+    assert timestep.rewards == {"apple": 0.0, "sting": stings, "shut": float(lid)} and orchard.stings == stings
 
 
 def test_the_basket_walks_a_column_at_a_time_and_stays_under_the_tree():
     orchard, _ = begin(Orchard)
     places = []
     for walk in [LEFT, LEFT, STAY, LEFT, LEFT, RIGHT, *[RIGHT] * COLUMNS]:
-        turn = orchard.step({"walk": walk, "lid": 0})
+        timestep = orchard.step({"walk": walk, "lid": 0})
         places.append(orchard.place)
-        assert turn.observation["apples"][0] == (orchard.apples[0] - orchard.place) / (COLUMNS - 1)
+        assert timestep.observation["apples"][0] == (orchard.apples[0] - orchard.place) / (COLUMNS - 1)
     assert places == [2, 1, 1, 0, 0, 1, 2, 3, 4, 5, 6, 6, 6]
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_every_apple_can_be_caught_and_every_wasp_shut_out(seed):
-    def perfect(turn):
-        way = turn.observation["apples"][0]
-        return {"walk": STAY + int(np.sign(way)), "lid": int(turn.observation["wasp"][0])}
+    def perfect(timestep):
+        way = timestep.observation["apples"][0]
+        return {"walk": STAY + int(np.sign(way)), "lid": int(timestep.observation["wasp"][0])}
 
     orchard, first = begin(Orchard, seed)
     paid, end = until_the_end(orchard, first, perfect)
@@ -129,8 +129,8 @@ def test_a_marble_at_rest_is_paid_by_how_near_the_ring_is_until_time_is_up():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_steady_hand_brings_the_marble_into_each_ring(seed):
-    def steady(turn):
-        tilt = (2.0 * turn.observation["ring"] - 8.0 * FASTEST * turn.observation["speed"]).clip(-1, 1)
+    def steady(timestep):
+        tilt = (2.0 * timestep.observation["ring"] - 8.0 * FASTEST * timestep.observation["speed"]).clip(-1, 1)
         return {"tilt_x": tilt[0], "tilt_y": tilt[1]}
 
     marble, first = begin(Marble, seed)
@@ -142,14 +142,14 @@ def test_a_steady_hand_brings_the_marble_into_each_ring(seed):
 
 
 def loose_an_arrow(archer):
-    """Draw the string and loose; return the turns of each decision until the arrow has landed."""
+    """Draw the string and loose; return the timesteps of each decision until the arrow has landed."""
     choices = [DRAW] * PULLS + [LOOSE] + [REST] * (FLIGHT - 1)
     return [archer.step({"turn": 0.0, "string": choice}) for choice in choices]
 
 
 def test_the_string_allows_what_it_can_do():
     archer, first = begin(Archer)
-    masks = [first.masks["string"], *(turn.masks["string"] for turn in loose_an_arrow(archer))]
+    masks = [first.masks["string"], *(timestep.masks["string"] for timestep in loose_an_arrow(archer))]
     drawing, drawn = [True, True, False], [True, False, True]
     assert masks == [drawing] * PULLS + [drawn] + [drawing] * FLIGHT
 
@@ -158,8 +158,8 @@ def test_the_string_allows_what_it_can_do():
 def test_a_balloon_pays_if_it_is_where_the_arrow_arrives(beside, paid):
     lands = 0.8 - DROP * sum(range(1, FLIGHT + 1))
     archer, _ = begin(Archer, slope=0.8, balloon=lands + beside * RADIUS, rise=0.0)
-    turns = loose_an_arrow(archer)
-    assert [turn.rewards["reward"] for turn in turns] == [0.0] * (len(turns) - 1) + [paid]
+    timesteps = loose_an_arrow(archer)
+    assert [timestep.rewards["reward"] for timestep in timesteps] == [0.0] * (len(timesteps) - 1) + [paid]
     assert archer.hits == paid and (archer.balloon == 0.0) == bool(paid)  # another one where it was hit
 
 
@@ -182,7 +182,7 @@ def test_balloons_that_get_away_are_followed_by_others():
 def test_the_episode_ends_when_the_last_arrow_has_landed():
     archer, _ = begin(Archer, arrows=1, slope=0.8, balloon=0.6, rise=0.0, hits=4)
     *before, end = loose_an_arrow(archer)
-    assert not any(turn.terminated or turn.truncated for turn in before)
+    assert not any(timestep.terminated or timestep.truncated for timestep in before)
     assert before[-1].masks["string"] == [True, False, False]  # no arrow is left to draw
     assert end.terminated and end.metrics == {"hits": 5, "accuracy": 5 / ARROWS}
 
@@ -198,18 +198,18 @@ def test_an_archer_that_rests_runs_out_of_time():
 
 
 def play(fields):
-    """Play a game by the fields of both players in turn; return the arena, its opener and all turns."""
+    """Play a game by the fields of both players in turn; return the arena, its opener and all timesteps."""
     arena, first = begin(Noughts)
-    opener, turns = arena.mover, [first]
+    opener, timesteps = arena.mover, [first]
     for field in fields:
         junk = {"field": 0}  # whatever an agent that waits says does not matter
-        turns.append(arena.step([{"field": field} if agent == arena.mover else junk for agent in (0, 1)]))
-    return arena, opener, turns
+        timesteps.append(arena.step([{"field": field} if agent == arena.mover else junk for agent in (0, 1)]))
+    return arena, opener, timesteps
 
 
 def test_the_players_take_turns_and_taken_fields_are_masked():
-    _, opener, turns = play([4, 0, 8])
-    for count, pair in enumerate(turns):
+    _, opener, timesteps = play([4, 0, 8])
+    for count, pair in enumerate(timesteps):
         mover = (opener + count) % 2
         assert pair[mover].deciding and not pair[1 - mover].deciding and not pair[1 - mover].masks
         free = [field for field, allowed in enumerate(pair[mover].masks["field"]) if allowed]
@@ -218,8 +218,8 @@ def test_the_players_take_turns_and_taken_fields_are_masked():
 
 
 def test_each_sees_the_board_from_its_own_side():
-    _, opener, turns = play([4, 0])
-    own, other = turns[-1][opener].observation, turns[-1][1 - opener].observation
+    _, opener, timesteps = play([4, 0])
+    own, other = timesteps[-1][opener].observation, timesteps[-1][1 - opener].observation
     assert own["own"] == other["other"] == [0, 0, 0, 0, 1, 0, 0, 0, 0]
     assert own["other"] == other["own"] == [1, 0, 0, 0, 0, 0, 0, 0, 0]
 
@@ -230,25 +230,25 @@ ROWS_OF_THREE = [(0, 1, 2), (3, 4, 5), (6, 7, 8), (0, 3, 6), (1, 4, 7), (2, 5, 8
 @pytest.mark.parametrize("row", ROWS_OF_THREE)
 def test_three_in_a_row_win(row):
     others = [field for field in range(9) if field not in row][:2]
-    _, opener, turns = play([row[0], others[0], row[1], others[1], row[2]])
-    assert [pair[0].terminated for pair in turns] == [False] * 5 + [True]
-    assert turns[-1][opener].rewards == {"reward": 1.0} and turns[-1][1 - opener].rewards == {"reward": -1.0}
-    assert turns[-1][opener].metrics["drawn"] == turns[-1][1 - opener].metrics["drawn"] == 0.0
+    _, opener, timesteps = play([row[0], others[0], row[1], others[1], row[2]])
+    assert [pair[0].terminated for pair in timesteps] == [False] * 5 + [True]
+    assert timesteps[-1][opener].rewards == {"reward": 1.0} and timesteps[-1][1 - opener].rewards == {"reward": -1.0}
+    assert timesteps[-1][opener].metrics["drawn"] == timesteps[-1][1 - opener].metrics["drawn"] == 0.0
 
 
 def test_a_full_board_is_a_draw_and_perfect_play_is_sound():
-    _, _, turns = play([4, 0, 8, 2, 1, 7, 6, 3, 5])
-    for end in turns[-1]:
+    _, _, timesteps = play([4, 0, 8, 2, 1, 7, 6, 3, 5])
+    for end in timesteps[-1]:
         assert end.terminated and end.rewards["reward"] == 0.0
         assert end.metrics == {"sound": 1.0, "drawn": 1.0}
 
 
 def test_a_move_that_gives_the_game_away_is_not_sound():
     # The answer to a corner must be the centre, an edge loses; after that every move but one was the best.
-    _, opener, turns = play([0, 1, 4, 8, 3, 5, 6])
-    assert turns[-1][opener].rewards == {"reward": 1.0}
-    assert turns[-1][opener].metrics["sound"] == 1.0
-    assert turns[-1][1 - opener].metrics["sound"] == pytest.approx(2 / 3)
+    _, opener, timesteps = play([0, 1, 4, 8, 3, 5, 6])
+    assert timesteps[-1][opener].rewards == {"reward": 1.0}
+    assert timesteps[-1][opener].metrics["sound"] == 1.0
+    assert timesteps[-1][1 - opener].metrics["sound"] == pytest.approx(2 / 3)
 
 
 def test_the_outcome_of_perfect_play_is_known():

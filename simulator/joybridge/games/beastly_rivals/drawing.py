@@ -1,6 +1,6 @@
-"""Pictures of Beastly Rivals Onslaught for people: the pitch from above, x to the right and z up, and a panel.
+"""Pictures of Beastly Rivals Onslaught: the pitch from above, x to the right and z up, and a panel.
 
-The beast's muzzle ends where its box does, so it kills when, and only when, the muzzle is at the character.
+The beast's muzzle ends where its collider does: the beast kills exactly when the muzzle touches the character.
 """
 
 from functools import lru_cache
@@ -38,7 +38,7 @@ FAINT, DIM, PALE = (62, 76, 82), (120, 136, 138), (198, 210, 208)
 
 BAR = 28.0  # length of the panel's bars, in hundredths of the picture's height
 
-# The beast faces +x, its place at (0, 0); what is paired is the left one.
+# The beast faces +x, with its position at (0, 0). Of parts in pairs, the left one.
 _SPIKES = np.arange(30) * np.pi / 15
 _SPIKE_LENGTHS = np.where(np.arange(30) % 2, 1.0, 0.72)
 FUR = np.stack([-0.36 + 0.84 * _SPIKE_LENGTHS * np.cos(_SPIKES), 0.76 * _SPIKE_LENGTHS * np.sin(_SPIKES)], axis=1)
@@ -74,7 +74,7 @@ def _world(width: int, height: int) -> Frame:
 
 @lru_cache(maxsize=8)
 def _scenery(width: int, height: int) -> pygame.Surface:
-    """Return what never changes: a wood at night, and in it the pitch."""
+    """Return the background: a forest at night, and the pitch in it."""
     canvas = pygame.Surface((width, height), depth=32)
     canvas.fill(WOOD)
     world, random = _world(width, height), np.random.default_rng(7)
@@ -99,7 +99,7 @@ def _scenery(width: int, height: int) -> pygame.Surface:
 
 
 def _mix(a: Color, b: Color, share: float) -> Color:
-    """Return a color between two, `share` (0..1) of the way from a to b."""
+    """Return a color between a (share 0) and b (share 1)."""
     red, green, blue = (round(p + (q - p) * share) for p, q in zip(a, b, strict=True))
     return red, green, blue
 
@@ -126,7 +126,7 @@ def _line(canvas: pygame.Surface, frame: Frame, color: Color, points: object, wi
 def _haze(
     canvas: pygame.Surface, frame: Frame, color: Color, radius: float, inner: int, outer: int, clear: float = 0.0
 ) -> None:
-    """Lay a soft disc at a frame's origin: opacity (0..255) `inner`, from share `clear` of the radius to `outer`."""
+    """Paint a soft disc: opacity (0..255) `inner` up to `clear` times the radius, then changing to `outer`."""
     soft = _soft_disc(round(frame.length(radius)), color, inner, outer, clear)
     canvas.blit(soft, (frame.origin - soft.get_width() / 2).round().tolist())
 
@@ -153,7 +153,7 @@ def _sphere(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
 
 
 def _goal(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
-    """Paint a flag where the walking character goes, and dots on its way."""
+    """Paint a flag at the goal of a walking character, and dots on the way there."""
     if not arena.moving:
         return
     flag, start = world.placed(arena.goal_x, arena.goal_z), world.placed(arena.character.x, arena.character.z)
@@ -166,9 +166,9 @@ def _goal(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
 
 
 def _character(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
-    """Paint a small person; the ring around it fills while blink is cooling down and glows when it is ready."""
+    """Paint the character. The ring around it fills during the cooldown of blink and glows when blink is ready."""
     body, ready = arena.character, arena.cooldown == 0
-    still = body.vx == 0.0 and body.vz == 0.0  # then it watches the beast
+    still = body.vx == 0.0 and body.vz == 0.0  # then it looks at the beast
     turn = np.arctan2(arena.beast.z - body.z, arena.beast.x - body.x) if still else np.arctan2(body.vz, body.vx)
     place = world.placed(body.x, body.z)
     _haze(canvas, place.placed(0.1, -0.12), INK, 0.55, 150, 0, clear=0.3)
@@ -189,7 +189,7 @@ def _character(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
 
 
 def _beast(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
-    """Paint fur, paws, horns, eyes and teeth, turned to the character; the faster, the redder."""
+    """Paint the beast, turned to the character, in a color that shows its speed."""
     beast, character = arena.beast, arena.character
     anger = round(min(arena.speed / SPEED_LIMIT, 1.0), 2)
     fur, step = _mix(FUR_CALM, FUR_ANGRY, anger), 0.14 * np.sin((5.0 + 25.0 * anger) * arena.clock * TICK)
@@ -220,7 +220,7 @@ def _beast(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
 
 
 def _arrow_to_beast(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
-    """Paint an arrow at the edge where the beast has left the picture."""
+    """Paint an arrow at the edge of the picture if the beast is outside it."""
     if max(abs(arena.beast.x), abs(arena.beast.z)) <= VIEW_RADIUS + 0.5:
         return
     frame = world.placed(0.0, 0.0, turn=np.arctan2(arena.beast.z, arena.beast.x)).placed(VIEW_RADIUS - 0.4, 0.0)
@@ -228,7 +228,7 @@ def _arrow_to_beast(canvas: pygame.Surface, world: Frame, arena: np.record) -> N
 
 
 def _cursor(canvas: pygame.Surface, frame: Frame) -> None:
-    """Paint ring and hairs; a dark rim shows them on any background."""
+    """Paint the cursor. A dark rim makes it visible on any background."""
     for color, rim in ((INK, 0.06), (WHITE, 0.0)):
         _ring(canvas, frame, color, 0.32 + rim, 0.09 + 2 * rim)
         for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -238,7 +238,7 @@ def _cursor(canvas: pygame.Surface, frame: Frame) -> None:
 
 
 def _panel(canvas: pygame.Surface, arena: np.record) -> None:
-    """Paint the panel beside the pitch: time alive, the clock, blink, the beast's speed, and who is slowed."""
+    """Paint the panel beside the pitch: time alive, clock, blink, speed of the beast, and who is slowed."""
     width, unit = canvas.get_width(), canvas.get_height() / 100
     edge = round(width * SHARE)
     canvas.fill(PANEL, (edge, 0, width - edge, canvas.get_height()))
@@ -269,7 +269,7 @@ def _panel(canvas: pygame.Surface, arena: np.record) -> None:
 
 
 def _bar(canvas: pygame.Surface, left: float, top: float, unit: float, share: float, color: Color) -> None:
-    """Paint a bar of which a share (0..1) is filled."""
+    """Paint a bar that is filled up to a share (0..1)."""
     pygame.draw.rect(canvas, GROOVE, (left, top, BAR * unit, 1.8 * unit), border_radius=round(unit))
     if share > 0.0:
         filled = max(BAR * share, 1.8) * unit

@@ -1,10 +1,10 @@
 """The rules of Beastly Rivals Onslaught: one tick, and one decision, of every arena.
 
-Follows the game of the paper as its trained networks know it. Each quirk of the original is one switch in
-`Rules`; everything else is the same under both sets of rules.
+The rules are those of the paper's game, reconstructed from the behavior that its trained networks expect. Each quirk of
+the original is a switch in `Rules`; everything else is the same with the rules `original` and `corrected`.
 
-The ground is the plane x-z with the pitch's center at (0, 0). Nothing moves vertically, but the bodies
-stand at different heights, and some distances of the original count those.
+The ground is the plane x-z with the pitch's center at (0, 0). Nothing moves vertically, but the bodies are at different
+heights, and some distances of the original are measured in 3D.
 """
 
 import math
@@ -19,11 +19,11 @@ from joybridge.simulator.trigonometry import cosine, sine
 
 TICK = 0.02  # s
 DECISION_TICKS = 6
-CLOCK_TICKS = 12000  # all arenas start over together after so many
+CLOCK_TICKS = 12000  # all arenas begin anew together after this many
 TOP_SPEED = 20.0  # of the cursor, units/s
 
 PITCH_RADIUS = 7.5
-BOUNDARY_RADIUS = 7.125  # of the sphere around the pitch's center that confines cursor and slow sphere
+BOUNDARY_RADIUS = 7.125  # of the sphere around the pitch's center that limits cursor and slow sphere
 CURSOR_HEIGHT, CHARACTER_HEIGHT, BEAST_HEIGHT = 1.0, 0.3, 0.175
 BEAST_BELOW = CHARACTER_HEIGHT - BEAST_HEIGHT
 
@@ -38,20 +38,20 @@ KILL_DISTANCE = BOX_AHEAD + BOX_HALF + CHARACTER_RADIUS  # in 3D: the box always
 
 SPHERE_RADIUS, SPHERE_SPEED = 3.0, 0.75
 SPHERE_TURN_SECONDS, SPHERE_PULL, SPHERE_INERTIA = 3.0, 0.8, 0.2
-SLOWEST, BEAST_EASE = 0.5, 0.1  # least share of speed left in the sphere; what the beast's share has on top
+SLOWEST, BEAST_EASE = 0.5, 0.1  # lowest factor on a speed in the sphere; what is added to the beast's
 
 SURVIVAL, DEATH, EARLY_BLINK = range(3)  # reward channels
 SURVIVAL_REWARD, DEATH_REWARD, EARLY_BLINK_REWARD = 0.01, -1.0, -0.025
 
 
 class Rules(NamedTuple):
-    """The quirks of the original, and what an option and a parameter set."""
+    """The quirks of the original, the option `slow_character` and the parameter `beast_speed`."""
 
-    blink_repeats: bool  # blink is tried in each tick of its decision: a success pays for five early ones
-    never_arrives: bool  # the goal's depth below the character counts: it slows down near it and never stops
+    blink_repeats: bool  # a blink is tried in every tick of its decision: five early ones follow a success
+    never_arrives: bool  # the distance to the goal is in 3D: the character slows down near it and never stops
     velocities_survive: bool  # cursor, character and beast begin an episode with their last velocities
-    overlaps_survive: bool  # what overlapped before a new episode must part before it is noticed again
-    slow_character: bool  # the sphere slows the character; it does not in the original's two-agent game
+    overlaps_survive: bool  # an overlap at the end of an episode is not noticed again until it has ended
+    slow_character: bool  # the sphere slows the character; not in the original's game of two agents
     beast_speed: float  # factor on the beast's speed
 
 
@@ -63,18 +63,18 @@ ARENA = np.dtype(
     [
         ("cursor", BODY), ("character", BODY), ("beast", BODY), ("sphere", BODY),
         ("heading", "f8"),  # rad; only the locomotion "steer" turns it
-        ("goal_x", "f8"), ("goal_z", "f8"), ("moving", "?"),  # where the character goes, and whether it does
+        ("goal_x", "f8"), ("goal_z", "f8"), ("moving", "?"),  # where the character goes, and whether it moves
         ("cooldown", "i8"),  # ticks until the character may blink
         ("speed", "f8"), ("accuracy", "f8"),  # of the beast
-        ("timer", "f4"),  # s since the sphere turned; single precision sets how many ticks a turn takes
+        ("timer", "f4"),  # s since the sphere turned; its rounding in single precision matters, see _turn_sphere
         ("character_slow", "?"), ("beast_slow", "?"), ("dead", "?"),
-        ("character_inside", "?"), ("beast_inside", "?"), ("touching", "?"),  # overlaps as last noticed
+        ("character_inside", "?"), ("beast_inside", "?"), ("touching", "?"),  # overlaps at the last tick
         ("blinks", "i8"), ("clicks", "i8"), ("slow_ticks", "i8"),  # of this episode
-        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since all arenas started over
+        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since all arenas began anew
     ]
 )  # fmt: skip
 
-# The most random numbers one arena may draw in one call: the sphere turns once, and a new episode.
+# The most random numbers that one arena draws per call: one turn of the sphere, and a new episode.
 MOST_DRAWS = 2 + 6
 
 
@@ -87,7 +87,7 @@ def begin(arenas: Array, streams: Streams, rules: Rules) -> None:
 
 @compiled
 def begin_episodes(arenas, streams, rules, which):
-    """Begin a new episode in the arenas of `which` [arenas]; a clock that has run out starts over."""
+    """Begin a new episode in the arenas of `which` [arenas]; a clock at its end is set to 0."""
     for i in range(len(arenas)):
         if which[i]:
             begin_episode(arenas[i], streams, i, rules)
@@ -95,7 +95,7 @@ def begin_episodes(arenas, streams, rules, which):
 
 @compiled
 def begin_episode(arena, streams, i, rules):
-    """Put the bodies of arena i at new places. The sphere's velocity and timer go on under all rules."""
+    """Put the bodies of arena i at new places. The sphere keeps its velocity and timer with all rules."""
     _put_on_pitch(arena.character, streams, i)
     _put_on_pitch(arena.cursor, streams, i)
     _put_on_pitch(arena.sphere, streams, i)
@@ -117,7 +117,7 @@ def begin_episode(arena, streams, i, rules):
 
 @compiled
 def _draw_place(streams, i):
-    """Draw (x, z) uniformly from the pitch."""
+    """Return a random point (x, z), uniform on the pitch."""
     radius = PITCH_RADIUS * math.sqrt(uniform(streams, i, 0.0, 1.0))
     angle = uniform(streams, i, 0.0, 2.0 * np.pi)
     return radius * cosine(angle), radius * sine(angle)
@@ -171,7 +171,7 @@ def tick(arenas, streams, rules, number, velocity, move, blink, rewards):
 
 @compiled
 def _move_or_blink(arena, move, blink, rewards):
-    """Send the character to the cursor, then put it there if it may blink, which ends the walk."""
+    """Send the character to the cursor; for a blink, put it there, which ends the walk."""
     if move:
         arena.goal_x, arena.goal_z = arena.cursor.x, arena.cursor.z
         arena.moving = True
@@ -188,9 +188,9 @@ def _move_or_blink(arena, move, blink, rewards):
 
 @compiled
 def _confine(body, height):
-    """Pull a body back towards the center onto the boundary sphere; then it is set to its height again.
+    """Pull a body outside the boundary sphere towards the center, onto the sphere, then restore its height.
 
-    So above the ground one pull does not bring it all the way. Its velocity stays.
+    Above the ground, one pull is therefore not enough to bring it back. The velocity does not change.
     """
     distance = math.sqrt(body.x * body.x + body.z * body.z + height * height)
     if distance > BOUNDARY_RADIUS:
@@ -200,7 +200,7 @@ def _confine(body, height):
 
 @compiled
 def _drive_character(arena, rules):
-    """Set the character's velocity: towards its goal, slower in the sphere; at rest while it does not move."""
+    """Set the character's velocity: towards its goal, slower in the sphere, 0 if it does not move."""
     character = arena.character
     share = _slow_share(character, arena.sphere, 0.0) if arena.character_slow else 1.0
     arena.slow_ticks += 1 if share < 1.0 else 0
@@ -212,22 +212,22 @@ def _drive_character(arena, rules):
     if rules.never_arrives:
         per_unit = CHARACTER_SPEED / math.sqrt(square + CHARACTER_HEIGHT * CHARACTER_HEIGHT)
     else:
-        per_unit = min(CHARACTER_SPEED / math.sqrt(square), 1.0 / TICK)  # at most as far as the goal
+        per_unit = min(CHARACTER_SPEED / math.sqrt(square), 1.0 / TICK)  # at most to the goal
     character.vx, character.vz = dx * per_unit * share, dz * per_unit * share
 
 
 @compiled
 def _slow_share(body, sphere, ease):
-    """Return the share of its speed that the slow sphere leaves a body; the center slows most."""
+    """Return the factor of the slow sphere on a body's speed; it is lowest at the sphere's center."""
     dx, dz = body.x - sphere.x, body.z - sphere.z
     return min(max(math.sqrt(dx * dx + dz * dz) / SPHERE_RADIUS + ease, SLOWEST), 1.0)
 
 
 @compiled
 def _steer_beast(arena):
-    """Turn the beast's velocity a little towards the character: the less accurate and the faster, the less.
+    """Turn the beast's velocity towards the character; less if the accuracy is lower or the speed higher.
 
-    The pull is a unit vector in 3D, slightly upwards; the upward part of the velocity is lost each tick.
+    The pull is a unit vector in 3D that points slightly upwards; the upward part of the velocity is dropped.
     """
     beast = arena.beast
     dx, dz = arena.character.x - beast.x, arena.character.z - beast.z
@@ -246,7 +246,7 @@ def _steer_beast(arena):
 
 @compiled
 def _grow_beast(arena, rules):
-    """Make the beast a little faster and more accurate."""
+    """Increase the beast's speed and accuracy by one tick's growth."""
     arena.speed = min(arena.speed + SPEED_GROWTH * rules.beast_speed, SPEED_LIMIT * rules.beast_speed)
     arena.accuracy = min(arena.accuracy + ACCURACY_GROWTH, ACCURACY_LIMIT)
 
@@ -255,8 +255,8 @@ def _grow_beast(arena, rules):
 def _turn_sphere(arena, streams, i):
     """Every three seconds, turn the slow sphere towards a random place on the pitch.
 
-    The timer is compared before it grows, and its rounded sum passes 3 late: the first turn is in tick
-    152, then there is one every 151 ticks.
+    The timer is compared before it is increased, and its rounded sum reaches 3 one tick late: the first turn is in
+    tick 152, the others follow every 151 ticks.
     """
     if arena.timer >= SPHERE_TURN_SECONDS:
         arena.timer = 0.0
@@ -275,7 +275,7 @@ def _turn_sphere(arena, streams, i):
 
 @compiled
 def _meet(arena, rules, rewards):
-    """Notice which overlaps began or ended since the last tick; only these changes have an effect."""
+    """Compare overlaps with those of the last tick; only their changes have an effect."""
     touching = _touching(arena.beast, arena.character)
     if touching and not arena.touching:
         arena.dead = True

@@ -1,7 +1,7 @@
-"""Pictures of Shooting Birds for people: the arena as the shooter sees it, under a line with gun and score.
+"""Pictures of Shooting Birds: the arena, with a line above it that shows gun and score.
 
-Trees and barns are painted exactly where their colliders are, and everything is painted from the back to
-the front by its depth, so what hides a bird in the picture hides it from the gun, too.
+Trees and barns are drawn exactly where their colliders are, and everything is drawn from back to front by its depth:
+what hides a bird in the picture also hides it from the gun.
 """
 
 import math
@@ -34,31 +34,31 @@ MEADOW_FAR, MEADOW_NEAR, GRASS = (150, 196, 92), (84, 140, 58), (70, 122, 50)
 FLOWERS = ((255, 255, 255), (255, 226, 110), (240, 150, 190))
 BARK, BARK_LIGHT, BARK_DARK = (112, 76, 48), (140, 98, 64), (84, 56, 36)
 LEAVES_DARK, LEAVES, LEAVES_LIGHT = (44, 102, 52), (64, 132, 62), (94, 162, 76)
-LIGHT = np.array([-0.6, -0.8])  # where it comes from, on the canvas: y points down there
+LIGHT = np.array([-0.6, -0.8])  # direction from which it comes, on the canvas (y down)
 BOARDS, BOARDS_DARK, TRIM = (178, 58, 46), (146, 44, 38), (244, 236, 220)
 ROOF, ROOF_DARK, BRICKS, MORTAR = (88, 84, 94), (66, 62, 72), (150, 92, 76), (118, 70, 58)
 STONE, STONE_DARK, DARK, DUSK = (158, 152, 144), (126, 120, 114), (44, 32, 34), (84, 62, 52)
 CLEAR = (0, 0, 0, 0)
 
 CHIMNEY, LEFT, RIGHT, ABOVE, BELOW, FOOT, BEAM, *POSTS = BARN_BOXES
-WINDOW: Box = (ABOVE[0], BELOW[3], ABOVE[2], ABOVE[1])  # the hole among the four walls
-DOORS: Box = (FOOT[0], FOOT[3], FOOT[2], BEAM[1])  # the holes between the posts
+WINDOW: Box = (ABOVE[0], BELOW[3], ABOVE[2], ABOVE[1])  # the opening between the four walls
+DOORS: Box = (FOOT[0], FOOT[3], FOOT[2], BEAM[1])  # the openings between the posts
 TRIM_WIDTH, ROOF_HEIGHT = 0.3, 1.3
 
-# Birds by size, large to small: plumage, belly, wing. No two alike, and unlike all that they fly in front of.
+# Birds by size, large to small: plumage, belly, wing. The colors differ from each other and from the background.
 PLUMAGE: tuple[tuple[Color, Color, Color], ...] = (
     ((48, 92, 190), (190, 216, 250), (30, 62, 140)),
     ((250, 172, 40), (255, 234, 170), (214, 122, 20)),
     ((240, 76, 158), (255, 208, 232), (186, 36, 116)),
 )
 OUTLINE, BEAK, WHITE, BLACK = (36, 30, 44), (255, 140, 50), (255, 255, 255), (20, 20, 26)
-# A bird flies to +x in a frame whose unit is the radius of its collider.
+# A bird that flies to +x, in units of the radius of its collider.
 BODY, BELLY = ellipse(0.0, 0.0, 0.98, 0.84), ellipse(0.12, -0.3, 0.7, 0.46)
 TAIL = ((-0.75, 0.3), (-1.4, 0.55), (-1.25, 0.2), (-1.45, 0.0), (-0.8, -0.15))
 WING = ((0.3, 0.0), (0.2, 0.5), (-0.1, 0.95), (-0.5, 1.2), (-0.95, 1.2), (-0.8, 0.85), (-0.9, 0.6), (-0.4, -0.1))
 BILL = ((0.82, 0.4), (1.45, 0.12), (0.86, -0.1))
 EYE, PUPIL = ellipse(0.5, 0.3, 0.25, 0.25, 12), ellipse(0.57, 0.3, 0.13, 0.13, 8)
-FLAPS = (9.0, 13.0, 19.0)  # rad/s by size: the smaller, the faster
+FLAPS = (9.0, 13.0, 19.0)  # of the wings by size, rad/s
 
 PANEL, BRASS, COPPER, EMPTY = (24, 28, 40), (226, 184, 84), (190, 104, 62), (70, 76, 92)
 TEXT, ALERT, AIMED = (240, 240, 235), (255, 110, 90), (255, 50, 40)
@@ -83,7 +83,7 @@ def draw(arena: np.record, width: int, height: int) -> Array:
 
 @lru_cache(maxsize=2 * LEVELS)
 def scenery(level: int, width: int, height: int) -> list[tuple[float, pygame.Surface, tuple[int, int]]]:
-    """Return what stands still in a level: the depth of each layer, its fine canvas, and where that goes (px)."""
+    """Return the still layers of a level: for each its depth, its canvas, and the position of that (px)."""
     size = (width * FINE, height * FINE)
     world = fit(*size, WALL_X, WALL_Y)
     back = pygame.Surface(size, depth=32)
@@ -123,7 +123,7 @@ def _landscape(canvas: pygame.Surface, world: Frame, random: np.random.Generator
         ridge = base + swing * (np.sin(wave * along + phase) + 0.3 * np.sin(2.7 * wave * along))
         shape(canvas, world, [(-40.0, HORIZON), *zip(along, ridge, strict=True), (40.0, HORIZON)], color)
     fade(canvas, pygame.Rect(0, ground, width, height - ground), MEADOW_FAR, MEADOW_NEAR)
-    for depth in np.sqrt(np.linspace(0.02, 1.0, 150)):  # tufts and flowers, larger towards the viewer
+    for depth in np.sqrt(np.linspace(0.02, 1.0, 150)):  # tufts and flowers, larger if nearer
         tuft = world.placed(random.uniform(-25.0, 25.0), HORIZON - 4.0 * depth, 0.5 * depth, 0.5 * depth)
         if random.uniform() < 0.7:
             shape(canvas, tuft, [(-0.4, 0.6), (-0.1, 0.0), (0.1, 0.0), (0.45, 0.7), (0.05, 0.2), (0.0, 0.9)], GRASS)
@@ -138,7 +138,7 @@ def _tree(layer: pygame.Surface, frame: Frame) -> None:
     block(layer, frame, (right - 0.7, bottom, right, top), BARK_DARK)
     for x, y in ((-1.0, -13.5), (-0.5, -8.0), (-0.1, -12.0), (-0.9, -6.5), (0.2, -6.0)):
         block(layer, frame, (x, y, x + 0.16, y + 3.5), BARK_LIGHT)
-    # Each disc in its full size first, then ever smaller and lighter ones with a rim of leaves, all within it.
+    # Each disc in full size first, then smaller and lighter ones with a rim of leaves inside it.
     for color, share, shift in ((LEAVES_DARK, 1.0, 0.0), (LEAVES, 0.76, 0.09), (LEAVES_LIGHT, 0.42, 0.24)):
         for x, y, radius in TREE_CROWN:
             unit = frame.length(radius)
@@ -149,13 +149,13 @@ def _tree(layer: pygame.Surface, frame: Frame) -> None:
 
 
 def _inside(back: pygame.Surface, frame: Frame) -> None:
-    """Paint the dark that is seen through a barn's window and doors. Birds fly in front of that."""
+    """Paint the dark inside of a barn, visible through window and doors. Birds fly in front of it."""
     for box in (WINDOW, DOORS):
         fade(back, frame.box(*box), DARK, DUSK)
 
 
 def _barn(layer: pygame.Surface, frame: Frame) -> None:
-    """Paint a barn: boards, white trim and a roof, stone at the foot; between the boxes it stays open."""
+    """Paint a barn: boards, white trim, a roof, stones at the foot. Gaps between its boxes stay open."""
     eaves = ABOVE[3] - ROOF_HEIGHT
     for wall in (LEFT, RIGHT, ABOVE, BELOW, *POSTS):
         block(layer, frame, wall, BOARDS)
@@ -163,7 +163,7 @@ def _barn(layer: pygame.Surface, frame: Frame) -> None:
             block(layer, frame, (x, wall[1], x + 0.06, wall[3]), BOARDS_DARK)
     for left, bottom, right, _ in (LEFT, RIGHT):
         panel, width = frame.box(left, bottom, right, eaves), round(frame.length(TRIM_WIDTH))
-        layer.set_clip(panel)  # a thick line's ends would stick out
+        layer.set_clip(panel)  # the ends of a thick line would stick out
         pygame.draw.line(layer, TRIM, panel.topleft, panel.bottomright, width)
         pygame.draw.line(layer, TRIM, panel.bottomleft, panel.topright, width)
         pygame.draw.rect(layer, TRIM, panel, width)
@@ -183,7 +183,7 @@ def _barn(layer: pygame.Surface, frame: Frame) -> None:
 def _courses(
     layer: pygame.Surface, frame: Frame, box: Box, rows: int, length: float, fill: Color, joint: Color
 ) -> None:
-    """Paint a box of stones, bricks, shingles or planks: rows of a length, each shifted by half of one."""
+    """Paint a box of bricks or similar parts of a length, in rows that are shifted by half a part."""
     left, bottom, right, top = box
     block(layer, frame, box, fill)
     layer.set_clip(frame.box(*box))
@@ -197,11 +197,11 @@ def _courses(
 
 
 def _bird(canvas: pygame.Surface, world: Frame, bird: np.record, time: float) -> None:
-    """Paint a bird on its way; its wings beat with the time in s."""
+    """Paint a bird. The position of its wings depends on the time (s)."""
     size = bird.kind
     radius, (plumage, belly, feathers) = float(BIRD_RADIUS[size]), PLUMAGE[size]
     facing = math.copysign(1.0, bird.vx)
-    climb = math.atan2(bird.vy, max(abs(bird.vx), SLOWEST))  # so that none stands on its tail
+    climb = math.atan2(bird.vy, max(abs(bird.vx), SLOWEST))  # limits the angle
     frame = world.placed(bird.x, bird.y, facing * radius, radius, facing * climb)
     beat = 0.25 + 0.75 * math.sin(FLAPS[size] * time + bird.phase)
     for part, points, fill, edge in (
@@ -239,7 +239,7 @@ def _scoreboard(canvas: pygame.Surface, arena: np.record) -> None:
 
 
 def _crosshair(canvas: pygame.Surface, frame: Frame, aimed: bool) -> None:
-    """Paint ring, hairs and center; red when a bird is in front. A dark rim shows them on any background."""
+    """Paint the crosshair, red if a bird is in front. A dark rim makes it visible on any background."""
     thin = 0.13
     for color, rim in ((BLACK, thin / 2), (AIMED if aimed else WHITE, 0.0)):
         width = frame.length(thin + 2 * rim)

@@ -1,7 +1,7 @@
-"""The seven levels: two templates, a tree and a barn, placed, scaled and mirrored.
+"""The obstacles of the seven levels: a tree and a barn as templates, placed, scaled and mirrored.
 
-Lengths are in the game's units, x to the right, y up, the arena's center at (0, 0). Obstacles only hide
-birds; nothing collides with them.
+Lengths are in units of the game: x to the right, y up, (0, 0) at the arena's center. Obstacles hide birds and stop
+shots; nothing collides with them.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ BARN_BOXES = (
 
 @dataclass(frozen=True)
 class Placement:
-    """A template put at (x, y), scaled; a negative scale mirrors it."""
+    """A template placed at (x, y) and scaled; a negative scale mirrors it."""
 
     template: str  # "tree" or "barn"
     x: float
@@ -79,7 +79,7 @@ LEVELS = len(PLACEMENTS)
 
 
 class Obstacles(NamedTuple):
-    """The obstacles of all levels as arrays that compiled code reads; rows past a level's count are unused."""
+    """The obstacles of all levels as arrays for compiled code. Rows beyond the count of a level are unused."""
 
     discs: Array  # float64 [levels, most, 4]: x, y, radius, depth
     disc_count: Array  # int64 [levels]
@@ -92,7 +92,9 @@ def _place(placement: Placement) -> tuple[list[Disc], list[Box]]:
     tree = placement.template == "tree"
     depth = TREE_DEPTH if tree else BARN_DEPTH
     sx, sy = placement.scale_x, placement.scale_y
-    radius_scale = max(abs(sx), abs(sy))  # a disc stays round: the engine scales it by the larger of the two
+    radius_scale = max(
+        abs(sx), abs(sy)
+    )  # the original engine scales discs by the larger of the two, so they stay round
     discs = [(placement.x + sx * x, placement.y + sy * y, radius_scale * r, depth) for x, y, r in TREE_CROWN if tree]
     boxes: list[Box] = []
     for left, bottom, right, top in (TREE_TRUNK,) if tree else BARN_BOXES:

@@ -1,7 +1,7 @@
 """The rules of Shooting Birds: one tick of every arena.
 
-Follows the game of the paper as its trained networks know it. Each quirk of the original is one switch in
-`Rules`; everything else is the same under both sets of rules.
+The rules are those of the paper's game, reconstructed from the behavior that its trained networks expect. Each quirk of
+the original is a switch in `Rules`; everything else is the same with the rules `original` and `corrected`.
 """
 
 from typing import Any, NamedTuple
@@ -20,11 +20,11 @@ BIRDS = 10
 MAGAZINE = 8
 TOP_SPEED = 50.0  # of the crosshair, units/s
 
-# The crosshair is a disc among four walls. Skin and slop are the original engine's contact tolerances.
+# The crosshair is a disc inside four walls. Skin and slop are contact tolerances of the original engine.
 RADIUS, SKIN, SLOP, FRICTION = 1.28, 0.01, 0.005, 0.4
-TOUCH = RADIUS + SKIN  # center to wall at which the contact begins
+TOUCH = RADIUS + SKIN  # distance from center to wall at which the contact begins
 WALL_X, WALL_Y = 19.0, 11.5
-PUSH_PASSES, PUSH_SHARE, PUSH_MOST = 3, 0.2, 0.2  # the contact solver's corrections of position per tick
+PUSH_PASSES, PUSH_SHARE, PUSH_MOST = 3, 0.2, 0.2  # the contact solver's corrections of the position per tick
 
 SPAWN_LEFT, SPAWN_RIGHT, SPAWN_LOW, SPAWN_HIGH = -19.7, 19.6, -8.48, 8.26
 SLOWEST, FASTEST, BIRD_LIMIT_X = 1.5, 6.0, 20.0
@@ -35,12 +35,12 @@ MISS_REWARD, DRY_SHOT_REWARD = -0.1, -1.0
 
 
 class Rules(NamedTuple):
-    """The quirks of the original, and the speed of the birds."""
+    """The quirks of the original, and the parameter `bird_speed`."""
 
-    hit_pays_replacement: bool  # a hit pays by the size of the bird that takes the place of the one hit
-    whole_magazines: bool  # the ammo sensor counts whole magazines: 1 at eight shots, else 0
-    dry_shots_are_aimed: bool  # the aiming channels are paid for shots of an empty gun, too
-    origin_x: float  # the observed position counts from here; the original's is not the arena's center
+    hit_pays_replacement: bool  # the reward of a hit depends on the size of the bird that replaces the one hit
+    whole_magazines: bool  # the ammo sensor is 1 for a full magazine, else 0
+    dry_shots_are_aimed: bool  # the aiming channels also reward shots with an empty gun
+    origin_x: float  # origin of the observed position; in the original it is not the arena's center
     bird_speed: float  # factor on the speed of new birds
 
 
@@ -58,13 +58,13 @@ ARENA = np.dtype(
         ("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"),  # the crosshair
         ("heading", "f8"),  # rad; only the locomotion "steer" turns it
         ("ammo", "i8"), ("level", "i8"), ("fixed_level", "i8"),  # fixed_level -1: a random one each episode
-        ("shots", "i8"), ("hits", "i8"), ("reloads", "i8"),  # of this episode; shots are those with ammo
-        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks ever, which drive the birds' flight
+        ("shots", "i8"), ("hits", "i8"), ("reloads", "i8"),  # in this episode; shots without ammo are not counted
+        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since the start, for the birds' flight
         ("birds", BIRD, (BIRDS,)),
     ]
 )  # fmt: skip
 
-# The most random numbers one arena may draw in one call: ten new birds and a hit one, a new episode, phases.
+# The most random numbers that one arena draws per call: ten new birds, one hit bird, a new episode, phases.
 MOST_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
 
 
@@ -81,23 +81,23 @@ def begin(arenas: "np.recarray[Any, Any]", streams: Streams, rules: Rules, fixed
 def _populate(arenas, streams, rules):
     for i in range(len(arenas)):
         for bird in arenas[i].birds:
-            bird.phase = uniform(streams, i, -45.0, 45.0)  # once: a bird that comes back keeps it
+            bird.phase = uniform(streams, i, -45.0, 45.0)  # once: a bird keeps its phase when it is replaced
             spawn(bird, streams, i, rules)
 
 
 @compiled
 def begin_episodes(arenas, streams):
-    """Reset crosshair, gun and level of every arena. Birds and the clock of their flight go on."""
+    """Reset crosshair, gun and level of every arena. Birds and clock are not reset."""
     for i in range(len(arenas)):
         begin_episode(arenas[i], streams, i)
 
 
 @compiled
 def begin_episode(arena, streams, i):
-    """Reset crosshair, gun and level of arena i. Its velocity stays until the first action."""
+    """Reset crosshair, gun and level of arena i. The crosshair keeps its velocity until the first action."""
     arena.x = uniform(streams, i, -11.1, 8.9)
     arena.y = uniform(streams, i, -10.0, 10.0)
-    arena.ammo = 1 + integer(streams, i, MAGAZINE - 1)  # 1..7: never a full magazine
+    arena.ammo = 1 + integer(streams, i, MAGAZINE - 1)  # 1..7, so the magazine is never full
     level = integer(streams, i, LEVELS)
     arena.level = level if arena.fixed_level < 0 else arena.fixed_level
     arena.shots = arena.hits = arena.reloads = arena.tick = 0
@@ -105,7 +105,7 @@ def begin_episode(arena, streams, i):
 
 @compiled
 def spawn(bird, streams, i, rules):
-    """Send a bird in from the left or the right edge, with a new height, kind, depth and speed."""
+    """Place a bird at the left or right edge, with a new height, size, depth and speed."""
     from_left = uniform(streams, i, 0.0, 1.0) < 0.5
     bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
     bird.y = uniform(streams, i, SPAWN_LOW, SPAWN_HIGH)
@@ -120,8 +120,8 @@ def spawn(bird, streams, i, rules):
 def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
     """Advance every arena by one tick under its action and add to `rewards` [arenas, channels].
 
-    velocity is the commanded one [arenas, 2], shoot and reload are [arenas] of 0 or 1. Episodes that reach
-    their length are left as they are: the caller observes them, then begins new ones.
+    velocity: commanded velocity [arenas, 2]. shoot, reload: 0 or 1 [arenas]. Episodes that have reached their length
+    are not reset here: the caller observes them first, then begins new ones.
     """
     for i in range(len(arenas)):
         arena = arenas[i]
@@ -143,7 +143,7 @@ def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
 
 @compiled
 def _shoot(arena, streams, i, rules, obstacles, rewards):
-    """Shoot at what is in front under the crosshair, as it was observed for this decision."""
+    """Shoot at what is in front under the crosshair, which is what the agent observed for this decision."""
     target = front(arena, obstacles)
     loaded = arena.ammo > 0
     if loaded or rules.dry_shots_are_aimed:
@@ -178,10 +178,10 @@ def _fly(arena, streams, i, rules):
 
 @compiled
 def _move_crosshair(arena):
-    """Move the crosshair by one tick among the walls, as the original's contact solver does.
+    """Move the crosshair by one tick inside the walls, as the original's contact solver does.
 
-    A wall acts only if it was touched at the start of the tick, so a fast crosshair first sinks into it and is
-    then pushed out over several ticks. The axes are independent but for friction.
+    A wall acts only if it was touched at the start of the tick: a fast crosshair first sinks into it and is then
+    pushed out over several ticks. x and y are independent except for friction.
     """
     touch_x, touch_y = _gap(arena.x, WALL_X) <= TOUCH, _gap(arena.y, WALL_Y) <= TOUCH
     into_x = arena.vx if touch_x and (arena.vx > 0.0) == (arena.x > 0.0) else 0.0

@@ -1,4 +1,4 @@
-"""What the crosshair senses: the thing in front under it, and twelve rays."""
+"""Sensors of the crosshair: what is in front under it, and twelve rays."""
 
 import math
 
@@ -9,11 +9,11 @@ from joybridge.simulator.compiled import compiled
 RAYS = 12
 RAY_LENGTH = 14.0
 BIRD_RADIUS = np.array([1.26, 0.84, 0.42])  # large, medium, small
-SIZE_CODE = np.array([0.0, 0.5, 1.0])  # what a ray reports of a bird's size
-ABSENT = -1.0  # what a ray reports where it meets nothing
-NOTHING, OBSTACLE = -1, -2  # what `front` returns where it is no bird
+SIZE_CODE = np.array([0.0, 0.5, 1.0])  # what a ray reports as a bird's size
+ABSENT = -1.0  # what a ray reports if it hits nothing
+NOTHING, OBSTACLE = -1, -2  # what `front` returns if it is not a bird
 
-# Counter-clockwise from +x in steps of 30 degrees, from exact values so that every machine has the same.
+# Counter-clockwise from +x in steps of 30 degrees. From exact values, so they are the same on every machine.
 _C = math.sqrt(3.0) / 2.0
 RAY_X = np.array([1.0, _C, 0.5, 0.0, -0.5, -_C, -1.0, -_C, -0.5, 0.0, 0.5, _C])
 RAY_Y = np.array([0.0, 0.5, _C, 1.0, _C, 0.5, 0.0, -0.5, -_C, -1.0, -_C, -0.5])
@@ -23,8 +23,8 @@ RAY_Y = np.array([0.0, 0.5, _C, 1.0, _C, 0.5, 0.0, -0.5, -_C, -1.0, -_C, -0.5])
 def front(arena, obstacles):
     """Return what is in front at the crosshair's center: a bird's index, OBSTACLE or NOTHING.
 
-    Of all colliders that contain the center the one with the lowest depth is in front. Large birds fly in
-    front of everything, medium ones behind barns, small ones behind barns and trees.
+    Of all colliders that contain the center, the one with the lowest depth is in front. Large birds fly in front of
+    everything, medium ones behind barns, small ones behind barns and trees.
     """
     found, depth = NOTHING, np.inf
     for j in range(len(arena.birds)):
@@ -48,11 +48,11 @@ def front(arena, obstacles):
 
 @compiled
 def cast_rays(arena, obstacles, rays):
-    """Write what the twelve rays meet into `rays` [12, 3].
+    """Write what the twelve rays hit into `rays` [12, 3].
 
-    Per ray: distance to the nearest bird, that bird's size code, distance to the nearest obstacle; distances
-    as shares of the ray's length, ABSENT where there is nothing. Birds and obstacles do not hide each other.
-    A ray that starts inside a collider reports distance 0.
+    Per ray: distance to the nearest bird, size code of that bird, distance to the nearest obstacle. Distances are
+    fractions of the ray's length; ABSENT if nothing is hit. Birds and obstacles do not hide each other. A ray that
+    starts inside a collider reports distance 0.
     """
     _cast_at_birds(arena, rays)
     distance = np.full(RAYS, np.inf)
@@ -69,7 +69,7 @@ def cast_rays(arena, obstacles, rays):
 
 @compiled
 def _cast_at_birds(arena, rays):
-    """Write bird distance and size code. Of birds at the same distance (0: inside them) the front one counts."""
+    """Write distance and size code of birds. Of several at the same distance (0 inside them), the front one counts."""
     nearest, depth, size = np.full(RAYS, np.inf), np.full(RAYS, np.inf), np.zeros(RAYS)
     distance = np.empty(RAYS)
     for bird in arena.birds:
@@ -86,7 +86,7 @@ def _cast_at_birds(arena, rays):
 
 @compiled
 def _cast_at_disc(dx, dy, radius, distance):
-    """Lower `distance` [12] to that of a disc whose center is at (dx, dy) from the rays' start."""
+    """Reduce `distance` [12] to the distance of a disc, if nearer. (dx, dy): its center relative to the rays' start."""
     apart = dx * dx + dy * dy - radius * radius
     if apart <= 0.0:
         distance[:] = 0.0
@@ -102,7 +102,7 @@ def _cast_at_disc(dx, dy, radius, distance):
 
 @compiled
 def _cast_at_box(left, bottom, right, top, distance):
-    """Lower `distance` [12] to that of a box given by its edges relative to the rays' start."""
+    """Reduce `distance` [12] to the distance of a box, if nearer. Its edges are relative to the rays' start."""
     apart_x, apart_y = max(left, 0.0, -right), max(bottom, 0.0, -top)
     if apart_x * apart_x + apart_y * apart_y > RAY_LENGTH * RAY_LENGTH:
         return
