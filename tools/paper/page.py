@@ -52,8 +52,9 @@ All tests use the 5 % level.
 - **Click accuracy** of complete runs: a difference counts if it is larger than one percentage point.
 - **Behavior**: a claim *holds* if all complete runs of the paper's layouts show it, and *does not hold* if none does.
   Laps are smaller if the mean radius in the last third of the time is below 0.9 times that in the first third. Blinking
-  is rare up to 10 blinks in 10 000 decisions. The slow sphere is neither sought nor avoided if the time in it is between 1/1.5
-  and 1.5 times that by chance; this excludes `multiagent`, where the sphere has no effect on the character."""
+  is rare up to 10 blinks in 10 000 decisions. The slow sphere is neither sought nor avoided if the time in it is
+  between 1/1.5 and 1.5 times that by chance; this excludes `multiagent`, where the sphere has no effect on the
+  character."""
 CONTRADICTIONS = """\
 By the same rules, the original's own logs do not confirm these claims of the paper:"""
 EVIDENCE = """\
