@@ -1,12 +1,13 @@
 # make install   .venv with everything, at the versions in constraints.txt
 # make demo      train Shooting Birds for a few minutes; ends with scores, a plot and a video
-# make test      lint, types and all tests
+# make check     style, types and the quick tests, in about two minutes
+# make test      style, types and all tests, with their coverage
 # make bench     how fast it is on this machine
 
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: install demo test bench proto
+.PHONY: install demo check test bench proto
 
 install: .venv/installed
 
@@ -17,6 +18,9 @@ install: .venv/installed
 
 demo: install
 	$(BIN)/python -m tools.demo
+
+check: install
+	$(BIN)/python -m tools.check --quick
 
 test: install
 	$(BIN)/python -m tools.check

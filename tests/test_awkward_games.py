@@ -24,6 +24,8 @@ from joybridge.trainer.wire.sharded_session import ShardedSession
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.awkward_games import LENGTH
 
+pytestmark = pytest.mark.slow
+
 SMALL = {"hidden_sizes": [8], "rollout_steps": 4, "time_horizon": 4, "minibatch_size": 8, "frame_stack": 2}
 
 

@@ -203,6 +203,7 @@ def runs(simulator, tmp_path_factory) -> dict[str, Path]:
     return made
 
 
+@pytest.mark.slow
 def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, capsys, monkeypatch):
     config = run_config(runs["shooting_birds"])
     levels = balanced_options(config, describe(simulator, config.game, {}))
@@ -239,6 +240,7 @@ def test_a_game_without_measures_is_refused_by_name(simulator, tmp_path):
         measure(tmp_path, simulator, episodes=1, seed=1)
 
 
+@pytest.mark.slow
 def test_videos_of_the_best_runs_are_small_and_play(runs, tmp_path):
     output = tmp_path / "videos"
     assert videos.main([str(runs["beastly_rivals"]), "--seconds", "0.4", "--output", str(output)]) == 0

@@ -133,6 +133,7 @@ session.send(make_acts(session.spec, 2))
 """)
 
 
+@pytest.mark.slow
 def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address):
     """A session that was interrupted goes on if it was not using the simulator; otherwise it is lost."""
     modules = (client, stream, event_loop)

@@ -21,6 +21,8 @@ from joybridge.experiments.display import Display, time_left
 from joybridge.experiments.grid import keep_results
 from joybridge.trainer.checkpoint import has_checkpoint
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 TIMESTEPS = 12_000
 DEADLINE_SECONDS = 120.0  # for a run to save its first checkpoint

@@ -10,6 +10,8 @@ from joybridge.trainer.train import train
 from joybridge.trainer.wire.launch import simulator_process
 from tests.support.learning_games import LENGTH
 
+pytestmark = pytest.mark.slow
+
 FAST = PolicyConfig(
     frame_stack=1,
     hidden_sizes=[32, 32],

@@ -80,6 +80,7 @@ def test_what_it_writes_passes_the_kit(written):
     assert result["failed"] == 0 and result["passed"] > 150
 
 
+@pytest.mark.slow
 def test_what_it_writes_learns_and_can_be_watched(written):
     folder, (_, _, train, evaluate, record) = written
     run(train, folder)

@@ -292,6 +292,7 @@ def test_how_a_game_ended_stays_in_sight_until_the_next_move():
 # --------------------------------------------------------------------------------------------------------- learning
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("game", "metric", "timesteps", "untrained", "trained"),
     [

@@ -16,6 +16,8 @@ from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.pipeline import assign
 from joybridge.trainer.wire.launch import simulator_process
 
+pytestmark = pytest.mark.slow
+
 CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.yaml"
 SMALL = [
     "arenas=4",

@@ -19,6 +19,8 @@ from matplotlib.image import imread
 
 from joybridge.trainer.metrics import read_rows
 
+pytestmark = pytest.mark.slow
+
 PAGE = Path(__file__).parents[1] / "simulator" / "TUTORIAL.md"
 SECONDS = 120.0  # the longest that a block may take
 LATE_SECONDS = 20.0  # the longest that its output may then be waited for

@@ -19,6 +19,8 @@ from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.wire.client import Session
 from tests.support.wire import Stream, refused, start
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "proto" / "examples" / "typescript"
 CONFIG = ROOT / "configs" / "meteors" / "hybrid.yaml"

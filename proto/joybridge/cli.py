@@ -41,8 +41,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = COMMANDS[name]
     try:
         module = import_module(command.module)
-        if "" not in sys.path:
-            sys.path.insert(0, "")  # as `python -m` does: --game finds modules of the current folder
         return int(module.main([name, *rest], prog="joybridge"))
     except ModuleNotFoundError as error:  # some modules are imported only when the command runs
         if (error.name or "").startswith("joybridge") or not command.extra:
