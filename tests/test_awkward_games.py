@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.agent import Agent
 from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError, DivergedError
 from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.options import balanced_options
+from joybridge.trainer.policy import Policy
 from joybridge.trainer.progress import Display
 from joybridge.trainer.record import record
 from joybridge.trainer.train import train
@@ -76,14 +76,14 @@ def test_names_from_the_wire_are_neither_paths_nor_the_trainers_own_columns(talk
 
 
 def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, monkeypatch):
-    seen, act = [], Agent.act
+    seen, act = [], Policy.act
 
     def spy(self, steps, acts, group=0):
         shown = self.actor.encoder.frames(steps[self.actor.behavior].observations)
         seen.append((self.rollout.next_decision(None, group).observations.copy(), shown.copy()))
         act(self, steps, acts, group)
 
-    monkeypatch.setattr(Agent, "act", spy)
+    monkeypatch.setattr(Policy, "act", spy)
     train(config("talkative", 600), talked, [awkward], resume=True, report=lambda *_: None)
     stack, shown = seen[0]
     np.testing.assert_array_equal(stack, np.concatenate([np.zeros_like(shown), shown], axis=1))

@@ -1,16 +1,16 @@
 """Collecting experience: groups of arenas take turns, so neither process waits for the other.
 
-While one group is played by the simulators, the agents act in another. Every group has sessions of its own. Which
+While one group is played by the simulators, the policies act in another. Every group has sessions of its own. Which
 arenas it has depends on the configuration alone, and what they play on the seed and their numbers alone.
 """
 
 from collections.abc import Iterator, Sequence
 from itertools import islice, pairwise
 
-from joybridge.trainer.agent import Agent
 from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.policy import Policy
 from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.wire.sharded_session import ShardedSession, Snapshot, check_alike, split
 
@@ -24,30 +24,30 @@ class Group:
         self.acts = make_acts(simulators.spec, arenas)
 
 
-def collect(groups: Sequence[Group], agents: Sequence[Agent], profiler: Profiler, steps: int) -> Iterator[None]:
+def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profiler, steps: int) -> Iterator[None]:
     """Play `steps` decisions of every arena: act, step, store. Yield after each; no action is pending after the last.
 
     Raises SimulatorError.
     """
     for group in groups:
-        act(group, agents, profiler)
+        act(group, policies, profiler)
     for step in range(steps):
         for group in groups:
             with profiler.measure_wait(group.simulators):
                 outcome = group.simulators.receive()
             with profiler.measure("act"):
-                for agent in agents:
-                    agent.store(outcome, group.index)
+                for policy in policies:
+                    policy.store(outcome, group.index)
             if step + 1 < steps:
-                act(group, agents, profiler)
+                act(group, policies, profiler)
         yield
 
 
-def act(group: Group, agents: Sequence[Agent], profiler: Profiler) -> None:
+def act(group: Group, policies: Sequence[Policy], profiler: Profiler) -> None:
     """Sample the actions of a group and send them, without waiting for the step."""
     with profiler.measure("act"):
-        for agent in agents:
-            agent.act(group.simulators.steps, group.acts, group.index)
+        for policy in policies:
+            policy.act(group.simulators.steps, group.acts, group.index)
         group.simulators.send(group.acts)
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.agent import Agent
 from joybridge.trainer.checkpoint import load_checkpoint, save_checkpoint, select
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.pipeline import Group
+from joybridge.trainer.policy import Policy
 from joybridge.trainer.wire.sharded_session import Snapshot
 
 
@@ -27,11 +27,11 @@ class RunState:
         """Write a checkpoint."""
         save_checkpoint(run, self.arrays, {"timesteps": self.timesteps, "snapshots": self.snapshots})
 
-    def restore(self, agents: Sequence[Agent], loggers: Sequence[Logger]) -> None:
-        """Put agents and loggers into this state. Raises CheckpointError."""
-        for agent, logger in zip(agents, loggers, strict=True):
-            agent.load(select(self.arrays, f"{agent.actor.name}/policy/"))
-            logger.mean.load(select(self.arrays, f"{agent.actor.name}/means/"))
+    def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger]) -> None:
+        """Put policies and loggers into this state. Raises CheckpointError."""
+        for policy, logger in zip(policies, loggers, strict=True):
+            policy.load(select(self.arrays, f"{policy.actor.name}/policy/"))
+            logger.mean.load(select(self.arrays, f"{policy.actor.name}/means/"))
 
     def simulators(self) -> list[Snapshot] | None:
         """Return the snapshots of the sessions, or None where there are none."""
@@ -49,12 +49,12 @@ def load_state(run: Path) -> RunState:
     return RunState(manifest["timesteps"], arrays, manifest["snapshots"])
 
 
-def capture(timesteps: int, agents: Sequence[Agent], loggers: Sequence[Logger], groups: Sequence[Group]) -> RunState:
+def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group]) -> RunState:
     """Return the state of a run whose rollouts are all empty; without the simulators' if the game has no snapshots."""
     arrays: dict[str, Array] = {}
-    for agent, logger in zip(agents, loggers, strict=True):
-        arrays |= {f"{agent.actor.name}/policy/{name}": array for name, array in agent.state().items()}
-        arrays |= {f"{agent.actor.name}/means/{name}": array for name, array in logger.mean.state().items()}
+    for policy, logger in zip(policies, loggers, strict=True):
+        arrays |= {f"{policy.actor.name}/policy/{name}": array for name, array in policy.state().items()}
+        arrays |= {f"{policy.actor.name}/means/{name}": array for name, array in logger.mean.state().items()}
     parts = None
     if groups[0].simulators.spec.snapshot_bytes_per_arena:
         snapshots = [snapshot for group in groups for snapshot in group.simulators.save()]

@@ -12,13 +12,13 @@ from pathlib import Path
 import torch
 
 from joybridge.trainer.actor import make_actors
-from joybridge.trainer.agent import Agent
 from joybridge.trainer.config import Config, check_run, keep_config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.metrics import Row
 from joybridge.trainer.options import balanced_options
 from joybridge.trainer.pipeline import close_groups, collect, group_bounds, open_groups
+from joybridge.trainer.policy import Policy
 from joybridge.trainer.ppo.gae import gae
 from joybridge.trainer.ppo.loss import anneal
 from joybridge.trainer.ppo.update import ppo_update
@@ -41,38 +41,38 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     state = load_state(run) if resume else RunState()
     spec = describe(addresses[0], config.game, config.options)
     balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
-    agents = [
-        Agent(actor, spec.behaviors[actor.behavior], group_bounds(config))
+    policies = [
+        Policy(actor, spec.behaviors[actor.behavior], group_bounds(config))
         for actor in make_actors(config, spec, config.accelerator)
     ]
-    cycle, stretch = rollout_cycle(agents)
+    cycle, stretch = rollout_cycle(policies)
     keep_config(config, run)
 
-    timesteps, lanes = state.timesteps, agents[0].lanes
+    timesteps, lanes = state.timesteps, policies[0].lanes
     groups = open_groups(config, addresses, state.simulators())
-    loggers = [Logger(run, agent.actor.name, timesteps) for agent in agents]
+    loggers = [Logger(run, policy.actor.name, timesteps) for policy in policies]
     if resume:
-        state.restore(agents, loggers)
+        state.restore(policies, loggers)
     if state.snapshots is None:
-        for agent in agents:
-            agent.begin([group.simulators.steps for group in groups])
-    state = capture(timesteps, agents, loggers, groups)
+        for policy in policies:
+            policy.begin([group.simulators.steps for group in groups])
+    state = capture(timesteps, policies, loggers, groups)
     saved = timesteps
     profiler = Profiler()
     try:
         while timesteps < config.end:
             for _ in range(cycle // stretch):
-                for _ in collect(groups, agents, profiler, steps=stretch):
+                for _ in collect(groups, policies, profiler, steps=stretch):
                     timesteps += lanes
                     profiler.timesteps += lanes
                     with profiler.measure("learn"):
-                        for agent, logger in zip(agents, loggers, strict=True):
-                            if agent.rollout.full:
-                                logger.mean.add(learn(agent, timesteps / config.total_timesteps))
+                        for policy, logger in zip(policies, loggers, strict=True):
+                            if policy.rollout.full:
+                                logger.mean.add(learn(policy, timesteps / config.total_timesteps))
                     if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
-                        row = log(timesteps, agents, loggers, profiler)
+                        row = log(timesteps, policies, loggers, profiler)
                         report(timesteps, row, row)
-            state = capture(timesteps, agents, loggers, groups)
+            state = capture(timesteps, policies, loggers, groups)
             if timesteps - saved >= config.checkpoint_interval:
                 state.save(run)
                 saved = timesteps
@@ -85,49 +85,49 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
         close_groups(groups)
 
 
-def learn(agent: Agent, progress: float) -> Row:
+def learn(policy: Policy, progress: float) -> Row:
     """Improve a policy on its full rollout, after a fraction `progress` of the run, and begin the next rollout.
 
     Return statistics, none if no decision was made in the rollout. Raises DivergedError.
     """
-    config, rollout = agent.config, agent.rollout
+    config, rollout = policy.config, policy.rollout
     statistics: Row = {}
     if (decided := rollout.decided()).any():
         advantages = gae(
-            rollout.rewards, rollout.values, agent.next_values(), rollout.terminated, rollout.truncated,
+            rollout.rewards, rollout.values, policy.next_values(), rollout.terminated, rollout.truncated,
             rollout.final_values, decided,
             gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
         )  # fmt: skip
         statistics = ppo_update(
-            agent.learner, rollout.batch(advantages, decided).to(agent.actor.accelerator),
+            policy.learner, rollout.batch(advantages, decided).to(policy.actor.accelerator),
             anneal(progress, config.learning_rate, config.clip_range, config.entropy_coef),
-            epochs=config.epochs, minibatch_size=config.minibatch_size, rng=agent.shuffles(),
+            epochs=config.epochs, minibatch_size=config.minibatch_size, rng=policy.shuffles(),
         )  # fmt: skip
         statistics["value"] = float(rollout.values[decided].mean())
-    agent.restart()
+    policy.restart()
     return statistics
 
 
-def log(timesteps: int, agents: Sequence[Agent], loggers: Sequence[Logger], profiler: Profiler) -> Row:
+def log(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], profiler: Profiler) -> Row:
     """Write a row of metrics for each policy; return that of the first."""
     times = profiler.summarize()
     rows = [
-        logger.write(timesteps, agent.episodes.summarize(), times)
-        for agent, logger in zip(agents, loggers, strict=True)
+        logger.write(timesteps, policy.episodes.summarize(), times)
+        for policy, logger in zip(policies, loggers, strict=True)
     ]
     return rows[0]
 
 
-def rollout_cycle(agents: Sequence[Agent]) -> tuple[int, int]:
+def rollout_cycle(policies: Sequence[Policy]) -> tuple[int, int]:
     """Return the decisions after which all rollouts are empty again, and those between which none gets full.
 
     Raises ConfigError if the rollouts are never empty together.
     """
-    lengths = [agent.config.rollout_steps for agent in agents]
+    lengths = [policy.config.rollout_steps for policy in policies]
     cycle = max(lengths)
-    for agent, length in zip(agents, lengths, strict=True):
+    for policy, length in zip(policies, lengths, strict=True):
         if cycle % length:
             raise ConfigError(
-                f"policies.{agent.actor.name}.rollout_steps is {length}, which does not divide the longest, {cycle}"
+                f"policies.{policy.actor.name}.rollout_steps is {length}, which does not divide the longest, {cycle}"
             )
     return cycle, math.gcd(*lengths)

@@ -6,7 +6,7 @@ All functions block. The event loop of the sessions runs inside them (see event_
 import asyncio
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from types import TracebackType
-from typing import Any, ParamSpec, Self, TypeVar
+from typing import Any, Self, TypeVar, TypeVarTuple
 
 import grpc
 
@@ -23,7 +23,7 @@ __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "wait_for"]
 
 CALL_SECONDS = 30.0  # deadline of DescribeGame
 
-P = ParamSpec("P")
+Arguments = TypeVarTuple("Arguments")
 T = TypeVar("T")
 
 
@@ -155,12 +155,12 @@ class Session:
     def _exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
         return self._run(self._stream.exchange, request)
 
-    def _run(self, function: Callable[P, Coroutine[Any, Any, T]], *args: P.args, **kwargs: P.kwargs) -> T:
+    def _run(self, function: Callable[[*Arguments], Coroutine[Any, Any, T]], *args: *Arguments) -> T:
         """Run a method of the stream. An error or an interrupt ends the session; later calls raise that error again."""
         if self._failure is not None:
             raise self._failure
         try:
-            return EVENT_LOOP.run(function, *args, **kwargs)
+            return EVENT_LOOP.run(function, *args)
         except SimulatorError as error:
             self._failure = error
             raise

@@ -24,11 +24,11 @@ import threading
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from types import FrameType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
 __all__ = ["EVENT_LOOP", "EventLoop"]
 
-P = ParamSpec("P")
+Arguments = TypeVarTuple("Arguments")
 T = TypeVar("T")
 
 
@@ -47,7 +47,7 @@ class EventLoop:
         self._interrupted = False
         atexit.register(self._close)
 
-    def run(self, function: Callable[P, Coroutine[Any, Any, T]], *args: P.args, **kwargs: P.kwargs) -> T:
+    def run(self, function: Callable[[*Arguments], Coroutine[Any, Any, T]], *args: *Arguments) -> T:
         """Call an async function on the loop and return its result.
 
         An interrupt in the main thread cancels the call and is raised as KeyboardInterrupt. If the program has set
@@ -59,24 +59,26 @@ class EventLoop:
             try:
                 if main:
                     self._hold_interrupts()
-                self._work = loop.create_task(function(*args, **kwargs))
+                self._work = loop.create_task(function(*args))
                 result: T = self._run_until_complete(loop, self._work)
                 return result
-            finally:
+            except BaseException:
                 if self._work is not None:
                     self._work.cancel()  # nothing is left to cancel, unless the program's own handler raised
+                raise
+            finally:
                 self._work = None  # while interrupts are held back, as destructors discard exceptions
                 if main:
                     self._release_interrupts()
 
-    def run_soon(self, function: Callable[P, Coroutine[Any, Any, None]], *args: P.args, **kwargs: P.kwargs) -> None:
+    def run_soon(self, function: Callable[[*Arguments], Coroutine[Any, Any, None]], *args: *Arguments) -> None:
         """Call an async function on the loop, or leave that to the loop if it is in use. Finalizers may call this."""
         if self._closed:
             return
         if self._lock.locked():
-            self._runner.get_loop().call_soon_threadsafe(lambda: self._leave(function(*args, **kwargs)))
+            self._runner.get_loop().call_soon_threadsafe(lambda: self._leave(function(*args)))
         else:
-            self.run(function, *args, **kwargs)
+            self.run(function, *args)
 
     def _run_until_complete(self, loop: asyncio.AbstractEventLoop, work: asyncio.Task[T]) -> T:
         try:

@@ -14,8 +14,9 @@ from joybridge.trainer.wire.errors import SimulatorLost
 __all__ = ["simulator_process"]
 
 ENDING_SECONDS = 5.0
+# -P: a folder joybridge/ or a file tools.py in the current folder is not imported in place of the installed modules.
 # -u: what games print appears at once.
-COMMAND = [sys.executable, "-u", "-m", "joybridge.simulator", "serve"]
+COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge.simulator", "serve"]
 
 
 @contextmanager
@@ -24,8 +25,8 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
 
     games: further games as MODULE:CLASS, which are searched where this process imports from. What the simulator and
     its games print goes to standard error. The process ends with the block, or with this process if that is killed (see
-    --with-parent). Raises SimulatorLost if it does not start, and at once if the
-    extra `simulator` is not installed.
+    --with-parent). Raises SimulatorLost if it does not start, for example because the extra
+    `simulator` is not installed.
     """
     command = [*COMMAND, "--address", "127.0.0.1:0", "--with-parent"]
     for game in games:

@@ -55,7 +55,13 @@ class Stream:
             pass  # the stream has ended; reading from it raises the reason
         except grpc.RpcError as error:
             raise _NotSent(f"lost the simulator at {self.address}: the stream has ended") from error
-        return await self._read()
+        try:
+            response: pb.PlayResponse = await self._call.read()
+        except grpc.RpcError as error:
+            raise from_grpc(error, self.address) from error
+        if response is grpc.aio.EOF:
+            raise SimulatorLost(f"the simulator at {self.address} ended the session")
+        return response
 
     async def send(self, request: pb.PlayRequest) -> None:
         """Send a request without waiting for the response; `receive` returns it."""
@@ -79,15 +85,6 @@ class Stream:
         if self._channel is not None:
             self._call.cancel()
             await self._channel.close()
-
-    async def _read(self) -> pb.PlayResponse:
-        try:
-            response: pb.PlayResponse = await self._call.read()
-        except grpc.RpcError as error:
-            raise from_grpc(error, self.address) from error
-        if response is grpc.aio.EOF:
-            raise SimulatorLost(f"the simulator at {self.address} ended the session")
-        return response
 
 
 class _NotSent(SimulatorLost):

@@ -1,4 +1,4 @@
-"""An agent acts and learns alike with either gradient and on any accelerator."""
+"""An policy acts and learns alike with either gradient and on any accelerator."""
 
 from functools import partial
 
@@ -10,11 +10,11 @@ from joybridge.contract.codec import Codec, pack_act
 from joybridge.simulator.catalog import load_games
 from joybridge.simulator.session import Session
 from joybridge.trainer.actor import make_actors
-from joybridge.trainer.agent import Agent
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.metrics import STATISTICS
+from joybridge.trainer.policy import Policy
 from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
 from joybridge.trainer.ppo.loss import Coefficients, autograd_gradient, joint_log_probs
 from joybridge.trainer.train import learn
@@ -25,8 +25,8 @@ ARENAS = 4
 cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device here")
 
 
-def full_agents(game: str, options: dict[str, str], config: Config, accelerator: str = "cpu") -> list[Agent]:
-    """Return agents with a full rollout of a game that is played in this process."""
+def full_agents(game: str, options: dict[str, str], config: Config, accelerator: str = "cpu") -> list[Policy]:
+    """Return policies with a full rollout of a game that is played in this process."""
     session = Session(load_games(PLACES))
     start = pb.Start(game=game, arenas=ARENAS, options=options)
     started = session.answer(pb.PlayRequest(start=start)).started
@@ -35,21 +35,21 @@ def full_agents(game: str, options: dict[str, str], config: Config, accelerator:
     def unpack(step):
         return [codec.unpack_step(message) for codec, message in zip(codecs, step.behaviors, strict=True)]
 
-    agents = [
-        Agent(actor, started.spec.behaviors[actor.behavior], [0, ARENAS])
+    policies = [
+        Policy(actor, started.spec.behaviors[actor.behavior], [0, ARENAS])
         for actor in make_actors(config, started.spec, accelerator)
     ]
     acts, steps = make_acts(started.spec, ARENAS), unpack(started.step)
-    for agent in agents:
-        agent.begin([steps])
-    while not agents[0].rollout.full:
-        for agent in agents:
-            agent.act(steps, acts)
+    for policy in policies:
+        policy.begin([steps])
+    while not policies[0].rollout.full:
+        for policy in policies:
+            policy.act(steps, acts)
         request = pb.PlayRequest(act=pb.Act(behaviors=[pack_act(act) for act in acts]))
         steps = unpack(session.answer(request).step)
-        for agent in agents:
-            agent.store(steps)
-    return agents
+        for policy in policies:
+            policy.store(steps)
+    return policies
 
 
 def small(layout: str, *, autograd: bool, game: str = "ferry") -> Config:
@@ -61,10 +61,10 @@ def small(layout: str, *, autograd: bool, game: str = "ferry") -> Config:
 
 def weights_after_an_update(layout: str, accelerator: str, *, autograd: bool) -> dict[str, np.ndarray]:
     """Return the weights of all policies after a rollout of Ferry and its update."""
-    agents = full_agents("ferry", {}, small(layout, autograd=autograd), accelerator)
-    for agent in agents:
-        learn(agent, 0.1)
-    return {f"{agent.actor.name} {name}": array for agent in agents for name, array in agent.actor.state().items()}
+    policies = full_agents("ferry", {}, small(layout, autograd=autograd), accelerator)
+    for policy in policies:
+        learn(policy, 0.1)
+    return {f"{policy.actor.name} {name}": array for policy in policies for name, array in policy.actor.state().items()}
 
 
 @pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "threshold-0.0", "multiagent"])
@@ -72,12 +72,12 @@ def test_before_any_update_the_ratio_of_what_was_sampled_is_1_by_autograd_and_by
     """Axes, branches and masks: sampling, the reference and the compiled loss agree on every log-probability."""
     coefficients = Coefficients(1e-3, 1e-4, 0.01)  # so narrow a clip range that any disagreement is counted
     masked = False
-    for agent in full_agents("hybrid", {"masks": "on"}, small(layout, autograd=False, game="hybrid")):
-        decided = agent.rollout.decided()
+    for policy in full_agents("hybrid", {"masks": "on"}, small(layout, autograd=False, game="hybrid")):
+        decided = policy.rollout.decided()
         assert decided.sum() > ARENAS * 10
-        batch = agent.rollout.batch(np.ones_like(agent.rollout.rewards), decided)
+        batch = policy.rollout.batch(np.ones_like(policy.rollout.rewards), decided)
         masked |= batch.masks is not None and bool((batch.masks < 0).any())
-        network = agent.actor.network
+        network = policy.actor.network
         log_probs, _, _ = joint_log_probs(network(batch.observations), network.log_variance, batch)
         torch.testing.assert_close(log_probs, batch.log_probs, atol=2e-5, rtol=0)
         for gradient in (partial(autograd_gradient, network), ClosedFormGradient(network)):

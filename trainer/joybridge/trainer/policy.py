@@ -17,7 +17,7 @@ from joybridge.v1 import bridge_pb2 as pb
 SAMPLES, SHUFFLES = range(2)  # what random numbers are for
 
 
-class Agent:
+class Policy:
     """A policy that acts in every lane of one behavior and learns from what follows.
 
     Steps and acts below are of one group of arenas and hold an entry per behavior.

@@ -1,0 +1,43 @@
+"""A simulator as a child process: it starts in any folder, and ends with the block."""
+
+import pytest
+
+from joybridge.trainer.wire.client import SimulatorLost, describe, wait_for
+from joybridge.trainer.wire.launch import simulator_process
+
+GAME = """
+from joybridge.games.marble.game import Marble as BuiltIn
+class MyGame(BuiltIn):
+    name = "mine"
+"""
+
+
+def test_files_of_the_current_folder_do_not_take_the_place_of_installed_modules(tmp_path, monkeypatch):
+    for name in ("joybridge", "tests"):
+        (tmp_path / name).mkdir()
+    for name in ("joybridge/__init__", "tests/__init__", "trainer", "simulator", "tools", "random", "asyncio", "grpc"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('imported from the current folder')")
+    monkeypatch.chdir(tmp_path)
+    with simulator_process() as address:
+        assert describe(address, "marble", {}).name == "marble"
+
+
+def test_games_are_found_in_the_current_folder(tmp_path, monkeypatch):
+    (tmp_path / "my_games.py").write_text(GAME)
+    monkeypatch.chdir(tmp_path)
+    with simulator_process(["my_games:MyGame"]) as address:
+        assert describe(address, "mine", {}).name == "mine"
+
+
+def test_the_simulator_ends_with_the_block():
+    with pytest.raises(LookupError), simulator_process() as address:
+        raise LookupError
+    with pytest.raises(SimulatorLost):
+        wait_for(address, 0.0, lambda text: None)
+
+
+def test_a_simulator_that_does_not_start_raises_its_own_message(capfd):
+    expected = "the simulator did not start: game 'nowhere:Nothing' cannot be imported"
+    with pytest.raises(SimulatorLost, match=expected), simulator_process(["nowhere:Nothing"]):
+        pass
+    assert "nowhere:Nothing" in capfd.readouterr().err
