@@ -212,3 +212,16 @@ def test_training_loads_no_game():
     modules = loaded("import joybridge.trainer.train, joybridge.trainer.__main__")
     assert {"joybridge.trainer", "torch", "joybridge.contract"} <= modules
     assert modules.isdisjoint({"joybridge.simulator", "joybridge.games", "pygame"})
+
+
+def test_an_editable_install_adds_no_top_level_name_but_joybridge(tmp_path):
+    names = ["simulator", "trainer", "tools", "tests", "configs", "contract", "games", "gym"]
+    program = f"""
+from importlib.util import find_spec
+specs = [find_spec(name) for name in {names}]
+print([place for spec in specs if spec for place in spec.submodule_search_locations or [spec.origin]])
+"""
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert str(ROOT) + "/" not in result.stdout.replace(sys.prefix, "")  # dependencies may have such names
