@@ -147,7 +147,7 @@ def test_checks_are_selected_by_their_names_in_addition_to_families(correct, cap
 
 
 def test_quiet_prints_nothing_but_failures_and_the_summary(correct, capsys):
-    arguments = ["--only", "zero_arenas_are_refused", "--only", "unknown_field_of_act_is_refused", "--quiet"]
+    arguments = ["--only", "zero_arenas_are_refused", "--only", "unknown_request_is_refused", "--quiet"]
     assert main(["check", correct, "--only", "zero_arenas_are_refused", "--quiet"]) == 0
     assert re.fullmatch(r"\n1 passed, 0 failed, 0 not applicable in \d+\.\d s\n", capsys.readouterr().out)
     with serving(BROKEN["NoArenasIsOne"]) as address:

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import metadata
 from pathlib import Path
 
 import grpc
@@ -19,6 +20,7 @@ from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoRe
 from joybridge.contract.codec import Codec
 from joybridge.contract.spec import check_spec
 from joybridge.contract.tensors import Format, pack
+from joybridge.contract.versions import REVISION
 from joybridge.games import BUILT_IN
 from joybridge.simulator.catalog import CatalogError, load_games
 from joybridge.v1 import bridge_pb2 as pb
@@ -145,25 +147,50 @@ def test_start_comes_once(simulator):
 
 
 def test_an_empty_request_is_refused_at_any_time(simulator):
-    wanted = StatusCode.INVALID_ARGUMENT, "an empty PlayRequest; send start, act, reset or save"
+    wanted = (
+        StatusCode.INVALID_ARGUMENT,
+        "an empty PlayRequest, or a request that this server does not know; send start, act, reset or save",
+    )
     assert refused(simulator, pb.PlayRequest()) == wanted
     assert refused(simulator, start("hybrid"), b"") == wanted
 
 
-def test_fields_of_another_contract_are_refused_and_not_ignored(simulator):
+def test_unknown_fields_are_ignored(simulator):
     later = b"\xf8\x07\x01"  # field 127, a varint
-    for requests, path in (
-        ([start("hybrid").SerializeToString() + later], "PlayRequest: field 127"),
-        ([start("hybrid"), b"\x12\x03" + later], "PlayRequest.act: field 127"),
-        ([start("hybrid"), b"\x12\x05\x0a\x03" + later], "PlayRequest.act.behaviors: field 127"),
-        ([b"\x0a\x02\x08\x01"], "PlayRequest.start: field 1"),  # the game as a number
-    ):
-        code, text = refused(simulator, *requests)
-        assert code == StatusCode.INVALID_ARGUMENT
-        assert text == f"{path} is unknown to this server or of another type; send what its bridge.proto has"
-    for method, request in (("ListGames", pb.ListGamesRequest), ("DescribeGame", pb.DescribeGameRequest)):
-        code, text = unary_refusal(simulator, method, request.FromString(later))
-        assert code == StatusCode.INVALID_ARGUMENT and f"{request.DESCRIPTOR.name}: field 127" in text
+    with Stream(simulator) as plain, Stream(simulator) as extended:
+        for request in (start("hybrid"), hybrid(), reset(seed=3)):
+            expected, answer = plain.ask(request), extended.ask(request.SerializeToString() + later)
+            for step in (expected.step, answer.step):
+                step.ClearField("simulate_seconds")
+            assert answer == expected
+
+
+def test_every_response_states_the_version_of_the_server(simulator):
+    wanted = pb.Version(product=f"joybridge {metadata.version('joybridge')}", revision=REVISION)
+    with grpc.insecure_channel(simulator) as channel, Stream(simulator) as stream:
+        stub = rpc.SimulatorServiceStub(channel)
+        assert stub.ListGames(pb.ListGamesRequest(), timeout=SECONDS).version == wanted
+        assert stub.DescribeGame(pb.DescribeGameRequest(game="hybrid"), timeout=SECONDS).version == wanted
+        assert stream.ask(start("hybrid")).started.version == wanted
+
+
+def test_a_client_that_needs_a_newer_revision_is_refused_with_both_versions_and_the_fix(simulator):
+    newer = pb.Version(product="joybridge 9.1", revision=REVISION + 1)
+    text = (
+        f"the client (joybridge 9.1) needs contract revision {REVISION + 1}, "
+        f"the simulator (joybridge {metadata.version('joybridge')}) has revision {REVISION}; "
+        "update the simulator, or use a client of its version"
+    )
+    wanted = StatusCode.FAILED_PRECONDITION, text
+    assert unary_refusal(simulator, "ListGames", pb.ListGamesRequest(version=newer)) == wanted
+    assert unary_refusal(simulator, "DescribeGame", pb.DescribeGameRequest(game="hybrid", version=newer)) == wanted
+    assert refused(simulator, start("hybrid", version=newer)) == wanted
+
+
+def test_a_client_that_states_no_revision_or_the_same_is_served(simulator):
+    for version in (None, pb.Version(), pb.Version(product="grpcurl"), pb.Version(revision=REVISION)):
+        with Stream(simulator) as stream:
+            assert stream.ask(start("hybrid", version=version)).HasField("started")
 
 
 def test_bytes_that_are_no_message_are_refused(simulator):

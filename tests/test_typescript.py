@@ -17,6 +17,7 @@ import pytest
 from joybridge.contract.codec import ActArrays
 from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.wire.client import Session
+from joybridge.v1 import bridge_pb2 as pb
 from tests.support.wire import Stream, refused, start
 
 pytestmark = pytest.mark.slow
@@ -92,11 +93,13 @@ def test_names_that_mean_something_to_javascript_or_are_hard_to_tell_are_refused
     assert refused(address, start(name))[0] == grpc.StatusCode.NOT_FOUND
 
 
-def test_a_known_field_of_another_type_is_refused_by_its_name(address):
-    arenas_as_bytes = b"\x0a\x03\x22\x01\x05"
-    code, details = refused(address, arenas_as_bytes)
-    assert code == grpc.StatusCode.INVALID_ARGUMENT
-    assert details.startswith("PlayRequest.start: field 4 is unknown to this server or of another type")
+def test_a_client_that_needs_a_newer_revision_is_refused_with_both_versions_and_the_fix(address):
+    code, details = refused(address, start("meteors", version=pb.Version(product="joybridge 9.1", revision=2)))
+    assert code == grpc.StatusCode.FAILED_PRECONDITION
+    assert details == (
+        "the client (joybridge 9.1) needs contract revision 2, the simulator (meteors 0.1.0) has revision 1; "
+        "update the simulator, or use a client of its version"
+    )
 
 
 @pytest.mark.parametrize("sky", ["calm", "windy"])
@@ -126,7 +129,7 @@ def test_a_policy_learns_the_game(address, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "trainer",
+        "joybridge",
         "train",
         str(CONFIG),
         "--simulator",

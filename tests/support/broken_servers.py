@@ -16,6 +16,7 @@ from grpc_reflection.v1alpha import reflection
 
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import pack
+from joybridge.contract.versions import own_version
 from joybridge.simulator import BatchedGame, axis, behavior, branch, button, channel, option, parameter, sensor, spec
 from joybridge.simulator import session as sessions
 from joybridge.simulator.session import Refusal, Session
@@ -169,12 +170,18 @@ class Service(rpc.SimulatorServiceServicer):  # type: ignore[misc]
         self.session = broken.session
 
     def ListGames(self, request, context):
-        return pb.ListGamesResponse(games=[pb.GameSummary(name=Gauntlet.name, description=Gauntlet.description)])
+        try:
+            self.session.look(request)
+            games = [pb.GameSummary(name=Gauntlet.name, description=Gauntlet.description)]
+            return pb.ListGamesResponse(games=games, version=self.session.version())
+        except Refusal as refusal:
+            return context.abort(refusal.code, str(refusal))
 
     def DescribeGame(self, request, context):
         try:
             self.session.look(request)
-            return pb.DescribeGameResponse(spec=self.session.describe(self.games, request.game, request.options))
+            spec = self.session.describe(self.games, request.game, request.options)
+            return pb.DescribeGameResponse(spec=spec, version=self.session.version())
         except Refusal as refusal:
             return context.abort(refusal.code, str(refusal))
 
@@ -192,7 +199,11 @@ class Honest(Session):
 
     @staticmethod
     def look(request):
-        sessions.refuse_unknown(request)
+        sessions.check_version(request.version)
+
+    @staticmethod
+    def version():
+        return own_version()
 
     @staticmethod
     def describe(games, name, options):
@@ -369,7 +380,8 @@ class AnyOption(Honest):
     @staticmethod
     def look(request):
         Honest.look(request)
-        AnyOption.forget(request.options)
+        if isinstance(request, pb.DescribeGameRequest):
+            AnyOption.forget(request.options)
 
     def request(self, request):
         if request.HasField("start"):
@@ -413,11 +425,59 @@ class StartsAgain(Honest):
         return super().answer(request)
 
 
-@broken("unknown_field_of_start_is_refused", "unknown_field_of_act_is_refused")
-class IgnoresWhatItDoesNotKnow(Honest):
+@broken(
+    "unknown_field_of_start_is_ignored", "unknown_field_of_act_is_ignored", "unknown_field_of_describe_is_ignored",
+)  # fmt: skip
+class RefusesWhatItDoesNotKnow(Honest):
+    @staticmethod
+    def look(request):
+        Honest.look(request)
+        known = type(request)()
+        known.CopyFrom(request)
+        known.DiscardUnknownFields()
+        if known.ByteSize() != request.ByteSize():
+            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "a field is unknown")
+
     def request(self, request):
-        request.DiscardUnknownFields()
+        kind = request.WhichOneof("request")
+        if kind in ("start", "act"):
+            part = getattr(request, kind)
+            size = part.ByteSize()
+            part.DiscardUnknownFields()
+            if part.ByteSize() != size:
+                raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "a field is unknown")
         return request
+
+
+@broken("every_response_states_product_and_revision", "all_responses_state_the_same_version")
+class StatesNoVersion(Honest):
+    @staticmethod
+    def version():
+        return None
+
+
+@broken("client_that_needs_a_newer_revision_is_refused")
+class ServesEveryRevision(Honest):
+    @staticmethod
+    def look(request):
+        pass
+
+    def request(self, request):
+        if request.HasField("start"):
+            request.start.ClearField("version")
+        return request
+
+
+@broken("client_of_the_same_revision_is_served")
+class ServesOnlyWhoStatesNoRevision(Honest):
+    @staticmethod
+    def look(request):
+        if request.version.revision:
+            client = request.version
+            raise Refusal(
+                grpc.StatusCode.FAILED_PRECONDITION,
+                f"{client.product} {client.revision} is not {own_version().product} {own_version().revision}",
+            )
 
 
 @broken("unknown_game_is_not_found_by_describe", "empty_game_name_is_not_found_by_describe")

@@ -9,6 +9,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
+MAX_NAME = 100  # characters of a name, a label or a product
 MAX_PICTURES = 64  # pictures one Act may ask for
 MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
 

@@ -19,15 +19,27 @@ DTYPE_INT32: Dtype
 DTYPE_UINT8: Dtype
 DTYPE_BOOL: Dtype
 
+class Version(_message.Message):
+    __slots__ = ("product", "revision")
+    PRODUCT_FIELD_NUMBER: _ClassVar[int]
+    REVISION_FIELD_NUMBER: _ClassVar[int]
+    product: str
+    revision: int
+    def __init__(self, product: _Optional[str] = ..., revision: _Optional[int] = ...) -> None: ...
+
 class ListGamesRequest(_message.Message):
-    __slots__ = ()
-    def __init__(self) -> None: ...
+    __slots__ = ("version",)
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    version: Version
+    def __init__(self, version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class ListGamesResponse(_message.Message):
-    __slots__ = ("games",)
+    __slots__ = ("games", "version")
     GAMES_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
     games: _containers.RepeatedCompositeFieldContainer[GameSummary]
-    def __init__(self, games: _Optional[_Iterable[_Union[GameSummary, _Mapping]]] = ...) -> None: ...
+    version: Version
+    def __init__(self, games: _Optional[_Iterable[_Union[GameSummary, _Mapping]]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class GameSummary(_message.Message):
     __slots__ = ("name", "description")
@@ -38,7 +50,7 @@ class GameSummary(_message.Message):
     def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ...) -> None: ...
 
 class DescribeGameRequest(_message.Message):
-    __slots__ = ("game", "options")
+    __slots__ = ("game", "options", "version")
     class OptionsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -48,15 +60,19 @@ class DescribeGameRequest(_message.Message):
         def __init__(self, key: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
     GAME_FIELD_NUMBER: _ClassVar[int]
     OPTIONS_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
     game: str
     options: _containers.ScalarMap[str, str]
-    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ...) -> None: ...
+    version: Version
+    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class DescribeGameResponse(_message.Message):
-    __slots__ = ("spec",)
+    __slots__ = ("spec", "version")
     SPEC_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
     spec: GameSpec
-    def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ...) -> None: ...
+    version: Version
+    def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class GameSpec(_message.Message):
     __slots__ = ("name", "description", "options", "parameters", "behaviors", "decision_interval", "tick_seconds", "max_episode_decisions", "max_arenas", "picture", "snapshot_bytes_per_arena")
@@ -225,7 +241,7 @@ class PlayResponse(_message.Message):
     def __init__(self, started: _Optional[_Union[Started, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ...) -> None: ...
 
 class Start(_message.Message):
-    __slots__ = ("game", "options", "parameters", "arenas", "seed", "first_arena", "snapshot")
+    __slots__ = ("game", "options", "parameters", "arenas", "seed", "first_arena", "snapshot", "version")
     class OptionsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -247,6 +263,7 @@ class Start(_message.Message):
     SEED_FIELD_NUMBER: _ClassVar[int]
     FIRST_ARENA_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
     game: str
     options: _containers.ScalarMap[str, str]
     parameters: _containers.ScalarMap[str, float]
@@ -254,15 +271,18 @@ class Start(_message.Message):
     seed: int
     first_arena: int
     snapshot: Snapshot
-    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ...) -> None: ...
+    version: Version
+    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class Started(_message.Message):
-    __slots__ = ("spec", "step")
+    __slots__ = ("spec", "step", "version")
     SPEC_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
     spec: GameSpec
     step: Step
-    def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ...) -> None: ...
+    version: Version
+    def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class Act(_message.Message):
     __slots__ = ("behaviors", "draw")

@@ -60,15 +60,15 @@ class SimulatorServiceServicer(object):
     """Missing associated documentation comment in .proto file."""
 
     def ListGames(self, request, context):
-        """The games this server runs.
+        """The games of this server.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def DescribeGame(self, request, context):
-        """Everything about one game under the given options, by name. Answers NOT_FOUND for an unknown game and
-        INVALID_ARGUMENT for an unknown option or a choice that the option does not have.
+        """The spec of one game under the given options. NOT_FOUND for an unknown game, INVALID_ARGUMENT for an unknown
+        option or for a choice that the option does not have.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

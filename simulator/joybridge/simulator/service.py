@@ -13,14 +13,15 @@ from collections.abc import Awaitable
 from typing import Any, TypeAlias, cast
 
 import grpc
-from google.protobuf.message import DecodeError, Message
+from google.protobuf.message import DecodeError
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from joybridge.contract.address import READY
 from joybridge.contract.spec import request_bytes
+from joybridge.contract.versions import own_version
 from joybridge.simulator.catalog import Catalog, specs
-from joybridge.simulator.session import Refusal, Session, describe, refuse_unknown
+from joybridge.simulator.session import Refusal, Session, check_version, describe
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
@@ -43,17 +44,18 @@ class Service(rpc.SimulatorServiceServicer):
 
     async def ListGames(self, request: pb.ListGamesRequest, context: Context) -> pb.ListGamesResponse:
         """List the games of this server."""
-        await _refuse_unknown(request, context)
+        await _check_version(request.version, context)
         games = [pb.GameSummary(name=game.name, description=game.description) for game in self.games.values()]
-        return pb.ListGamesResponse(games=games)
+        return pb.ListGamesResponse(games=games, version=own_version())
 
     async def DescribeGame(self, request: pb.DescribeGameRequest, context: Context) -> pb.DescribeGameResponse:
         """Describe one game under the given options."""
-        await _refuse_unknown(request, context)
+        await _check_version(request.version, context)
         try:
-            return pb.DescribeGameResponse(spec=describe(self.games, request.game, request.options))
+            spec = describe(self.games, request.game, request.options)
         except Refusal as refusal:
             return cast(pb.DescribeGameResponse, await context.abort(refusal.code, str(refusal)))
+        return pb.DescribeGameResponse(spec=spec, version=own_version())
 
     async def Play(self, requests: object, context: Context) -> None:
         """Run one session until either side ends it."""
@@ -115,9 +117,9 @@ async def serve(games: Catalog, address: str, max_sessions: int, with_parent: bo
     await server.stop(GRACE_SECONDS)
 
 
-async def _refuse_unknown(request: Message, context: Context) -> None:
+async def _check_version(client: pb.Version, context: Context) -> None:
     try:
-        refuse_unknown(request)
+        check_version(client)
     except Refusal as refusal:
         await context.abort(refusal.code, str(refusal))
 

@@ -12,19 +12,19 @@ from contextlib import contextmanager
 
 import grpc
 import numpy as np
-from google.protobuf.message import Message
-from google.protobuf.unknown_fields import UnknownFieldSet
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
 from joybridge.contract.tensors import Array, TensorError, fill
+from joybridge.contract.versions import mismatch, own_version
 from joybridge.simulator.batched_game import BatchedGame, GameError
 from joybridge.simulator.catalog import Catalog
 from joybridge.v1 import bridge_pb2 as pb
 
 log = logging.getLogger("simulator")
 
+EMPTY = "an empty PlayRequest, or a request that this server does not know; send start, act, reset or save"
 HEAD, TAIL = 400, 200  # characters of a long text that are kept: gRPC gives a status 8 KiB, a character up to 12 bytes
 
 
@@ -46,27 +46,10 @@ def checking() -> Iterator[None]:
         raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, str(error)) from error
 
 
-def refuse_unknown(request: Message) -> None:
-    """Raise Refusal if a request has fields that this contract does not: ignored, they would be broken promises."""
-    data = request.SerializeToString()
-    request.DiscardUnknownFields()
-    if request.ByteSize() != len(data):
-        path = _unknown_field(type(request).FromString(data), request.DESCRIPTOR.name)
-        text = f"{path} is unknown to this server or of another type; send what its bridge.proto has"
-        raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, text)
-
-
-def _unknown_field(message: Message, path: str) -> str:
-    """Return the path of the first unknown field of a message, or nothing."""
-    unknown = UnknownFieldSet(message)
-    if len(unknown):
-        return f"{path}: field {unknown[0].field_number}"
-    for field, value in message.ListFields():
-        if field.message_type and not field.message_type.GetOptions().map_entry:
-            for part in [value] if isinstance(value, Message) else value:
-                if found := _unknown_field(part, f"{path}.{field.name}"):
-                    return found
-    return ""
+def check_version(client: pb.Version) -> None:
+    """Raise Refusal if a client needs a newer revision of the contract than this server has."""
+    if text := mismatch(client, own_version()):
+        raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, text)
 
 
 def failure(game: str, moment: str, error: BaseException) -> Refusal:
@@ -110,10 +93,9 @@ class Session:
 
     def answer(self, request: pb.PlayRequest) -> pb.PlayResponse:
         """Return the response to one request. Raises Refusal; the session must then end."""
-        refuse_unknown(request)
         kind = request.WhichOneof("request")
         if kind is None:
-            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "an empty PlayRequest; send start, act, reset or save")
+            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, EMPTY)
         if (kind == "start") == (self.game is not None):
             wanted = "start comes once, first" if kind == "start" else f"{kind} came before start"
             raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, f"{wanted}; open a new stream and begin with start")
@@ -125,6 +107,7 @@ class Session:
             raise failure(self.spec.name, f"step {self.steps}", error) from error
 
     def _start(self, start: pb.Start) -> pb.PlayResponse:
+        check_version(start.version)
         spec = describe(self.games, start.game, start.options)
         self.spec = spec
         if not 1 <= start.arenas <= spec.max_arenas:
@@ -143,7 +126,7 @@ class Session:
                 restore(game, start.snapshot, self.origin)
         self.game = game
         self.codecs = [Codec(behavior, start.arenas) for behavior in spec.behaviors]
-        response = pb.PlayResponse(started=pb.Started(spec=spec))
+        response = pb.PlayResponse(started=pb.Started(spec=spec, version=own_version()))
         self._observe(response.started.step)
         return response
 

@@ -1,7 +1,6 @@
 /// Errors that a client is told: a gRPC status with a sentence that says what came, what was wanted and what to do.
 #pragma once
 
-#include <google/protobuf/message.h>
 #include <grpcpp/support/status.h>
 
 #include <charconv>
@@ -25,9 +24,6 @@ class Refusal : public std::runtime_error {
 
 /// Returns a Refusal that blames the content of a message.
 Refusal invalid(const std::string& text);
-
-/// Throws a Refusal if a request has fields that this contract has not: ignored, they would be broken promises.
-void refuse_unknown(const google::protobuf::Message& request);
 
 /// Returns its arguments written one after the other, floating-point numbers with as many digits as tell them apart.
 template <typename... Parts>

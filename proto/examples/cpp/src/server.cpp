@@ -17,6 +17,7 @@
 #include "joybridge/v1/bridge.grpc.pb.h"
 #include "refusal.hpp"
 #include "session.hpp"
+#include "version.hpp"
 
 namespace simulator {
 namespace {
@@ -52,7 +53,8 @@ class Service final : public Base {
   grpc::ServerUnaryReactor* ListGames(grpc::CallbackServerContext* context, const pb::ListGamesRequest* request,
                                       pb::ListGamesResponse* response) override {
     return answered(context, [&] {
-      refuse_unknown(*request);
+      check_version(request->version());
+      *response->mutable_version() = own_version();
       for (const auto& [name, game] : games_) {
         pb::GameSummary& summary = *response->add_games();
         summary.set_name(name);
@@ -64,7 +66,8 @@ class Service final : public Base {
   grpc::ServerUnaryReactor* DescribeGame(grpc::CallbackServerContext* context, const pb::DescribeGameRequest* request,
                                          pb::DescribeGameResponse* response) override {
     return answered(context, [&] {
-      refuse_unknown(*request);
+      check_version(request->version());
+      *response->mutable_version() = own_version();
       *response->mutable_spec() = choose(games_, request->game(), request->options()).spec;
     });
   }

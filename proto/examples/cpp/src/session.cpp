@@ -2,6 +2,8 @@
 
 #include <iostream>
 
+#include "version.hpp"
+
 namespace simulator {
 namespace {
 
@@ -13,7 +15,6 @@ Refusal early(const std::string& what) {
 
 pb::PlayResponse Session::answer(const pb::PlayRequest& request) {
   try {
-    refuse_unknown(request);
     return respond(request);
   } catch (const Refusal&) {
     throw;
@@ -28,15 +29,19 @@ pb::PlayResponse Session::answer(const pb::PlayRequest& request) {
 
 pb::PlayResponse Session::respond(const pb::PlayRequest& request) {
   const auto* kind = request.GetDescriptor()->FindFieldByNumber(request.request_case());
-  if (kind == nullptr) throw invalid("an empty PlayRequest; send start, act, reset or save");
+  if (kind == nullptr) {
+    throw invalid("an empty PlayRequest, or a request that this server does not know; send start, act, reset or save");
+  }
   if (!play_ && !request.has_start()) throw early(kind->name() + " came before start");
   if (play_ && request.has_start()) throw early("start comes once, first");
   pb::PlayResponse response;
   if (request.has_start()) {
     const pb::Start& start = request.start();
+    check_version(start.version());
     play_.emplace(choose(games_, start.game(), start.options()), start);
     *response.mutable_started()->mutable_spec() = play_->spec();
     *response.mutable_started()->mutable_step() = play_->observe();
+    *response.mutable_started()->mutable_version() = own_version();
   } else if (request.has_act()) {
     *response.mutable_step() = play_->act(request.act());
   } else if (request.has_reset()) {

@@ -11,7 +11,7 @@ import {
 import { ReflectionService } from "@grpc/reflection";
 import { HealthImplementation } from "grpc-health-check";
 
-import { proto, read, Refusal, SERVICE, service } from "./contract.js";
+import { checkVersion, proto, read, Refusal, SERVICE, service, VERSION } from "./contract.js";
 import { Session } from "./session.js";
 import { choose, type Games } from "./settings.js";
 import type { PlayResponse } from "./types/joybridge/v1/PlayResponse.js";
@@ -35,10 +35,15 @@ export async function serve(games: Games, address: string, most: number): Promis
   });
   const sessions = new Set<Call>();
   server.addService(service, {
-    ListGames: unary(read.ListGames, () => ({
-      games: [...games].map(([name, game]) => ({ name, description: game.describe().description ?? "" })),
-    })),
-    DescribeGame: unary(read.DescribeGame, ({ game, options }) => ({ spec: choose(games, game, options).spec })),
+    ListGames: unary(read.ListGames, ({ version }) => {
+      checkVersion(version);
+      const summaries = [...games].map(([name, game]) => ({ name, description: game.describe().description ?? "" }));
+      return { games: summaries, version: VERSION };
+    }),
+    DescribeGame: unary(read.DescribeGame, ({ game, options, version }) => {
+      checkVersion(version);
+      return { spec: choose(games, game, options).spec, version: VERSION };
+    }),
     Play: (call: Call) => play(games, call, sessions, most),
   });
   const health = new HealthImplementation({ "": "SERVING", [SERVICE]: "SERVING" });

@@ -2,7 +2,7 @@
 
 import { status } from "@grpc/grpc-js";
 
-import { invalid, Refusal } from "./contract.js";
+import { checkVersion, invalid, Refusal, VERSION } from "./contract.js";
 import { Play } from "./play.js";
 import { choose, type Games } from "./settings.js";
 import type { CompletePlayRequest } from "./types/joybridge/v1/PlayRequest.js";
@@ -30,8 +30,9 @@ export class Session {
   private respond({ request, start, act, reset, save }: CompletePlayRequest): PlayResponse {
     if (!this.play) {
       if (!start) throw request ? early(`${request} came before start`) : empty();
+      checkVersion(start.version);
       this.play = new Play(choose(this.games, start.game, start.options), start);
-      return { started: { spec: this.play.chosen.spec, step: this.play.observe() } };
+      return { started: { spec: this.play.chosen.spec, step: this.play.observe(), version: VERSION } };
     }
     if (start) throw early("start comes once, first");
     if (act) return { step: this.play.act(act) };
@@ -46,5 +47,5 @@ function early(what: string): Refusal {
 }
 
 function empty(): Refusal {
-  return invalid("an empty PlayRequest; send start, act, reset or save");
+  return invalid("an empty PlayRequest, or a request that this server does not know; send start, act, reset or save");
 }

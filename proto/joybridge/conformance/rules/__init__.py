@@ -19,11 +19,12 @@ from joybridge.conformance.rules import (
     specs,
     start,
     steps,
+    versions,
 )
 
 _MODULES = (
-    health_and_reflection, games, specs, behaviors, start, settings, order, actions, action_tensors, seeds, resets,
-    steps, episode_ends, pictures, snapshots, sessions, limits,
+    health_and_reflection, versions, games, specs, behaviors, start, settings, order, actions, action_tensors, seeds,
+    resets, steps, episode_ends, pictures, snapshots, sessions, limits,
 )  # fmt: skip
 FAMILIES: dict[str, str] = {  # name -> description, in the order in which they run
     module.__name__.rpartition(".")[2]: (module.__doc__ or "").partition("\n")[0] for module in _MODULES

@@ -1,13 +1,11 @@
 """The list of games, and names that are not in it."""
 
-from joybridge.conformance.client import SERVICE, Status
+from joybridge.conformance.client import Status
 from joybridge.conformance.expectations import Violation, expect
 from joybridge.conformance.names import expect_unique_names
 from joybridge.conformance.registry import check
-from joybridge.conformance.subject import INVALID_ARGUMENT, NOT_FOUND, Subject, expect_error
+from joybridge.conformance.subject import NOT_FOUND, Subject, expect_error
 from joybridge.v1 import bridge_pb2 as pb
-
-UNKNOWN_FIELD = b"\xf8\x07\x01"  # field 127, a varint
 
 
 @check("ListGames", per_server=True)
@@ -62,17 +60,6 @@ def unknown_game_is_not_found_by_start(subject: Subject) -> None:
 def empty_game_name_is_not_found_by_start(subject: Subject) -> None:
     """Start without a name is NOT_FOUND."""
     subject.expect_refused(pb.PlayRequest(start=pb.Start(arenas=1)), codes=[NOT_FOUND], words=[])
-
-
-@check("CHANGES", per_server=True)
-def unknown_field_of_describe_is_refused(subject: Subject) -> None:
-    """A server ignores what it does not know only where this file says so."""
-    name = subject.client.list_games()[0].name
-    request = pb.DescribeGameRequest(game=name).SerializeToString() + UNKNOWN_FIELD
-    answer = subject.client.call(f"/{SERVICE}/DescribeGame", request, pb.DescribeGameResponse)
-    if not isinstance(answer, Status):
-        raise Violation("a spec", "INVALID_ARGUMENT")
-    expect_error(answer, [INVALID_ARGUMENT], [])
 
 
 def _expect_no_spec(subject: Subject, name: str, words: list[str]) -> None:

@@ -70,20 +70,6 @@ def responses_are_in_request_order(subject: Subject) -> None:
 
 
 @check("CHANGES")
-def unknown_field_of_start_is_refused(subject: Subject) -> None:
-    """A server ignores what it does not know only where this file says so."""
-    start = pb.Start.FromString(subject.start().start.SerializeToString() + UNKNOWN_FIELD)
-    subject.expect_refused(pb.PlayRequest(start=start), words=[])
-
-
-@check("CHANGES")
-def unknown_field_of_act_is_refused(subject: Subject) -> None:
-    """A server ignores what it does not know only where this file says so."""
-    act = pb.Act.FromString(_first_act(subject).act.SerializeToString() + UNKNOWN_FIELD)
-    subject.expect_refused(subject.start(), act_request(act), words=[])
-
-
-@check("CHANGES")
 def unknown_request_is_refused(subject: Subject) -> None:
     """A request of a kind that the contract does not have is refused."""
     subject.expect_refused(subject.start(), UNKNOWN_FIELD, words=[])

@@ -13,6 +13,7 @@ import grpc
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_act
 from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, response_bytes
 from joybridge.contract.tensors import Array, Format, TensorError
+from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.trainer.wire.event_loop import EVENT_LOOP
 from joybridge.trainer.wire.stream import Stream
@@ -46,10 +47,17 @@ def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
 
 
 def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec:
-    """Return the spec of a game with some options. Raises SimulatorError, also for a spec that breaks the contract."""
-    request = pb.DescribeGameRequest(game=game, options=options)
+    """Return the spec of a game with some options.
+
+    Raises SimulatorError if the simulator refuses, sends a spec that breaks the contract, or has an older revision of
+    the contract than this client.
+    """
+    request = pb.DescribeGameRequest(game=game, options=options, version=own_version())
     try:
-        spec = EVENT_LOOP.run(_describe, address, request).spec
+        response = EVENT_LOOP.run(_describe, address, request)
+        if text := mismatch(own_version(), response.version):
+            raise SimulatorError(f"{address}: {text}")
+        spec = response.spec
         check_spec(spec)
     except grpc.RpcError as error:
         raise from_grpc(error, address) from error
@@ -92,6 +100,7 @@ class Session:
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
+            version=own_version(),
         )  # fmt: skip
         try:
             response = self._run(self._stream.open, pb.PlayRequest(start=start))
