@@ -416,6 +416,34 @@ BREAKS = {
     "sensor 'place' has shape []": lambda s: s.behaviors[0].sensors[0].ClearField("shape"),
     "sensor 'image' has shape [2, 2, 0]": lambda s: s.behaviors[0].sensors[2].shape.append(0),
     "sensor 'place' names 1 elements of 2": lambda s: s.behaviors[0].sensors[0].elements.append("x"),
+    "name has 101 characters, expected at most 100": lambda s: setattr(s, "name", "x" * 101),
+    "description has 1001 characters": lambda s: setattr(s, "description", "x" * 1001),
+    "axes: name has 101 characters": lambda s: setattr(s.behaviors[0].device.axes[0], "name", "x" * 101),
+    "description of 'drift' has 1001 characters": lambda s: setattr(s.parameters[0], "description", "x" * 1001),
+    "metrics: 1003 entries": lambda s: s.behaviors[0].metrics.extend(pb.Metric(name=str(n)) for n in range(1001)),
+    "tick_seconds is nan": lambda s: setattr(s, "tick_seconds", np.nan),
+    "tick_seconds is -1": lambda s: setattr(s, "tick_seconds", -1.0),
+    "picture is 2049x": lambda s: setattr(s.picture, "width", 2049),
+    "option 'size' has an empty choice": lambda s: s.options[0].choices.append(""),
+    "option 'size' repeats a choice": lambda s: s.options[0].choices.append("small"),
+    "option 'size': choice has 101 characters": lambda s: s.options[0].choices.append("x" * 101),
+    "parameter 'drift' has no finite low": lambda s: setattr(s.parameters[0], "low", -np.inf),
+    "lanes in max_arenas, expected 2^31 - 1": lambda s: setattr(s, "max_arenas", 2**32 - 1),
+    "has weight inf": lambda s: setattr(s.behaviors[0].channels[0], "default_weight", np.inf),
+    "has 65537 choices, expected 2 to 65536": lambda s: (
+        s.behaviors[0]
+        .device.branches[0]
+        .choices.extend(str(number) for number in range(65537 - len(s.behaviors[0].device.branches[0].choices)))
+    ),
+    "sensor 'image' has 9 sizes": lambda s: s.behaviors[0].sensors[2].shape.extend([1] * 7),
+    "sensor 'lamps' has 1 sizes, 16777217 elements": lambda s: (
+        s.behaviors[0].sensors[3].shape.__setitem__(0, 2**24 + 1)
+    ),
+    "sensor 'lamps' has a bound that is NaN": lambda s: s.behaviors[0].sensors[3].high.append(np.nan),
+    "sensor 'lamps' has a low above its high": lambda s: (
+        s.behaviors[0].sensors[3].low.append(2.0),
+        s.behaviors[0].sensors[3].high.append(1.0),
+    ),
     "sensor 'lamps' has 2 bounds": lambda s: s.behaviors[0].sensors[3].high.extend([1.0, 1.0]),
 }
 

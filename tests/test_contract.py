@@ -1,15 +1,19 @@
-"""The contract stays what it promised to be: generated code is fresh, and within v1 fields are only added.
+"""Generated code is up to date, bridge.proto keeps the lint rules, and within v1 fields are only added.
 
-data/bridge_v1.binpb is the contract that v1 began with. Regenerating the code does not touch it: whoever
-replaces it has decided to break the clients that are out there.
+data/bridge_v1.binpb is the first contract of v1. Generating the code does not change it. Replacing it breaks
+clients that were released.
 """
 
+import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from google.protobuf.descriptor_pb2 import DescriptorProto, EnumDescriptorProto, FieldDescriptorProto, FileDescriptorSet
 
+from joybridge.contract.versions import REVISION
 from joybridge.v1 import bridge_pb2 as pb
 from tools.generate_proto import PROTO, SOURCE, generate
 
@@ -43,6 +47,33 @@ def test_the_descriptor_set_is_what_the_proto_file_generates(fresh):
 def test_nothing_else_is_generated_and_nothing_generated_is_missing(fresh):
     generated = {path.name for path in GENERATED.iterdir() if path.name.startswith("bridge")}
     assert generated == {path.name for path in fresh.iterdir()} | {"bridge.proto"}
+
+
+# --------------------------------------------------------------------------------------------------------- lint
+
+
+@pytest.fixture(scope="module")
+def buf() -> list[str]:
+    """Return the command that runs buf: an installed one, or the pinned one that npm fetches."""
+    if shutil.which("buf"):
+        return ["buf"]
+    if not shutil.which("npx"):
+        pytest.skip("install buf, or npm, to lint bridge.proto")
+    command = ["npx", "--yes", "@bufbuild/buf@1.75.0"]
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=200, check=False)
+    if done.returncode:
+        pytest.skip(f"npm cannot fetch buf: {done.stderr[-200:]}")
+    return command
+
+
+def test_the_proto_file_keeps_the_standard_lint_rules_of_buf(buf):
+    done = subprocess.run([*buf, "lint", "proto"], cwd=PROTO.parent, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "")
+
+
+def test_the_manual_and_the_code_have_the_same_revision():
+    text = (GENERATED / "bridge.proto").read_text()
+    assert re.findall(r"REVISION: (\d+) is the revision of this file", text) == [str(REVISION)]
 
 
 # ---------------------------------------------------------------------------------------------- breaking changes

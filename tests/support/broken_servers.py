@@ -337,7 +337,7 @@ class OtherSpecInStarted(Honest):
         return response
 
 
-@broken("parameter_default_is_in_range", "every_choice_has_a_valid_spec")
+@broken("spec_is_within_all_bounds", "parameter_default_is_in_range", "every_choice_has_a_valid_spec")
 class DefaultOutOfRange(Honest):
     @staticmethod
     def describe(games, name, options):

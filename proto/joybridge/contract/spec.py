@@ -1,7 +1,7 @@
-"""What a well-formed spec is, and what follows from one: chosen options, parameters and message sizes."""
+"""The checks of specs, options and parameters against the bounds in bridge.proto, and the sizes of messages."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
+from math import isfinite, isnan
 from typing import Protocol
 
 from joybridge.contract.codec import lane_count
@@ -10,6 +10,13 @@ from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_NAME = 100  # characters of a name, a label or a product
+MAX_DESCRIPTION = 1000  # characters
+MAX_ENTRIES = 1000  # of a list of named things
+MAX_CHOICES = 65536  # of a branch
+MAX_SIZES = 8  # of the shape of a sensor
+MAX_ELEMENTS = 2**24  # of a sensor
+MAX_LANES = 2**31 - 1  # of a session: lane numbers are INT32
+MAX_PIXELS = 2048  # width or height of a picture
 MAX_PICTURES = 64  # pictures one Act may ask for
 MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
 
@@ -21,6 +28,8 @@ class SpecError(JoybridgeError, ValueError):
 class _Named(Protocol):
     @property
     def name(self) -> str: ...
+    @property
+    def description(self) -> str: ...
 
 
 def choose_options(options: Sequence[pb.Option], chosen: Mapping[str, str], game: str) -> dict[str, str]:
@@ -50,20 +59,33 @@ def check_spec(spec: pb.GameSpec) -> None:
     """Raise SpecError naming the first rule of bridge.proto that `spec` breaks."""
     game = spec.name or "a game without a name"
     _require(bool(spec.name), f"{game}: name is empty")
+    _check_length(spec.name, MAX_NAME, f"{game[:MAX_NAME]}: name")
+    _check_length(spec.description, MAX_DESCRIPTION, f"{game}: description")
     _require(spec.decision_interval >= 1, f"{game}: decision_interval is 0, expected at least 1")
     _require(spec.max_arenas >= 1, f"{game}: max_arenas is 0, expected at least 1")
+    ok = isfinite(spec.tick_seconds) and spec.tick_seconds >= 0
+    _require(ok, f"{game}: tick_seconds is {spec.tick_seconds:g}, expected a finite number, at least 0")
+    if spec.HasField("picture"):
+        width, height = spec.picture.width, spec.picture.height
+        ok = 1 <= width <= MAX_PIXELS and 1 <= height <= MAX_PIXELS
+        _require(ok, f"{game}: picture is {width}x{height}, expected 1 to {MAX_PIXELS} pixels each")
     _check_names(spec.options, f"{game}: options")
     for option in spec.options:
+        _check_labels(option.choices, 1, MAX_ENTRIES, f"{game}: option {option.name!r}")
         ok = option.default_choice in option.choices
         _require(ok, f"{game}: option {option.name!r} has default {option.default_choice!r}, not one of its choices")
     _check_names(spec.parameters, f"{game}: parameters")
     for parameter in spec.parameters:
         ok = parameter.low <= parameter.default_value <= parameter.high
         _require(ok, f"{game}: parameter {parameter.name!r} has its default outside low..high")
+        ok = isfinite(parameter.low) and isfinite(parameter.high)
+        _require(ok, f"{game}: parameter {parameter.name!r} has no finite low and high")
     _require(len(spec.behaviors) >= 1, f"{game}: no behaviors, expected at least one")
     _check_names(spec.behaviors, f"{game}: behaviors")
     for behavior in spec.behaviors:
         _check_behavior(behavior, f"{game}.{behavior.name}")
+        lanes = lane_count(behavior, spec.max_arenas)
+        _require(lanes <= MAX_LANES, f"{game}.{behavior.name}: {lanes} lanes in max_arenas, expected 2^31 - 1 at most")
 
 
 def _check_behavior(behavior: pb.Behavior, where: str) -> None:
@@ -85,15 +107,29 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
         _require(axis.low < axis.high, f"{where}: axis {axis.name!r} has low {axis.low:g} not below high {axis.high:g}")
     for branch in device.branches:
         _require(len(branch.choices) >= 2, f"{where}: branch {branch.name!r} needs at least two choices")
-        _require(len(set(branch.choices)) == len(branch.choices), f"{where}: branch {branch.name!r} repeats a choice")
+        _check_labels(branch.choices, 2, MAX_CHOICES, f"{where}: branch {branch.name!r}")
+    for channel in behavior.channels:
+        ok = isfinite(channel.default_weight)
+        _require(ok, f"{where}: channel {channel.name!r} has weight {channel.default_weight}, expected a finite number")
     for sensor in behavior.sensors:
         what = f"{where}: sensor {sensor.name!r}"
         size = element_count(sensor)
         _require(sensor.dtype in NUMPY_TYPES, f"{what} has no valid dtype")
         _require(size >= 1 and len(sensor.shape) >= 1, f"{what} has shape {list(sensor.shape)}, expected sizes >= 1")
         _require(len(sensor.elements) in (0, size), f"{what} names {len(sensor.elements)} elements of {size}")
+        ok = len(sensor.shape) <= MAX_SIZES and size <= MAX_ELEMENTS
+        _require(
+            ok, f"{what} has {len(sensor.shape)} sizes, {size} elements, expected {MAX_SIZES}, {MAX_ELEMENTS} at most"
+        )
+        for element in sensor.elements:
+            _require(bool(element), f"{what} has an empty name of an element")
+            _check_length(element, MAX_NAME, f"{what}: element")
         for bounds in (sensor.low, sensor.high):
             _require(len(bounds) in (0, 1, size), f"{what} has {len(bounds)} bounds, expected 0, 1 or {size}")
+            _require(not any(map(isnan, bounds)), f"{what} has a bound that is NaN")
+        lows, highs = (list(b) * (size if len(b) == 1 else 1) for b in (sensor.low, sensor.high))
+        ok = not (lows and highs) or all(low <= high for low, high in zip(lows, highs, strict=True))
+        _require(ok, f"{what} has a low above its high")
 
 
 def element_count(sensor: pb.Sensor) -> int:
@@ -126,6 +162,22 @@ def _check_names(things: Sequence[_Named], where: str) -> None:
     names = [thing.name for thing in things]
     _require(all(names), f"{where}: a name is empty")
     _require(len(set(names)) == len(names), f"{where}: a name stands twice in {names}")
+    _require(len(names) <= MAX_ENTRIES, f"{where}: {len(names)} entries, expected at most {MAX_ENTRIES}")
+    for thing in things:
+        _check_length(thing.name, MAX_NAME, f"{where}: name")
+        _check_length(thing.description, MAX_DESCRIPTION, f"{where}: description of {thing.name!r}")
+
+
+def _check_labels(labels: Sequence[str], fewest: int, most: int, where: str) -> None:
+    _require(fewest <= len(labels) <= most, f"{where} has {len(labels)} choices, expected {fewest} to {most}")
+    _require(len(set(labels)) == len(labels), f"{where} repeats a choice")
+    _require(all(labels), f"{where} has an empty choice")
+    for label in labels:
+        _check_length(label, MAX_NAME, f"{where}: choice")
+
+
+def _check_length(text: str, most: int, where: str) -> None:
+    _require(len(text) <= most, f"{where} has {len(text)} characters, expected at most {most}")
 
 
 def _require(condition: bool, message: str) -> None:

@@ -20,6 +20,15 @@ def spec_is_the_same_on_every_call(subject: Subject) -> None:
         _expect_same_spec(subject.client.describe(subject.game), first)
 
 
+@check("BOUNDS")
+def spec_is_within_all_bounds(subject: Subject) -> None:
+    """Names, descriptions, labels, lists and numbers of a spec are within the bounds that the manual states."""
+    try:
+        check_spec(subject.spec)
+    except SpecError as error:
+        raise Violation(str(error), "a spec within the bounds") from error
+
+
 @check("GameSpec")
 def spec_has_the_name_of_the_game(subject: Subject) -> None:
     """DescribeGame returns the spec of the game with the given name."""
