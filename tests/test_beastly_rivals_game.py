@@ -2,6 +2,10 @@
 
 import hashlib
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -204,6 +208,20 @@ def test_reset_begins_new_episodes_and_with_a_seed_the_game_of_that_seed():
 )
 def test_a_seeded_run_gives_the_same_bytes_on_every_machine(rules, golden):
     assert hashlib.sha256(play(new_game(5, rules=rules), 300)).hexdigest() == golden
+
+
+def digest_of_a_short_run() -> str:
+    return hashlib.sha256(play(new_game(5, rules="corrected"), 100)).hexdigest()
+
+
+def test_interpreted_rules_give_the_bytes_of_compiled_ones():
+    code = f"from tests.{Path(__file__).stem} import digest_of_a_short_run; print(digest_of_a_short_run())"
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[1], env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.split()[-1] == digest_of_a_short_run()
 
 
 def test_drawing_shows_the_state_and_leaves_it_alone():

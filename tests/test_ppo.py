@@ -1,7 +1,11 @@
 """The loss, its gradient in closed form, and the update."""
 
+import os
+import subprocess
+import sys
 from dataclasses import astuple
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,6 +73,17 @@ def test_the_closed_form_gradient_is_autograds(name, seed):
     np.testing.assert_allclose(statistics, reference, atol=1e-5, rtol=1e-5)
     assert len(statistics) == len(STATISTICS) + len(SPACES[name][0].branches)
     assert gradient.abs().max() > 1e-2
+
+
+@pytest.mark.slow
+def test_interpreted_kernels_pass_the_tests_of_compiled_ones():
+    tests = "test_the_closed_form and 0- or test_masked_choices or test_the_likeliest"
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-k", tests, "tests/test_ppo.py", "tests/test_distributions.py"],
+        cwd=Path(__file__).parents[1], env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout
 
 
 def test_the_ratio_is_joint_over_axes_and_branches():
