@@ -79,7 +79,7 @@ def raw_actions(space, actions):
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals", "brief"])
-def test_playing_is_stepping_a_session(simulator, make, game, layout):
+def test_a_vector_environment_returns_what_its_session_receives(simulator, make, game, layout):
     envs = make(BridgeVectorEnv, game, 3, layout=layout, frame_stack=2, seed=7)
     with Session(simulator, game, arenas=3, seed=7) as session:
         (behavior,) = session.spec.behaviors
@@ -108,7 +108,7 @@ def test_playing_is_stepping_a_session(simulator, make, game, layout):
 
 @pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals"])
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_what_is_returned_keeps_the_conventions(make, game, layout):
+def test_returned_values_have_the_shapes_and_types_of_gymnasium(make, game, layout):
     envs = make(BridgeVectorEnv, game, 4, layout=layout)
     assert envs.num_envs == 4 and envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert envs.observation_space == batch_space(envs.single_observation_space, 4)
@@ -146,7 +146,7 @@ def test_continuous_actions_span_the_axis_and_are_clipped(make):
     assert rewards.tolist() == [-2.0, -0.5, 1.0, 4.0, 4.0]
 
 
-def test_channels_are_weighted_as_asked(make):
+def test_reward_weights_replace_the_defaults(make):
     envs = make(BridgeVectorEnv, "brief", 2, layout="bucket-11", reward_weights={"press": -3.0, "gear": 0.25})
     envs.reset()
     rewards = envs.step(np.array([[10, 2, 0], [0, 1, 1]]))[1]  # lever 4, gear 2, pressed; lever -2, gear 1, nothing
@@ -186,7 +186,7 @@ def test_an_episode_that_ends_is_followed_by_the_next_in_the_same_step(make):
     assert seen == {1, 2, 3, 4}
 
 
-def test_gymnasiums_wrappers_understand_it(make):
+def test_wrappers_of_gymnasium_work(make):
     envs = RecordEpisodeStatistics(make(BridgeVectorEnv, "brief", 4))
     lists = DictInfoToList(envs)
     lists.reset(seed=3)
@@ -198,7 +198,7 @@ def test_gymnasiums_wrappers_understand_it(make):
     assert len(envs.length_queue) > 4
 
 
-def test_stable_baselines3_is_told_of_ends(make):
+def test_stable_baselines3_gets_the_final_observations(make):
     from tools.sb3_example import BridgeVecEnv  # which loads torch
 
     envs, other = (make(BridgeVectorEnv, "brief", 4, layout="bucket-11") for _ in range(2))
@@ -219,7 +219,7 @@ def test_stable_baselines3_is_told_of_ends(make):
                 assert info == {}
 
 
-def test_a_seed_is_honoured(make):
+def test_the_same_seed_gives_the_same_episodes(make):
     envs, others = (make(BridgeVectorEnv, "shooting_birds", 2, seed=seed) for seed in (4, 5))
     first = envs.reset()[0]
     other = others.reset()[0]
@@ -232,7 +232,7 @@ def test_a_seed_is_honoured(make):
 
 
 @pytest.mark.parametrize("seed", [[1, 2], -1, 2**64, 1.5])
-def test_other_seeds_are_refused(make, seed):
+def test_an_invalid_seed_raises_and_changes_nothing(make, seed):
     envs = make(BridgeVectorEnv, "brief", 2)
     envs.reset()
     with pytest.raises(ValueError, match=r"seed is .*, expected one int of 0\.\.2\^64-1"):
@@ -264,7 +264,7 @@ def test_pictures_of_all_arenas_come_with_each_step(make):
     assert envs.render() is None
 
 
-def test_lanes_that_wait_are_named_and_masks_given(make):
+def test_infos_hold_the_masks_and_which_lanes_decide(make):
     envs = make(BridgeVectorEnv, "turns", 2, frame_stack=2)  # lanes: two agents of each arena
     observations, infos = envs.reset()
     assert envs.num_envs == 4 and infos["deciding"].tolist() == [True, False] * 2 and infos["_deciding"].all()
@@ -306,7 +306,7 @@ def test_a_mask_has_one_form_and_sampling_obeys_it(make, layout):
     assert forbidden > 0 or layout == "threshold-0.5"
 
 
-def test_a_forbidden_choice_is_the_end_and_the_simulator_says_why(make):
+def test_a_forbidden_choice_raises_the_reason(make):
     envs = make(BridgeVectorEnv, "turns", 1)
     envs.reset()
     with pytest.raises(SimulatorError, match="branch 'card' got 'ace' in lane 0, which its mask forbids"):
@@ -326,7 +326,7 @@ def test_check_env_passes(simulator, name, layout):
         env.close()
 
 
-def test_one_arena_plays_as_one_of_many(make):
+def test_one_arena_plays_the_same_as_in_a_vector_environment(make):
     env = make(BridgeEnv, "brief", layout="bucket-11", seed=3)
     envs = make(BridgeVectorEnv, "brief", 1, layout="bucket-11", seed=3)
     observation, info = env.reset()
@@ -357,7 +357,7 @@ def test_one_arenas_picture(make):
 # --------------------------------------------------------------------------------------- several agents
 
 
-def test_two_policies_hold_one_device_together(simulator, make):
+def test_two_policies_act_together_on_one_device(simulator, make):
     channels = {"axes": {"hit": 0, "miss": 0, "dry_shot": 0, "reload": 0, "aimed_hit": 1, "aimed_miss": 1}}
     env = make(BridgeParallelEnv, "shooting_birds", layout="multiagent", reward_weights=channels, seed=9)
     assert env.possible_agents == ["axes", "buttons"]
@@ -378,7 +378,7 @@ def test_two_policies_hold_one_device_together(simulator, make):
         assert env.agents == ["axes", "buttons"]
 
 
-def test_each_agent_of_each_behavior_plays(make):
+def test_each_agent_of_each_behavior_has_its_own_actions_and_rewards(make):
     env = make(
         BridgeParallelEnv,
         "chase",
@@ -527,11 +527,11 @@ def test_only_the_chosen_sensors_are_observed(make):
     assert {name: len(observation) for name, observation in env.reset()[0].items()} == {"axes": 1, "buttons": 3}
 
 
-# ------------------------------------------------------------------------------------------ one's own games
+# ------------------------------------------------------------------------------------------ own games
 
 
 @pytest.mark.parametrize("game", [Brief, "tests.support.gym_games:Brief"])
-def test_a_game_of_ones_own_is_played_in_one_line(game):
+def test_an_own_game_is_played_in_one_line(game):
     env = BridgeEnv(game)
     assert env.game_spec.name == "brief" and env.reset()[0] in env.observation_space
     env.close()
@@ -575,7 +575,7 @@ class Outer:
         (Brief(), "game is <.*Brief object .*, expected a name, a game class or 'MODULE:CLASS'"),
     ],
 )
-def test_a_class_that_is_no_game_of_the_simulators_process_is_named(game, text):
+def test_a_class_that_the_simulator_cannot_import_is_an_error(game, text):
     with pytest.raises(ConfigError, match=text):
         BridgeEnv(game)
 
@@ -614,7 +614,7 @@ def simulators(monkeypatch):
     return started
 
 
-def test_closing_ends_the_simulator_and_so_does_forgetting(monkeypatch):
+def test_closing_or_collecting_an_environment_ends_its_simulator(monkeypatch):
     started = simulators(monkeypatch)
     envs = BridgeVectorEnv("shooting_birds", 2)
     assert started[0].poll() is None
@@ -661,7 +661,7 @@ def test_wrong_arguments_are_named(make, kind, game, settings, text):
         make(kind, game, **settings)
 
 
-def test_what_the_simulator_refuses_is_its_sentence(make):
+def test_a_refusal_of_the_simulator_is_raised(make):
     with pytest.raises(SimulatorError, match="no game named 'chess'"):
         make(BridgeVectorEnv, "chess")
     with pytest.raises(SimulatorError, match=r"brief: arenas is 0, expected 1\.\.1024"):
@@ -682,7 +682,7 @@ def test_what_the_simulator_refuses_is_its_sentence(make):
         ("hybrid", {"continuous": np.zeros((2, 1)), "discrete": [0, 0]}, r"actions\['discrete'\]: int64 of"),
     ],
 )  # fmt: skip
-def test_wrong_actions_are_named_and_harmless(make, layout, actions, text):
+def test_wrong_actions_are_named_and_the_environment_goes_on(make, layout, actions, text):
     envs = make(BridgeVectorEnv, "brief", 2, layout=layout)
     with pytest.raises(ResetNeeded):
         envs.step(envs.action_space.sample())
@@ -699,5 +699,5 @@ def test_an_agents_wrong_action_names_the_agent(make):
         env.step({"hunter": [0.0], "runner_0": [0, 0], "runner_1": [3, 0]})
 
 
-def test_the_spec_is_at_hand(simulator, make):
+def test_the_spec_of_the_game_is_an_attribute(simulator, make):
     assert make(BridgeEnv, "brief").game_spec == describe(simulator, "brief", {})

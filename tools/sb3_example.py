@@ -1,4 +1,4 @@
-"""Stable-Baselines3's PPO learns Shooting Birds: another library's learner on the same simulator.
+"""Train Shooting Birds with PPO of Stable-Baselines3, through the Gymnasium environments.
 
 python -m tools.sb3_example --timesteps 200000 --arenas 15
 """
@@ -17,11 +17,11 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 from joybridge.contract.tensors import Array
 from joybridge.gym import BridgeVectorEnv
 
-STRETCH = 20_000  # timesteps between two lines
+LOG_INTERVAL = 20_000  # timesteps between two lines
 
 
 class BridgeVecEnv(VecEnv):
-    """A BridgeVectorEnv as Stable-Baselines3 wants it; both begin the next episode in the step that ends one."""
+    """A BridgeVectorEnv as a VecEnv of Stable-Baselines3; both begin the next episode in the step that ends one."""
 
     def __init__(self, envs: BridgeVectorEnv) -> None:
         """Wrap environments; closing this closes them."""
@@ -29,7 +29,7 @@ class BridgeVecEnv(VecEnv):
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     def reset(self) -> Array:
-        """Begin new episodes; of the seeds that were set, the first fixes all."""
+        """Begin new episodes; of the seeds that were set, the first one is used for all arenas."""
         observations, _ = self.envs.reset(seed=self._seeds[0])
         self._reset_seeds()
         return observations
@@ -45,7 +45,7 @@ class BridgeVecEnv(VecEnv):
         each: list[dict[str, Any]] = [{} for _ in ended]
         for lane in np.flatnonzero(ended):
             each[lane]["terminal_observation"] = infos["final_obs"][lane]
-            each[lane]["TimeLimit.truncated"] = bool(truncated[lane])  # PPO then values the future that was cut off
+            each[lane]["TimeLimit.truncated"] = bool(truncated[lane])  # PPO then bootstraps from the value
         return observations, rewards.astype(np.float32), ended, each
 
     def close(self) -> None:
@@ -57,43 +57,43 @@ class BridgeVecEnv(VecEnv):
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refuse: lanes have no attributes of their own."""
+        """Raise NotImplementedError: single lanes have no attributes."""
         raise NotImplementedError
 
     def env_method(
         self, method_name: str, *arguments: Any, indices: VecEnvIndices = None, **settings: Any
     ) -> list[Any]:
-        """Refuse: lanes have no methods of their own."""
+        """Raise NotImplementedError: single lanes have no methods."""
         raise NotImplementedError
 
     def env_is_wrapped(self, wrapper_class: Any, indices: VecEnvIndices = None) -> list[bool]:
-        """Return that no lane is wrapped."""
+        """Return False for each lane."""
         return [False for _ in self._get_indices(indices)]
 
 
-class Report(BaseCallback):
-    """Prints what each stretch of timesteps paid, and the speed so far."""
+class RewardLog(BaseCallback):
+    """Prints the mean reward of the last timesteps and the speed so far."""
 
     def __init__(self, episode: int) -> None:
-        """Report rewards per `episode` decisions."""
+        """Print rewards per `episode` decisions."""
         super().__init__()
-        self.episode, self.paid, self.told = episode, 0.0, 0
+        self.episode, self.rewards, self.logged = episode, 0.0, 0
 
     def _on_training_start(self) -> None:
         self.begin = time.perf_counter()
 
     def _on_step(self) -> bool:
-        self.paid += float(self.locals["rewards"].sum())
-        if self.num_timesteps - self.told >= STRETCH:
-            reward = self.paid / (self.num_timesteps - self.told) * self.episode
+        self.rewards += float(self.locals["rewards"].sum())
+        if self.num_timesteps - self.logged >= LOG_INTERVAL:
+            reward = self.rewards / (self.num_timesteps - self.logged) * self.episode
             speed = self.num_timesteps / (time.perf_counter() - self.begin)
             print(f"{self.num_timesteps:>10,} timesteps  reward {reward:8.1f}  {speed:7,.0f} timesteps/s", flush=True)
-            self.paid, self.told = 0.0, self.num_timesteps
+            self.rewards, self.logged = 0.0, self.num_timesteps
         return True
 
 
 def make_model(envs: BridgeVectorEnv, seed: int) -> PPO:
-    """Return a PPO configured as configs/shooting_birds/bucket-11.yaml; its network has a critic of its own."""
+    """Return PPO with the settings of configs/shooting_birds/bucket-11.yaml; the critic has a network of its own."""
     return PPO(
         "MlpPolicy", BridgeVecEnv(envs), seed=seed, device="cpu",
         n_steps=59, batch_size=256, n_epochs=4, learning_rate=3.25e-4, ent_coef=0.05,
@@ -106,14 +106,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Train Shooting Birds with Stable-Baselines3's PPO.")
     parser.add_argument("--timesteps", type=int, default=200_000, help="length of the run; default %(default)s")
     parser.add_argument("--arenas", type=int, default=15, help="default %(default)s")
-    parser.add_argument("--layout", default="bucket-11", help="without hybrid ones; default %(default)s")
+    parser.add_argument(
+        "--layout",
+        default="bucket-11",
+        help="bucket-N or threshold-T; default %(default)s",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of game and learner; default %(default)s")
     options = parser.parse_args()
     torch.set_num_threads(1)  # networks this small are slower with more
     envs = BridgeVectorEnv("shooting_birds", options.arenas, layout=options.layout)
     model = make_model(envs, options.seed)
     print(f"rewards are per episode of {envs.game_spec.max_episode_decisions} decisions")
-    model.learn(options.timesteps, Report(envs.game_spec.max_episode_decisions))
+    model.learn(options.timesteps, RewardLog(envs.game_spec.max_episode_decisions))
     envs.close()
 
 

@@ -1,4 +1,4 @@
-"""Tiny games whose every number a test can foretell."""
+"""Tiny games whose numbers a test can predict."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ class Brief(Game):
     """Episodes of one to four decisions; odd lengths terminate, even ones are truncated."""
 
     name = "brief"
-    description = "Soon over."
+    description = "Short episodes."
 
     @classmethod
     def describe(cls, options):
@@ -62,7 +62,7 @@ class Turns(Game):
     """Two agents of one behavior take turns; who is next may not repeat the other's last choice."""
 
     name = "turns"
-    description = "Your turn."
+    description = "Two agents take turns."
 
     @classmethod
     def describe(cls, options):
@@ -97,7 +97,7 @@ class Chase(Game):
     """A hunter and two runners."""
 
     name = "chase"
-    description = "Run."
+    description = "A hunter follows two runners."
 
     @classmethod
     def describe(cls, options):
