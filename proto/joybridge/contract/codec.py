@@ -1,7 +1,7 @@
-"""Actions and steps as arrays, and their way into messages and back.
+"""Actions and steps as arrays, and their conversion to messages and back.
 
 `ActArrays` and `StepArrays` are one BehaviorAct and one BehaviorStep as arrays. A `Codec` unpacks the messages
-of one behavior and checks everything the contract says about them; packing trusts its caller.
+of one behavior and checks every rule of the contract about them. Packing checks nothing.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ class ActArrays:
 
 @dataclass
 class StepArrays:
-    """What happened to all lanes of one behavior in one decision; see BehaviorStep in bridge.proto."""
+    """The result of one decision for all lanes of one behavior; see BehaviorStep in bridge.proto."""
 
     observations: list[Array]  # per sensor [lanes, *shape]
     rewards: Array  # float32 [lanes, channels]
@@ -51,7 +51,7 @@ def pack_act(act: ActArrays) -> pb.BehaviorAct:
 
 
 def fill_act(message: pb.BehaviorAct, act: ActArrays) -> None:
-    """Put actions into an empty message: in place within a larger one, which saves copies."""
+    """Fill an empty message with actions. A message inside a larger one is filled in place, without a copy."""
     if act.axes.shape[1]:
         fill(message.axes, act.axes)
     if act.choices.shape[1]:
@@ -59,7 +59,7 @@ def fill_act(message: pb.BehaviorAct, act: ActArrays) -> None:
 
 
 def fill_step(message: pb.BehaviorStep, step: StepArrays) -> None:
-    """Put a step into an empty message: in place within a larger one, which saves copies."""
+    """Fill an empty message with a step. A message inside a larger one is filled in place, without a copy."""
     for observation in step.observations:
         fill(message.observations.add(), observation)
     fill(message.rewards, step.rewards)
@@ -78,10 +78,10 @@ def fill_step(message: pb.BehaviorStep, step: StepArrays) -> None:
 
 
 class Codec:
-    """Unpacks the acts and steps of one behavior in a session of so many arenas."""
+    """Unpacks and checks the acts and steps of one behavior in one session."""
 
     def __init__(self, behavior: pb.Behavior, arenas: int) -> None:
-        """Work out once what every tensor must be."""
+        """Compute the required dtype and shape of every tensor of a session with `arenas` arenas."""
         self.name = name = behavior.name
         self.lanes = lanes = lane_count(behavior, arenas)
         self.metrics = len(behavior.metrics)
@@ -121,12 +121,12 @@ class Codec:
             axes = self._axes.unpack(message.axes)
         if self._branches or message.HasField("choices"):
             choices = self._choices.unpack(message.choices)
-        if previous.deciding is not None:  # what the other lanes do must not matter: give them any valid action
+        if previous.deciding is not None:  # actions of the other lanes are ignored: replace them by valid ones
             axes = np.where(previous.deciding[:, None], axes, self._low)
             choices = np.where(previous.deciding[:, None], choices, np.int32(0))
         if not ((axes >= self._low) & (axes <= self._high)).all():
             self._refuse_axes(axes)
-        if not (choices.view(np.uint32) < self._counts).all():  # as unsigned numbers negative ones are huge
+        if not (choices.view(np.uint32) < self._counts).all():  # negative numbers are large as unsigned ones
             self._refuse_choices(choices)
         if previous.masks is not None:
             self._refuse_masked(choices, previous.masks, previous.deciding)

@@ -22,7 +22,7 @@ MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
 
 
 class SpecError(JoybridgeError, ValueError):
-    """A spec, option or parameter that breaks the contract; the text names it and what was wanted."""
+    """A spec, option or parameter breaks the contract. The text names it and what was expected."""
 
 
 class _Named(Protocol):
@@ -56,7 +56,7 @@ def choose_parameters(parameters: Sequence[pb.Parameter], chosen: Mapping[str, f
 
 
 def check_spec(spec: pb.GameSpec) -> None:
-    """Raise SpecError naming the first rule of bridge.proto that `spec` breaks."""
+    """Raise SpecError for the first rule of bridge.proto that `spec` breaks."""
     game = spec.name or "a game without a name"
     _require(bool(spec.name), f"{game}: name is empty")
     _check_length(spec.name, MAX_NAME, f"{game[:MAX_NAME]}: name")

@@ -1,6 +1,6 @@
-"""ndarray <-> Tensor: the one door through which arrays enter and leave messages.
+"""Conversion between NumPy arrays and Tensor messages.
 
-`Format.unpack` checks dtype, shape, byte length and finiteness and names the field, so nothing below it needs to.
+`Format.unpack` checks dtype, shape, number of bytes and finiteness. Code that uses its result checks nothing of this.
 """
 
 import math
@@ -25,11 +25,11 @@ _DTYPES = {numpy_type: dtype for dtype, numpy_type in NUMPY_TYPES.items()}
 
 
 class TensorError(JoybridgeError, ValueError):
-    """A tensor that is not what its field demands; the text names the field, what came and what was wanted."""
+    """A tensor does not fit its field. The text names the field, what was received and what was expected."""
 
 
 def dtype_of(array: Array) -> "pb.Dtype":
-    """Return the wire dtype of an array. Raises TensorError for a type that the contract does not carry."""
+    """Return the wire dtype of an array. Raises TensorError for a dtype that the contract does not have."""
     try:
         return _DTYPES[array.dtype.newbyteorder("<") if sys.byteorder == "big" else array.dtype]
     except KeyError:
@@ -38,7 +38,7 @@ def dtype_of(array: Array) -> "pb.Dtype":
 
 
 def fill(tensor: pb.Tensor, array: Array) -> None:
-    """Put `array` into an empty tensor. Raises TensorError for a type that the contract does not carry."""
+    """Put `array` into an empty tensor. Raises TensorError for a dtype that the contract does not have."""
     dtype = dtype_of(array)
     tensor.dtype = dtype
     tensor.shape.extend(array.shape)
@@ -46,24 +46,24 @@ def fill(tensor: pb.Tensor, array: Array) -> None:
 
 
 def pack(array: Array) -> pb.Tensor:
-    """Return `array` as a Tensor. Raises TensorError for a type that the contract does not carry."""
+    """Return `array` as a Tensor. Raises TensorError for a dtype that the contract does not have."""
     tensor = pb.Tensor()
     fill(tensor, array)
     return tensor
 
 
 class Format:
-    """What the tensor of one field must be, worked out once for all the steps of a session."""
+    """The dtype and shape that the tensors of one field must have. It is made once per session."""
 
     def __init__(self, dtype: "pb.Dtype", shape: tuple[int, ...], field: str) -> None:
-        """Demand `dtype` and `shape`; `field` names the place in errors."""
+        """Require `dtype` and `shape`. Errors name `field`."""
         self.dtype, self.shape, self.field = dtype, shape, field
         self.sizes = list(shape)
         self.numpy_type = NUMPY_TYPES[dtype]
         self.bytes = math.prod(shape) * self.numpy_type.itemsize
 
     def unpack(self, tensor: pb.Tensor) -> Array:
-        """Return the array in `tensor`, read-only, after checking that it is what its field demands.
+        """Return the array in `tensor`, read-only, after checking it.
 
         Raises TensorError if dtype, shape or byte length differ, if a float is NaN or infinite, or if a
         boolean is neither 0 nor 1.
@@ -81,7 +81,7 @@ class Format:
         if self.dtype == pb.DTYPE_BOOL and (others := data.translate(None, b"\0\1")):
             raise TensorError(f"{self.field}: a boolean is {max(others)}, expected 0 or 1")
         array: Array = np.ndarray(self.shape, self.numpy_type, data)
-        # The sum of squares is finite if all are; it is cheaper than asking each, which settles the rest.
+        # A finite sum of squares means that all values are finite. It is faster than testing each value.
         if self.dtype == pb.DTYPE_FLOAT32 and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
             index = np.argwhere(~np.isfinite(array))[0].tolist()
             raise TensorError(f"{self.field}: value {array[tuple(index)]} at {index}, expected finite numbers")

@@ -1,6 +1,6 @@
-"""One session: requests in, responses out, and every rule of bridge.proto about their order and content.
+"""One session: it answers requests, and checks every rule of bridge.proto about their order and content.
 
-Knows nothing of gRPC beyond status codes, so it is tested without a socket.
+It uses nothing of gRPC but status codes, so tests need no socket.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ HEAD, TAIL = 400, 200  # characters of a long text that are kept: gRPC gives a s
 
 
 class Refusal(JoybridgeError):
-    """An error that ends the session with a status; the text says what came, what was wanted and what to do."""
+    """An error that ends the session with a gRPC status. The text names what was received and expected, and the fix."""
 
     def __init__(self, code: grpc.StatusCode, text: str) -> None:
         text = text.encode(errors="backslashreplace").decode()  # a lone surrogate cannot travel
@@ -39,7 +39,7 @@ class Refusal(JoybridgeError):
 
 @contextmanager
 def checking() -> Iterator[None]:
-    """Blame the request for what is found wrong in here. Everything else that fails is the game's fault."""
+    """Raise TensorError and SpecError as Refusal with INVALID_ARGUMENT: the request is wrong, not the game."""
     try:
         yield
     except (TensorError, SpecError) as error:
@@ -53,7 +53,7 @@ def check_version(client: pb.Version) -> None:
 
 
 def failure(game: str, moment: str, error: BaseException) -> Refusal:
-    """Log an exception of a game, present in the caller, and return what its client is told."""
+    """Log the exception of a game that is being handled, and return the Refusal for the client."""
     log.exception("game %s failed in %s", game, moment)
     place = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
     text = f"{game} failed in {moment}: {place}; the traceback is in the server's log"
@@ -82,13 +82,13 @@ class Session:
     """The arenas of one Play stream."""
 
     def __init__(self, games: Catalog) -> None:
-        """Begin a session that has not been started yet."""
+        """Create a session. It has no arenas before Start."""
         self.games = games
         self.game: BatchedGame | None = None
         self.spec = pb.GameSpec()
         self.codecs: list[Codec] = []
-        self.origin = b""  # stands for how the session was started, in its snapshots
-        self.previous: list[StepArrays] = []  # what the client decides on now
+        self.origin = b""  # hash of the fields of Start; a snapshot contains it
+        self.previous: list[StepArrays] = []  # the last step, which the next Act answers
         self.steps = 0
 
     def answer(self, request: pb.PlayRequest) -> pb.PlayResponse:
@@ -103,7 +103,7 @@ class Session:
             return getattr(self, f"_{kind}")(getattr(request, kind))  # type: ignore[no-any-return]
         except Refusal:
             raise
-        except (Exception, SystemExit) as error:  # an author's bug, or call of exit, must not take the server with it
+        except (Exception, SystemExit) as error:  # a bug or an exit() in a game must not end the server
             raise failure(self.spec.name, f"step {self.steps}", error) from error
 
     def _start(self, start: pb.Start) -> pb.PlayResponse:
@@ -207,7 +207,7 @@ class Session:
 
 
 def restore(game: BatchedGame, snapshot: pb.Snapshot, origin: bytes) -> None:
-    """Put a game into a saved state. Raises TensorError where the snapshot is not of a session like this one."""
+    """Restore a game from a snapshot. Raises TensorError if the snapshot does not fit this session."""
     present = game.save()
     wanted = {"origin", *present}
     if set(snapshot.parts) != wanted:
