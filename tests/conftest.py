@@ -3,9 +3,14 @@
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from joybridge.trainer.wire.launch import simulator_process
 from tests.support.games import PLACES
+
+# A busy machine is no failure.
+settings.register_profile("joybridge", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("joybridge")
 
 
 @pytest.fixture(scope="session")

@@ -63,6 +63,7 @@ def test_there_are_many_checks_each_with_a_rule_and_a_section_of_the_manual():
         assert check.rule.endswith(".") and re.search(rf"\b{check.section}\b", manual), check.name
 
 
+@pytest.mark.slow
 def test_the_server_passes_every_check_with_every_game_from_end_to_end(simulator, tmp_path):
     junit = tmp_path / "junit.xml"
     games = [part for game in GAMES for part in ("--game", game)]
