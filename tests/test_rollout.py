@@ -6,6 +6,7 @@ import numpy as np
 
 from joybridge.contract.codec import StepArrays
 from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.observations import final_observations, push_frames
 from joybridge.trainer.ppo.distributions import FORBIDDEN
 from joybridge.trainer.ppo.rollout import RolloutBuffer
 
@@ -29,7 +30,13 @@ def add(
         deciding=None if deciding is None else np.array(deciding),
         ended=np.flatnonzero(terminated | truncated).astype(np.int32),
     )  # fmt: skip
-    rollout.store(step, np.array(frames, np.float32)[:, None], np.array(rewards, np.float32), final)
+    store(rollout, step, np.array(frames, np.float32)[:, None], np.array(rewards, np.float32), final)
+
+
+def store(rollout, step, frames, rewards, final=None, group=0):
+    t, lanes = rollout.rows[group], rollout.groups[group]
+    push_frames(rollout.observations[t, lanes], frames, step, rollout.observations[t + 1, lanes])
+    rollout.store(step, rewards, final, group)
 
 
 def test_frames_stack_oldest_first_behind_zeros():
@@ -46,7 +53,7 @@ def test_an_end_clears_the_stack_and_the_final_one_holds_the_episodes_last_frame
     add(rollout, [2, 20])
     truncated = np.array([False, True])
     step = StepArrays([], np.zeros((LANES, 1)), ~truncated, truncated, ended=np.array([1], np.int32))
-    final = rollout.final_observations(step, np.array([[30.0]], np.float32))
+    final = final_observations(rollout.observations[1], np.array([[30.0]], np.float32), step)
     add(rollout, [3, 99], truncated=truncated)
     np.testing.assert_array_equal(final, [[10, 20, 30]])
     np.testing.assert_array_equal(rollout.observations[2], [[1, 2, 3], [0, 0, 99]])
@@ -135,7 +142,7 @@ def test_groups_are_filled_at_their_own_pace_and_make_up_the_whole():
             zeros = np.zeros(1, bool)
             step = StepArrays([], np.zeros((1, 1)), zeros, zeros)
             reward = np.array([1.0 + lane], np.float32)
-            rollout.store(step, np.array([[row[lane]]], np.float32), reward, group=lane)
+            store(rollout, step, np.array([[row[lane]]], np.float32), reward, group=lane)
     assert rollout.full
     np.testing.assert_array_equal(rollout.observations, whole.observations)
     np.testing.assert_array_equal(rollout.rewards, whole.rewards)
@@ -147,7 +154,7 @@ def test_a_lane_that_waits_in_the_second_group_gets_its_reward_at_its_own_decisi
     zeros = np.zeros(1, bool)
     for deciding, reward in ((False, 0.0), (True, 5.0), (True, 1.0)):
         step = StepArrays([], np.zeros((1, 1)), zeros, zeros, deciding=np.array([deciding]))
-        rollout.store(step, np.array([[2.0]], np.float32), np.array([reward], np.float32), group=1)
+        store(rollout, step, np.array([[2.0]], np.float32), np.array([reward], np.float32), group=1)
     np.testing.assert_array_equal(rollout.rewards, [[0, 5], [0, 0], [0, 1], [0, 0]])
 
 

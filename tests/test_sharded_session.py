@@ -64,7 +64,12 @@ def test_it_continues_from_its_snapshots(simulator):
         acts = random_acts(session.sessions[0], rng)
         session.step(acts)
         again = ShardedSession(
-            addresses, "shooting_birds", arenas=ARENAS, seed=3, options=options, snapshots=session.save()
+            addresses,
+            "shooting_birds",
+            arenas=ARENAS,
+            seed=3,
+            options=options,
+            snapshots=[part.save() for part in session.sessions],
         )
         with closing(again):
             for _ in range(TIMESTEPS):

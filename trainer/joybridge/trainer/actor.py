@@ -3,14 +3,15 @@
 import numpy as np
 import torch
 
-from joybridge.contract.codec import StepArrays
+from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.layouts import LayoutError, Role, list_roles
 from joybridge.trainer.observations import ObservationEncoder
-from joybridge.trainer.ppo.fast.kernels import Action, Head, Noise, sample
+from joybridge.trainer.ppo.fast.kernels import Head, sample
 from joybridge.trainer.ppo.networks import Network
+from joybridge.trainer.ppo.rollout import Decision
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -33,35 +34,30 @@ class Actor:
         self.network = Network(observation, space, config.hidden_sizes, shared, seed).to(self.accelerator)
         self._sizes = np.array(space.branches, np.int64)
 
-    def allowed(self, step: StepArrays) -> list[Array] | None:
-        """Return which choices each branch of the policy allows, bool [lanes, choices]; None: all."""
-        return None if step.masks is None else self.layout.masks(step.masks)
-
     @torch.inference_mode()
-    def sample(
-        self, observations: Array, masks: Array | None, noise: Noise, action: Action, *, deterministic: bool = False
-    ) -> Array:
-        """Sample an action per lane into `action`; return the values of the observations, [lanes].
+    def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
+        """Sample actions and values into `decision`, and write the actions into the policy's part of `act`.
 
-        masks: what to add to the logits, [lanes, branches, widest]. deterministic: the likeliest action instead.
+        deterministic: take the likeliest actions instead.
         """
-        network = self.network
-        outputs, values = network.heads(self._tensor(observations))
-        head = Head(to_array(network.mean_bias), to_array(network.log_variance), self._sizes)
-        sample(to_array(outputs), head, masks, noise, deterministic, action)
-        return to_array(values)
+        network, action = self.network, decision.action
+        outputs, values = network.heads(self._tensor(decision.observations))
+        head = Head(network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True), self._sizes)
+        sample(outputs.numpy(force=True), head, decision.masks, decision.noise, deterministic, action)
+        decision.values[:] = values.numpy(force=True)
+        self.layout.write(action.continuous, action.discrete, act, step.masks)
 
     @torch.inference_mode()
     def values(self, observations: Array) -> Array:
         """Return the values of observations, [rows]."""
-        return to_array(self.network.value(self._tensor(observations)))
+        return self.network.value(self._tensor(observations)).numpy(force=True)
 
     def _tensor(self, array: Array) -> torch.Tensor:
         return torch.from_numpy(array).to(self.accelerator)
 
     def state(self) -> dict[str, Array]:
         """Return copies of the parameters for a checkpoint."""
-        return {name: to_array(tensor).copy() for name, tensor in self.network.state_dict().items()}
+        return {name: tensor.numpy(force=True).copy() for name, tensor in self.network.state_dict().items()}
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned. Raises CheckpointError where it does not fit."""
@@ -90,8 +86,3 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
         Actor(role, spec.behaviors[role.behavior], config.policy_config(role.name), seed, accelerator)
         for role, seed in zip(roles, seeds, strict=True)
     ]
-
-
-def to_array(tensor: torch.Tensor) -> Array:
-    """Return the numbers of a tensor: the same memory where it lives on the processor, else a copy."""
-    return tensor.detach().cpu().numpy()

@@ -12,16 +12,28 @@ from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.profiler import Profiler
-from joybridge.trainer.wire.sharded_session import ShardedSession, Snapshot, check_alike, split
+from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.sharded_session import (
+    ShardedSession,
+    Snapshot,
+    check_alike,
+    open_session,
+    single_sessions,
+    split,
+)
 
 
 class Group:
     """Arenas that are played at the same time."""
 
-    def __init__(self, index: int, simulators: ShardedSession, arenas: int) -> None:
+    def __init__(self, index: int, simulators: Session | ShardedSession, arenas: int) -> None:
         """Take an open session of so many arenas."""
         self.index, self.simulators = index, simulators
         self.acts = make_acts(simulators.spec, arenas)
+
+    def save(self) -> list[Snapshot]:
+        """Return a snapshot of each session. Raises SimulatorError if the game does not support snapshots."""
+        return [session.save() for session in single_sessions(self.simulators)]
 
 
 def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profiler, steps: int) -> Iterator[None]:
@@ -80,13 +92,13 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
     groups: list[Group] = []
     try:
         for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
-            session = ShardedSession(
+            session = open_session(
                 home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
                 options=[config.options] * len(home), parameters=config.parameters,
                 snapshots=list(islice(saved, len(home))),
             )  # fmt: skip
             groups.append(Group(index, session, end - first))
-            check_alike(session.sessions[0], groups[0].simulators.sessions[0])
+            check_alike(single_sessions(session)[0], single_sessions(groups[0].simulators)[0])
     except BaseException:
         close_groups(groups)
         raise

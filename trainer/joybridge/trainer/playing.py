@@ -23,13 +23,14 @@ from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
 from joybridge.trainer.ppo.distributions import fill_masks
 from joybridge.trainer.ppo.fast.kernels import Action, Noise
+from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.run_state import load_state, policy_state
 from joybridge.trainer.wire.client import Session, describe
-from joybridge.trainer.wire.sharded_session import ShardedSession
+from joybridge.trainer.wire.sharded_session import ShardedSession, open_session
 
 
 @dataclass(frozen=True)
-class Decision:
+class Played:
     """One decision of all arenas. Steps and acts hold an entry per behavior, rewards one per policy."""
 
     before: list[StepArrays]  # what the policies observed
@@ -50,11 +51,11 @@ class Player:
         self._rng = np.random.default_rng([seed, actor.seed])
         space = actor.layout.space
         branches = len(space.branches)
+        self._masks = np.zeros((lanes, branches, max(space.branches, default=0)), np.float32)
         self._action = Action(
             np.zeros((lanes, space.continuous), np.float32), np.zeros((lanes, branches), np.int64),
             np.zeros(lanes, np.float32),
         )  # fmt: skip
-        self._masks = np.zeros((lanes, branches, max(space.branches, default=0)), np.float32)
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
@@ -62,14 +63,15 @@ class Player:
 
     def act(self, step: StepArrays, act: ActArrays) -> None:
         """Write an action for the present observations into the policy's part of `act`."""
-        actor, action = self.actor, self._action
-        fill_masks(actor.allowed(step), self._masks)
+        action = self._action
+        fill_masks(None if step.masks is None else self.actor.layout.masks(step.masks), self._masks)
         noise = Noise(
-            self._rng.standard_normal(action.continuous.shape, np.float32),
-            self._rng.random(action.discrete.shape, np.float32),
+            np.asarray(self._rng.standard_normal(action.continuous.shape, np.float32)),
+            np.asarray(self._rng.random(action.discrete.shape, np.float32)),
         )
-        actor.sample(self._stack.now, self._masks, noise, action, deterministic=self.deterministic)
-        actor.layout.write(action.continuous, action.discrete, act, step.masks)
+        values = np.empty(self.lanes, np.float32)
+        decision = Decision(self._stack.now, self._masks, noise, action, values)
+        self.actor.act(step, decision, act, deterministic=self.deterministic)
 
     def store(self, step: StepArrays) -> Array:
         """Take what followed the action; return the rewards [lanes]."""
@@ -91,7 +93,7 @@ class Play:
         self.arenas = arenas
         self._acts = make_acts(self.spec, arenas)
 
-    def decisions(self, draw_every: int = 0) -> Iterator[Decision]:
+    def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Play on for ever. draw_every: draw the first arena after every so many decisions; 0: never.
 
         Only a session of one arena can be drawn. Raises SimulatorError.
@@ -110,7 +112,7 @@ class Play:
             else:
                 after = session.step(self._acts)
             rewards = [player.store(after[player.actor.behavior]) for player in self.players]
-            yield Decision(before, self._acts, after, rewards, pictures)
+            yield Played(before, self._acts, after, rewards, pictures)
 
 
 @contextmanager
@@ -134,17 +136,11 @@ def open_play(
         actor.load(policy_state(state.arrays, actor.name))
         lanes = lane_count(spec.behaviors[actor.behavior], arenas)
         players.append(Player(actor, lanes, seed, deterministic=deterministic))
-    with closing(_open_session(config, address, arenas, seed, list(options.values()))) as session:
+    session = open_session(
+        [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
+        parameters=config.parameters,
+    )  # fmt: skip
+    with closing(session):
         for player in players:
             player.begin(session.steps[player.actor.behavior])
         yield Play(config, state.timesteps, list(options), arenas, session, players)
-
-
-def _open_session(
-    config: Config, address: str, arenas: int, seed: int, options: list[dict[str, str]]
-) -> Session | ShardedSession:
-    if arenas == 1:
-        return Session(address, config.game, arenas=1, seed=seed, options=options[0], parameters=config.parameters)
-    return ShardedSession(
-        [address] * len(options), config.game, arenas=arenas, seed=seed, options=options, parameters=config.parameters
-    )

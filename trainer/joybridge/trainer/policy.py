@@ -10,6 +10,7 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor
 from joybridge.trainer.checkpoint import select
 from joybridge.trainer.episodes import Episodes
+from joybridge.trainer.observations import final_observations, push_frames
 from joybridge.trainer.ppo.rollout import RolloutBuffer
 from joybridge.trainer.ppo.update import Learner
 from joybridge.v1 import bridge_pb2 as pb
@@ -51,19 +52,20 @@ class Policy:
     def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], group: int = 0) -> None:
         """Sample actions for the present observations and write them into the policy's part of `acts`."""
         actor, step = self.actor, steps[self.actor.behavior]
-        decision = self.rollout.next_decision(actor.allowed(step), group)
-        decision.values[:] = actor.sample(decision.observations, decision.masks, decision.noise, decision.action)
-        actor.layout.write(decision.action.continuous, decision.action.discrete, acts[actor.behavior], step.masks)
+        allowed = None if step.masks is None else actor.layout.masks(step.masks)
+        actor.act(step, self.rollout.next_decision(allowed, group), acts[actor.behavior])
 
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
         """Store what followed the action."""
-        actor, step = self.actor, steps[self.actor.behavior]
+        actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
         rewards, final_values = actor.encoder.rewards(step), None
+        now, after = rollout.observations[rollout.rows[group] : rollout.rows[group] + 2, rollout.groups[group]]
         if step.truncated.any() and step.final_observations is not None:
-            final = actor.encoder.frames(step.final_observations)
-            final_values = actor.values(self.rollout.final_observations(step, final, group))
-        self.rollout.store(step, actor.encoder.frames(step.observations), rewards, final_values, group)
-        self.episodes.add(step, rewards, self.rollout.groups[group])
+            frames = actor.encoder.frames(step.final_observations)
+            final_values = actor.values(final_observations(now, frames, step))
+        push_frames(now, actor.encoder.frames(step.observations), step, after)
+        rollout.store(step, rewards, final_values, group)
+        self.episodes.add(step, rewards, rollout.groups[group])
 
     def next_values(self) -> Array:
         """Return the values of the observations that follow the full rollout, [lanes]."""

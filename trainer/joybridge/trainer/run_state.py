@@ -57,7 +57,7 @@ def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger
         arrays |= {f"{policy.actor.name}/means/{name}": array for name, array in logger.mean.state().items()}
     parts = None
     if groups[0].simulators.spec.snapshot_bytes_per_arena:
-        snapshots = [snapshot for group in groups for snapshot in group.simulators.save()]
+        snapshots = [snapshot for group in groups for snapshot in group.save()]
         parts = [list(snapshot) for snapshot in snapshots]
         for index, snapshot in enumerate(snapshots):
             arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}

@@ -9,7 +9,6 @@ import torch
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts import ActionSpace
-from joybridge.trainer.observations import final_observations, push_frames
 from joybridge.trainer.ppo.distributions import fill_masks
 from joybridge.trainer.ppo.fast.kernels import Action, Noise
 from joybridge.trainer.ppo.loss import Batch
@@ -94,20 +93,13 @@ class RolloutBuffer:
         fill_masks(allowed, masks)
         return masks
 
-    def final_observations(self, step: StepArrays, frames: Array, group: int = 0) -> Array:
-        """Return the last observations of the episodes that ended, [ended, observation], given their last frames."""
-        return final_observations(self.observations[self.rows[group], self.groups[group]], frames, step)
+    def store(self, step: StepArrays, rewards: Array, final_values: Array | None = None, group: int = 0) -> None:
+        """Store the outcome of a group's decision, whose next observations are already in row t + 1.
 
-    def store(
-        self, step: StepArrays, frames: Array, rewards: Array, final_values: Array | None = None, group: int = 0
-    ) -> None:
-        """Store the outcome of a group's decision.
-
-        frames [lanes, frame], rewards [lanes]; final_values [ended]: the values of `final_observations`, needed where
-        an episode was truncated.
+        rewards [lanes]; final_values [ended]: of the last observations of the episodes that ended, needed where one was
+        truncated.
         """
         t, lanes = self.rows[group], self.groups[group]
-        push_frames(self.observations[t, lanes], frames, step, self.observations[t + 1, lanes])
         if final_values is not None:
             self.final_values[t, lanes][step.ended] = final_values
         if step.deciding is None and self.deciding[t, lanes].all():

@@ -69,7 +69,9 @@ class EventLoop:
             finally:
                 self._work = None  # while interrupts are held back, as destructors discard exceptions
                 if main:
-                    self._release_interrupts()
+                    self._holding_interrupts = False
+                    if self._interrupted:
+                        raise KeyboardInterrupt from None
 
     def run_soon(self, function: Callable[[*Arguments], Coroutine[Any, Any, None]], *args: *Arguments) -> None:
         """Call an async function on the loop, or leave that to the loop if it is in use. Finalizers may call this."""
@@ -103,11 +105,6 @@ class EventLoop:
             signal.signal(signal.SIGINT, self._handle_interrupt)
         self._interrupted = False
         self._holding_interrupts = True
-
-    def _release_interrupts(self) -> None:
-        self._holding_interrupts = False
-        if self._interrupted:
-            raise KeyboardInterrupt from None
 
     def _handle_interrupt(self, number: int, frame: FrameType | None) -> None:
         """Handle SIGINT."""

@@ -91,18 +91,42 @@ class ShardedSession:
         self.send(acts)
         return self.receive()
 
-    def save(self) -> list[Snapshot]:
-        """Return one snapshot per session. Raises SimulatorError if the game does not support snapshots."""
-        return [session.save() for session in self.sessions]
-
     def close(self) -> None:
         """End all sessions."""
         self._opened.close()
 
 
+def open_session(
+    addresses: Sequence[str],
+    game: str,
+    *,
+    arenas: int,
+    seed: int,
+    first_arena: int = 0,
+    options: Sequence[Mapping[str, str]],
+    parameters: Mapping[str, float] | None = None,
+    snapshots: Sequence[Snapshot] | None = None,
+) -> Session | ShardedSession:
+    """Open one session at a single address, or a sharded one at several. Raises SimulatorError."""
+    if len(addresses) > 1:
+        return ShardedSession(
+            addresses, game, arenas=arenas, seed=seed, first_arena=first_arena, options=options, parameters=parameters,
+            snapshots=snapshots,
+        )  # fmt: skip
+    return Session(
+        addresses[0], game, arenas=arenas, seed=seed, first_arena=first_arena, options=options[0],
+        parameters=parameters, snapshot=snapshots[0] if snapshots else None,
+    )  # fmt: skip
+
+
+def single_sessions(session: Session | ShardedSession) -> list[Session]:
+    """Return the sessions that a sharded one is made of, or the only one."""
+    return session.sessions if isinstance(session, ShardedSession) else [session]
+
+
 def _join(parts: list[list[StepArrays]]) -> list[StepArrays]:
     """Return one StepArrays per behavior, with the lanes of all parts in order."""
-    return parts[0] if len(parts) == 1 else [_join_lanes(list(steps)) for steps in zip(*parts, strict=True)]
+    return [_join_lanes(list(steps)) for steps in zip(*parts, strict=True)]
 
 
 def _join_lanes(parts: list[StepArrays]) -> StepArrays:
