@@ -22,11 +22,13 @@ import atexit
 import signal
 import threading
 from collections.abc import Callable, Coroutine
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from types import FrameType
 from typing import Any, TypeVar, TypeVarTuple
 
 __all__ = ["EVENT_LOOP", "EventLoop"]
+
+POLL_SECONDS = 0.1  # Python handles no signal between its last look and the beginning of a wait for a lock
 
 Arguments = TypeVarTuple("Arguments")
 T = TypeVar("T")
@@ -38,6 +40,7 @@ class EventLoop:
     def __init__(self) -> None:
         self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)  # makes the loop when it is first needed
         self._helper = ThreadPoolExecutor(1)  # starts its thread when it is first needed
+        self._helper_started = False
         self._lock = threading.Lock()  # held by the caller whose work the loop runs
         self._work: asyncio.Task[Any] | None = None  # what that caller waits for
         self._left: set[asyncio.Task[None]] = set()  # what nobody waits for; asyncio itself keeps weak references only
@@ -69,9 +72,7 @@ class EventLoop:
             finally:
                 self._work = None  # while interrupts are held back, as destructors discard exceptions
                 if main:
-                    self._holding_interrupts = False
-                    if self._interrupted:
-                        raise KeyboardInterrupt from None
+                    self._release_interrupts()
 
     def run_soon(self, function: Callable[[*Arguments], Coroutine[Any, Any, None]], *args: *Arguments) -> None:
         """Call an async function on the loop, or leave that to the loop if it is in use. Finalizers may call this."""
@@ -87,8 +88,11 @@ class EventLoop:
             asyncio.get_running_loop()
         except RuntimeError:
             return loop.run_until_complete(work)
+        if not self._helper_started:  # an executor that is interrupted while it starts its thread starts another one
+            self._helper.submit(int).result()
+            self._helper_started = True
         try:
-            return self._helper.submit(loop.run_until_complete, work).result()
+            return _wait(self._helper.submit(loop.run_until_complete, work))
         except BaseException:  # of the work or of the program's own handler, while the helper still runs the loop
             loop.call_soon_threadsafe(work.cancel)
             self._helper.submit(int).result()  # wait until the helper has finished
@@ -106,6 +110,11 @@ class EventLoop:
         self._interrupted = False
         self._holding_interrupts = True
 
+    def _release_interrupts(self) -> None:
+        self._holding_interrupts = False
+        if self._interrupted:
+            raise KeyboardInterrupt from None
+
     def _handle_interrupt(self, number: int, frame: FrameType | None) -> None:
         """Handle SIGINT."""
         if not self._holding_interrupts:
@@ -122,6 +131,16 @@ class EventLoop:
         """Drop unfinished work, such as sessions that nobody closed; this runs when the interpreter exits."""
         self._closed = True
         self._runner.close()
+
+
+def _wait(future: Future[T]) -> T:
+    """Return the result of a future. A signal that comes just before the wait is handled after POLL_SECONDS."""
+    while True:
+        try:
+            return future.result(POLL_SECONDS)
+        except TimeoutError:
+            if future.done():
+                return future.result()
 
 
 EVENT_LOOP = EventLoop()  # shared by all sessions, so that each makes progress while another is waited for
