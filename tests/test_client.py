@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire import client, event_loop, stream
+from joybridge.trainer.wire import client, interruptible_loop, stream
 from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, wait_for
 from joybridge.trainer.wire.launch import simulator_process
 from tests.support.instructions import run_with
@@ -106,7 +106,7 @@ def test_the_garbage_collector_may_close_a_session_while_the_event_loop_runs(add
 import gc, weakref
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.event_loop import EVENT_LOOP
+from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
 class Owner:
     def __init__(self):
         self.me = self  # so that only the garbage collector frees it
@@ -136,7 +136,7 @@ session.send(make_acts(session.spec, 2))
 @pytest.mark.slow
 def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address):
     """A session that was interrupted goes on if it was not using the simulator; otherwise it is lost."""
-    modules = (client, stream, event_loop)
+    modules = (client, stream, interruptible_loop)
 
     def play(session: Session) -> None:
         acts = make_acts(session.spec, 2)

@@ -16,7 +16,8 @@ from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.metrics import STATISTICS
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.loss import Coefficients, autograd_gradient, joint_log_probs
+from joybridge.trainer.ppo.loss import autograd_gradient, joint_log_probs
+from joybridge.trainer.ppo.schedule import Coefficients
 from joybridge.trainer.train import learn
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import PLACES

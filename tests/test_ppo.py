@@ -15,14 +15,9 @@ from joybridge.trainer.layouts import ActionSpace
 from joybridge.trainer.metrics import STATISTICS
 from joybridge.trainer.ppo.distributions import FORBIDDEN
 from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.loss import (
-    Batch,
-    Coefficients,
-    anneal,
-    autograd_gradient,
-    joint_log_probs,
-)
+from joybridge.trainer.ppo.loss import Batch, autograd_gradient, joint_log_probs
 from joybridge.trainer.ppo.networks import Network, flatten_parameters
+from joybridge.trainer.ppo.schedule import Coefficients, anneal
 from joybridge.trainer.ppo.update import Learner, explained_variance, ppo_update
 
 SPACES = {

@@ -35,8 +35,9 @@ from joybridge.gym import BridgeEnv, BridgeVectorEnv
 from joybridge.simulator.catalog import load_games
 from joybridge.trainer.config import load_config
 from joybridge.trainer.layouts import make_layouts
-from joybridge.trainer.ppo.loss import Batch, Coefficients
+from joybridge.trainer.ppo.loss import Batch
 from joybridge.trainer.ppo.networks import Network
+from joybridge.trainer.ppo.schedule import Coefficients
 from joybridge.trainer.ppo.update import Learner, ppo_update
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import Session

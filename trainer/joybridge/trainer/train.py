@@ -20,7 +20,7 @@ from joybridge.trainer.options import balanced_options
 from joybridge.trainer.pipeline import close_groups, collect, group_bounds, open_groups
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.ppo.gae import gae
-from joybridge.trainer.ppo.loss import anneal
+from joybridge.trainer.ppo.schedule import anneal
 from joybridge.trainer.ppo.update import ppo_update
 from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.run_state import RunState, capture, load_state

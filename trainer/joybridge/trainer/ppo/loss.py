@@ -1,7 +1,7 @@
-"""The loss of branched proximal policy optimization (Schulman et al. 2017) and its schedules.
+"""The loss of branched proximal policy optimization (Schulman et al. 2017).
 
 This is the readable reference, differentiated by autograd. `fast/` holds a twin in closed form, several times faster.
-Schedules and the order of operations are those of the original (ML-Agents 0.7).
+The order of operations is that of the original (ML-Agents 0.7).
 """
 
 from collections.abc import Callable
@@ -14,6 +14,7 @@ from torch import Tensor
 from joybridge.contract.tensors import Array
 from joybridge.trainer.ppo.distributions import branch_entropies, chosen_log_probs, gaussian_log_probs
 from joybridge.trainer.ppo.networks import Network, Outputs
+from joybridge.trainer.ppo.schedule import Coefficients
 
 
 @dataclass
@@ -49,27 +50,8 @@ class Batch:
         return len(self.returns)
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """The scheduled values of one update."""
-
-    learning_rate: float
-    clip_range: float
-    entropy_coef: float
-
-
 # Sets the gradient of a network on a minibatch; returns its statistics, [len(STATISTICS) + branches].
 LossGradient = Callable[[Batch, Coefficients], Array]
-
-
-def anneal(progress: float, learning_rate: float, clip_range: float, entropy_coef: float) -> Coefficients:
-    """Return the coefficients after a fraction `progress` of the run: linear, to 1e-10, 0.1 and 1e-5."""
-    left = 1.0 - min(max(progress, 0.0), 1.0)
-
-    def line(start: float, end: float) -> float:
-        return end + (start - end) * left
-
-    return Coefficients(line(learning_rate, 1e-10), line(clip_range, 0.1), line(entropy_coef, 1e-5))
 
 
 def joint_log_probs(outputs: Outputs, log_variance: Tensor, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:

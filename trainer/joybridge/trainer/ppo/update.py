@@ -11,8 +11,9 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.errors import DivergedError
 from joybridge.trainer.metrics import STATISTICS
 from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.loss import Batch, Coefficients, LossGradient, autograd_gradient
+from joybridge.trainer.ppo.loss import Batch, LossGradient, autograd_gradient
 from joybridge.trainer.ppo.networks import Network, flatten_parameters
+from joybridge.trainer.ppo.schedule import Coefficients
 
 
 class Learner:

@@ -1,6 +1,6 @@
 """A trainer's client of joybridge.v1: find a simulator, read a game's spec, play a session.
 
-All functions block. The event loop of the sessions runs inside them (see event_loop.py).
+All functions block. The event loop of the sessions runs inside them (see interruptible_loop.py).
 """
 
 import asyncio
@@ -15,7 +15,7 @@ from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, respons
 from joybridge.contract.tensors import Array, Format, TensorError
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
-from joybridge.trainer.wire.event_loop import EVENT_LOOP
+from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
 from joybridge.trainer.wire.stream import Stream
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.ppo.fast.kernels import Action, Gradient, Head, Target, loss_gradient
-from joybridge.trainer.ppo.loss import Batch, Coefficients
+from joybridge.trainer.ppo.loss import Batch
 from joybridge.trainer.ppo.networks import Network, Tower
+from joybridge.trainer.ppo.schedule import Coefficients
 
 
 class ClosedFormGradient:

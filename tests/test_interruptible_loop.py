@@ -11,12 +11,12 @@ from types import ModuleType
 import pytest
 
 from joybridge.trainer.signals import uninterrupted
-from joybridge.trainer.wire import event_loop
-from joybridge.trainer.wire.event_loop import EventLoop
+from joybridge.trainer.wire import interruptible_loop
+from joybridge.trainer.wire.interruptible_loop import EventLoop
 from tests.support.instructions import run_with
 
-OURS = (event_loop,)
-TRACED = (event_loop, asyncio.runners, asyncio.base_events)
+OURS = (interruptible_loop,)
+TRACED = (interruptible_loop, asyncio.runners, asyncio.base_events)
 
 
 @pytest.fixture
