@@ -9,6 +9,26 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
+__all__ = [
+    "MAX_CHOICES",
+    "MAX_DESCRIPTION",
+    "MAX_ELEMENTS",
+    "MAX_ENTRIES",
+    "MAX_LANES",
+    "MAX_MESSAGE",
+    "MAX_NAME",
+    "MAX_PICTURES",
+    "MAX_PIXELS",
+    "MAX_SIZES",
+    "SpecError",
+    "check_spec",
+    "choose_options",
+    "choose_parameters",
+    "element_count",
+    "request_bytes",
+    "response_bytes",
+]
+
 MAX_NAME = 100  # characters of a name, a label or a product
 MAX_DESCRIPTION = 1000  # characters
 MAX_ENTRIES = 1000  # of a list of named things

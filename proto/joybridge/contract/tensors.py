@@ -13,6 +13,8 @@ import numpy.typing as npt
 from joybridge.contract.errors import JoybridgeError
 from joybridge.v1 import bridge_pb2 as pb
 
+__all__ = ["NUMPY_TYPES", "Array", "Format", "TensorError", "dtype_of", "fill", "pack"]
+
 Array = npt.NDArray[Any]
 
 NUMPY_TYPES: dict[pb.Dtype, np.dtype[Any]] = {

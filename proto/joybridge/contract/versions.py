@@ -8,6 +8,8 @@ from importlib.metadata import version
 
 from joybridge.v1 import bridge_pb2 as pb
 
+__all__ = ["REVISION", "mismatch", "own_version"]
+
 REVISION = 1  # of bridge.proto; every release that adds to the file increases it by one
 
 
