@@ -357,7 +357,9 @@ def test_no_lane_ends_twice():
 def test_the_lanes_that_ended_are_those_that_terminated_or_truncated_ascending(lanes):
     message = a_full_message()
     message.ended.lanes.CopyFrom(pack(np.array(lanes, np.int32)))
-    assert step_refusal(message) == f"pilot.ended.lanes: {lanes}, expected the terminated or truncated [1, 4]"
+    assert (
+        step_refusal(message) == f"pilot.ended.lanes: got {lanes}, expected the terminated and truncated lanes [1, 4]"
+    )
 
 
 def test_an_end_cannot_be_left_out_nor_made_up():

@@ -28,8 +28,8 @@ INVALID, EARLY = StatusCode.INVALID_ARGUMENT, StatusCode.FAILED_PRECONDITION
 EXPECTED = {INVALID, EARLY, StatusCode.NOT_FOUND, StatusCode.RESOURCE_EXHAUSTED}
 ARENAS = 3
 GAMES = ["hybrid", "duel", "shooting_birds"]
-CATALOGUE = load_games(PLACES)
-SPECS = {name: CATALOGUE[name].describe(choose_options(CATALOGUE[name].options, {}, name)) for name in GAMES}
+CATALOG = load_games(PLACES)
+SPECS = {name: CATALOG[name].describe(choose_options(CATALOG[name].options, {}, name)) for name in GAMES}
 
 
 class Kind(NamedTuple):
@@ -235,8 +235,11 @@ def order_kinds() -> Iterator[tuple[str, Kind]]:
     for game in GAMES:
         begun = [start(game, ARENAS)]
         yield f"{game}: act before start", Kind([], valid_act(game), EARLY, "act came before start")
-        yield f"{game}: start twice", Kind(begun, start(game, ARENAS), EARLY, "start comes once")
-        yield f"{game}: start after act", Kind([*begun, valid_act(game)], start(game), EARLY, "start comes once")
+        yield f"{game}: start twice", Kind(begun, start(game, ARENAS), EARLY, "start came a second time")
+        yield (
+            f"{game}: start after act",
+            Kind([*begun, valid_act(game)], start(game), EARLY, "start came a second time"),
+        )
         yield f"{game}: nothing after start", Kind(begun, pb.PlayRequest(), INVALID, "an empty PlayRequest")
         if not SPECS[game].snapshot_bytes_per_arena:
             yield f"{game}: save", Kind(begun, SAVE, EARLY, f"{game} has no snapshots")

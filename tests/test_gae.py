@@ -8,7 +8,7 @@ from joybridge.trainer.ppo.gae import gae
 GAMMA, LAM = 0.9, 0.8
 
 
-def estimate(rewards, values, last=0.0, *, terminated=(), truncated=(), final=0.0, deciding=None, horizon=99):
+def estimate(rewards, values, last=0.0, *, terminated=(), truncated=(), final=0.0, deciding=None, time_horizon=99):
     """Return the advantages of one lane as a list; ends are given by their steps."""
     steps = len(rewards)
     flags = {name: np.isin(np.arange(steps), at)[:, None] for name, at in (("t", terminated), ("c", truncated))}
@@ -23,7 +23,7 @@ def estimate(rewards, values, last=0.0, *, terminated=(), truncated=(), final=0.
         np.ones((steps, 1), bool) if deciding is None else np.array(deciding)[:, None],
         gamma=GAMMA,
         gae_lambda=LAM,
-        time_horizon=horizon,
+        time_horizon=time_horizon,
     )
     assert advantages.dtype == np.float32
     return advantages[:, 0].tolist()
@@ -50,7 +50,7 @@ def test_truncation_is_continued_by_the_value_of_the_final_observation():
 
 
 def test_a_horizon_cuts_the_sum_and_keeps_the_value():
-    cut = estimate([1, 1, 1, 1], [0.5] * 4, last=0.5, horizon=2)
+    cut = estimate([1, 1, 1, 1], [0.5] * 4, last=0.5, time_horizon=2)
     delta = 1 + GAMMA * 0.5 - 0.5
     assert cut == pytest.approx([delta * (1 + GAMMA * LAM), delta] * 2)
 

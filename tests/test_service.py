@@ -143,7 +143,7 @@ def test_nothing_comes_before_start(simulator, request_):
 def test_start_comes_once(simulator):
     code, text = refused(simulator, start("hybrid"), hybrid(), start("hybrid"))
     assert code == StatusCode.FAILED_PRECONDITION
-    assert text == "start comes once, first; open a new stream and begin with start"
+    assert text == "start came a second time; open a new stream and begin with start"
 
 
 def test_an_empty_request_is_refused_at_any_time(simulator):
@@ -375,7 +375,7 @@ def test_the_games_of_the_paper_draw_what_their_spec_says(simulator, game):
         assert (one != other).any() and len(np.unique(one)) > 8
 
 
-# ------------------------------------------------------------------------------------- seeds, resets and shards
+# ------------------------------------------------------------------------------------- seeds, resets, first_arena
 
 
 @pytest.mark.parametrize("game", GOOD)
@@ -540,7 +540,7 @@ def test_a_snapshot_fits_only_a_session_that_was_started_alike(simulator, saved)
     for other in ({"seed": 2}, {"first_arena": 1}, {"options": {"rules": "corrected"}}):
         code, text = refused(simulator, start(game, snapshot=snapshot, **other))
         assert code == StatusCode.INVALID_ARGUMENT
-        assert text.startswith("snapshot is of a session that was started otherwise; repeat its game, options,")
+        assert text.startswith("snapshot is from a session with another Start; use the same game, options,")
     for arenas in (1, 3):
         code, text = refused(simulator, start(game, arenas, snapshot=snapshot))
         assert code == StatusCode.INVALID_ARGUMENT
@@ -771,7 +771,7 @@ def test_port_0_is_a_free_port_that_is_told(simulator):
 
 def test_a_port_in_use_is_an_error_that_says_so(simulator):
     text = refuses_to_start("--address", simulator)
-    assert text == f"error: cannot listen on {simulator}: is it in use, or not an address of this machine?"
+    assert text == f"error: cannot listen on {simulator}: it is in use or not an address of this machine"
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=["SIGTERM", "SIGINT"])
@@ -806,7 +806,9 @@ def test_a_unix_socket_carries_the_same_bytes_and_can_be_used_again_after_a_cras
         for game in GOOD:
             with Player(address, game) as one, Player(simulator, game) as other:
                 assert one.play(12) == other.play(12)
-        assert refuses_to_start("--address", address) == f"error: cannot listen on {address}: another server does"
+        assert (
+            refuses_to_start("--address", address) == f"error: cannot listen on {address}: another server listens there"
+        )
         with Player(address, "ends") as player:
             player.play(1)
     assert path.exists()  # the server was killed

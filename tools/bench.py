@@ -230,7 +230,7 @@ def _device() -> pb.Device:
 
 
 def bench_train(timesteps: int = 1_500_000) -> Figures:
-    """Transitions per second of whole training runs, simulator in its own process."""
+    """Timesteps per second of whole training runs, simulator in its own process."""
     figures: Figures = {}
     for experiment in ("shooting_birds/bucket-11", "beastly_rivals/bucket-3"):
         rates: list[float] = []
@@ -328,7 +328,7 @@ def _megabytes(process: int) -> float:
 
 
 def bench_peers() -> Figures:
-    """Transitions per second of others on Shooting Birds bucket-11, and of ours beside them in the same session."""
+    """Timesteps per second of others on Shooting Birds bucket-11, and of ours beside them in the same session."""
     from tools.sb3_example import make_model
 
     figures = bench_train(450_000)

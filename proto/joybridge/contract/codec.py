@@ -114,8 +114,8 @@ class Codec:
     def unpack_act(self, message: pb.BehaviorAct, previous: StepArrays) -> ActArrays:
         """Return the actions, checked against the device and the masks of the previous step.
 
-        Raises TensorError naming the lane and the axis or branch that is out of range or masked. Lanes that
-        do not decide must be well-formed and are otherwise ignored.
+        Raises TensorError naming the lane and the axis or branch that is out of range or masked. The rows
+        of lanes that do not decide must be well-formed; their values are ignored.
         """
         axes = np.empty(self._axes.shape, np.float32)
         choices = np.empty(self._choices.shape, np.int32)
@@ -181,7 +181,7 @@ class Codec:
         step.ended = Format(pb.DTYPE_INT32, (len(ended),), f"{where}.lanes").unpack(message.lanes)
         if (step.ended != ended).any():
             came, wanted = step.ended.tolist(), ended.tolist()
-            raise TensorError(f"{where}.lanes: {came}, expected the terminated or truncated {wanted}")
+            raise TensorError(f"{where}.lanes: got {came}, expected the terminated and truncated lanes {wanted}")
         formats = self._sensor_formats(len(ended), "ended.final_observations")
         step.final_observations = self._unpack_sensors(
             message.final_observations, formats, "ended.final_observations"

@@ -1,4 +1,4 @@
-"""The gRPC server: sessions, health, reflection, limits and an orderly end.
+"""The gRPC server: sessions, health, reflection, limits and shutdown.
 
 One event loop serves all sessions. A step runs in the loop itself: handing it to a thread costs more than
 the step (measured: 330 against 160 µs per round trip of 64 lanes).
@@ -73,7 +73,7 @@ class Service(rpc.SimulatorServiceServicer):
         except DecodeError as error:
             await context.abort(grpc.StatusCode.INVALID_ARGUMENT, f"not a PlayRequest: {error}")
         except asyncio.CancelledError:
-            if not self.stopping:  # the client went away: nobody is left to be told
+            if not self.stopping:  # the client has gone, so no status can reach it
                 raise
             await context.abort(grpc.StatusCode.UNAVAILABLE, "the simulator is shutting down")
         finally:
@@ -99,18 +99,18 @@ async def serve(games: Catalog, address: str, max_sessions: int, with_parent: bo
     health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
     reflection.enable_server_reflection([SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME], server)
     if _taken(address):
-        raise OSError(f"cannot listen on {address}: another server does")
+        raise OSError(f"cannot listen on {address}: another server listens there")
     try:
         port = server.add_insecure_port(address)
     except RuntimeError as error:
-        raise OSError(f"cannot listen on {address}: is it in use, or not an address of this machine?") from error
+        raise OSError(f"cannot listen on {address}: it is in use or not an address of this machine") from error
     await server.start()
     for name in ("", SERVICE):
         await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
     bound = address if address.startswith("unix:") else f"{address.rsplit(':', 1)[0]}:{port}"
     print(f"{READY}{bound}", flush=True)
     await stop.wait()
-    if service.sessions and not with_parent:  # whose own client knows
+    if service.sessions and not with_parent:  # the program that started this one shut it down
         log.info("shutting down: %d open sessions end with UNAVAILABLE", len(service.sessions))
     await healthy.enter_graceful_shutdown()
     service.end_sessions()
@@ -131,32 +131,32 @@ def _stop_event(with_parent: bool) -> asyncio.Event:
         loop.add_signal_handler(number, stop.set)
     if with_parent:
         try:
-            loop.add_reader(sys.stdin, stop.set)  # nothing is ever written there
+            loop.add_reader(sys.stdin, stop.set)  # readable only when it closes, because nothing is written to it
         except (PermissionError, ValueError) as error:
             raise OSError("--with-parent watches standard input, which must be a pipe or a terminal") from error
     return stop
 
 
 def _taken(address: str) -> bool:
-    """Return whether a server listens on a unix socket: gRPC would take its path from it without a word."""
+    """Return whether a server listens on a unix socket: gRPC would replace its path without an error."""
     if not address.startswith("unix:"):
         return False
     with socket.socket(socket.AF_UNIX) as probe:
         try:
             probe.connect(address.removeprefix("unix:"))
-        except OSError:  # nothing there, or what a killed server left
+        except OSError:  # no file there, or one that a killed server left
             return False
     return True
 
 
 def _options(games: Catalog) -> list[tuple[str, int]]:
-    """Return the server's limits: messages no larger than the largest that a spec allows, dead peers noticed."""
+    """Return gRPC's options: the largest message that a spec allows, and pings that detect lost clients."""
     largest = max(request_bytes(spec, spec.max_arenas) for game in games.values() for spec in specs(game))
     return [
         ("grpc.max_receive_message_length", largest),
-        ("grpc.max_send_message_length", -1),  # what is sent is bounded by what may be asked for
+        ("grpc.max_send_message_length", -1),  # no limit: the checks of requests bound the size of responses
         ("grpc.keepalive_time_ms", 30_000),
         ("grpc.keepalive_timeout_ms", 20_000),
         ("grpc.http2.min_recv_ping_interval_without_data_ms", 10_000),
-        ("grpc.so_reuseport", 0),  # a second server on one port is an error, not a lottery
+        ("grpc.so_reuseport", 0),  # otherwise two servers could listen on one port and share its connections
     ]

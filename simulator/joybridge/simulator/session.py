@@ -1,6 +1,6 @@
 """One session: it answers requests, and checks every rule of bridge.proto about their order and content.
 
-It uses nothing of gRPC but status codes, so tests need no socket.
+It uses only the status codes of gRPC, so tests need no connection.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ class Refusal(JoybridgeError):
     """An error that ends the session with a gRPC status. The text names what was received and expected, and the fix."""
 
     def __init__(self, code: grpc.StatusCode, text: str) -> None:
-        text = text.encode(errors="backslashreplace").decode()  # a lone surrogate cannot travel
+        text = text.encode(errors="backslashreplace").decode()  # a lone surrogate cannot be encoded
         super().__init__(text if len(text) <= HEAD + TAIL else f"{text[:HEAD]} … {text[-TAIL:]}")
         self.code = code
 
@@ -97,7 +97,7 @@ class Session:
         if kind is None:
             raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, EMPTY)
         if (kind == "start") == (self.game is not None):
-            wanted = "start comes once, first" if kind == "start" else f"{kind} came before start"
+            wanted = "start came a second time" if kind == "start" else f"{kind} came before start"
             raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, f"{wanted}; open a new stream and begin with start")
         try:
             return getattr(self, f"_{kind}")(getattr(request, kind))  # type: ignore[no-any-return]
@@ -220,7 +220,7 @@ def restore(game: BatchedGame, snapshot: pb.Snapshot, origin: bytes) -> None:
         state[name] = np.frombuffer(data, array.dtype).reshape(array.shape)
     if snapshot.parts["origin"] != origin:
         raise TensorError(
-            "snapshot is of a session that was started otherwise; repeat its game, options, parameters, arenas, "
+            "snapshot is from a session with another Start; use the same game, options, parameters, arenas, "
             "seed and first_arena"
         )
     try:

@@ -26,8 +26,8 @@ struct Action {
 
 enum class End { none, terminated, truncated };
 
-/// What a decision brought.
-struct Turn {
+/// What an agent gets after one decision.
+struct TimeStep {
   std::vector<float> rewards;  // per channel
   End end = End::none;
   std::vector<float> metrics;  // per metric; sent where the episode ended
@@ -42,7 +42,7 @@ class Arena {
   virtual void begin(const Parameters& parameters) = 0;
 
   /// Plays one decision. After an end the last observation still stands, until `begin`.
-  virtual Turn step(const Action& action) = 0;
+  virtual TimeStep step(const Action& action) = 0;
 
   /// Returns the numbers of each sensor, row-major.
   virtual std::vector<std::vector<float>> observe() const = 0;

@@ -85,7 +85,7 @@ class Match final : public Arena {
     send(now_.random.uniform(-0.5, 0.5), -BALL_SPEED);
   }
 
-  Turn step(const Action& action) override {
+  TimeStep step(const Action& action) override {
     const Court before = now_;
     const bool swing = action.choices[0] == 1;  // its mask allows that only when the arm has rested
     if (swing) now_.wait = SWING + RECOVERY;
@@ -97,12 +97,12 @@ class Match final : public Arena {
       now_.wait = std::max<std::int64_t>(now_.wait - 1, 0);
     }
     now_.decisions += 1;
-    Turn turn;
-    turn.rewards = {float(now_.returns - before.returns), float(now_.smashes - before.smashes), float(swing),
+    TimeStep result;
+    result.rewards = {float(now_.returns - before.returns), float(now_.smashes - before.smashes), float(swing),
                     float(lost)};
-    turn.end = lost ? End::terminated : now_.decisions == DECISIONS ? End::truncated : End::none;
-    turn.metrics = {float(now_.returns), float(now_.smashes)};
-    return turn;
+    result.end = lost ? End::terminated : now_.decisions == DECISIONS ? End::truncated : End::none;
+    result.metrics = {float(now_.returns), float(now_.smashes)};
+    return result;
   }
 
   std::vector<std::vector<float>> observe() const override {

@@ -44,8 +44,8 @@ Play::Play(const Chosen& chosen, const pb::Start& start)
 }
 
 pb::Step Play::observe() {
-  const Turn quiet = {std::vector<float>(behavior_.channels_size()), End::none, {}};
-  return finish(std::vector<Turn>(lanes_, quiet));
+  const TimeStep quiet = {std::vector<float>(behavior_.channels_size()), End::none, {}};
+  return finish(std::vector<TimeStep>(lanes_, quiet));
 }
 
 pb::Step Play::act(const pb::Act& act) {
@@ -56,9 +56,9 @@ pb::Step Play::act(const pb::Act& act) {
   check_draw(act);
   ++steps_;  // all is well: from here on the arenas move
   const auto begin = std::chrono::steady_clock::now();
-  std::vector<Turn> turns;
-  for (std::uint32_t lane = 0; lane < lanes_; ++lane) turns.push_back(arenas_[lane]->step(actions.of(lane, lanes_)));
-  pb::Step step = finish(turns);
+  std::vector<TimeStep> results;
+  for (std::uint32_t lane = 0; lane < lanes_; ++lane) results.push_back(arenas_[lane]->step(actions.of(lane, lanes_)));
+  pb::Step step = finish(results);
   step.set_simulate_seconds(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
   for (const auto arena : act.draw()) *step.add_pictures() = picture(arena);
   return step;
@@ -92,7 +92,7 @@ void Play::restore(const pb::Snapshot& snapshot) {
   const pb::Snapshot present = save();
   std::map<std::string, std::string> parts(snapshot.parts().begin(), snapshot.parts().end());
   if (parts["origin"] != origin_) {
-    throw invalid("snapshot is not of a session that was started like this one: " + origin_);
+    throw invalid("snapshot is from a session with another Start; use the same: " + origin_);
   }
   for (const auto& [part, data] : present.parts()) {
     if (parts[part].size() != data.size()) {
@@ -130,16 +130,16 @@ void Play::open(std::uint64_t seed) {
 }
 
 /// Begins the next episode where one ended, and returns what came of a decision.
-pb::Step Play::finish(const std::vector<Turn>& turns) {
+pb::Step Play::finish(const std::vector<TimeStep>& results) {
   std::vector<float> rewards;
   std::vector<bool> terminated, truncated;
   std::vector<std::int32_t> ended;
   for (std::uint32_t lane = 0; lane < lanes_; ++lane) {
-    const Turn& turn = turns[lane];
-    append(rewards, turn.rewards);
-    terminated.push_back(turn.end == End::terminated);
-    truncated.push_back(turn.end == End::truncated);
-    if (turn.end != End::none) ended.push_back(static_cast<std::int32_t>(lane));
+    const TimeStep& result = results[lane];
+    append(rewards, result.rewards);
+    terminated.push_back(result.end == End::terminated);
+    truncated.push_back(result.end == End::truncated);
+    if (result.end != End::none) ended.push_back(static_cast<std::int32_t>(lane));
   }
   pb::Step step;
   pb::BehaviorStep& part = *step.add_behaviors();
@@ -147,7 +147,7 @@ pb::Step Play::finish(const std::vector<Turn>& turns) {
   *part.mutable_rewards() = pack({lanes_, channels}, rewards);
   *part.mutable_terminated() = pack({lanes_}, terminated);
   *part.mutable_truncated() = pack({lanes_}, truncated);
-  if (!ended.empty()) *part.mutable_ended() = end_episodes(ended, turns);
+  if (!ended.empty()) *part.mutable_ended() = end_episodes(ended, results);
   std::vector<Arena*> all;
   for (const auto& arena : arenas_) all.push_back(arena.get());
   *part.mutable_observations() = observations(all);  // where an episode ended, these are of the next one
@@ -162,12 +162,12 @@ pb::Step Play::finish(const std::vector<Turn>& turns) {
 }
 
 /// Returns the ends of some lanes' episodes and begins the next ones.
-pb::Ended Play::end_episodes(const std::vector<std::int32_t>& lanes, const std::vector<Turn>& turns) {
+pb::Ended Play::end_episodes(const std::vector<std::int32_t>& lanes, const std::vector<TimeStep>& results) {
   std::vector<Arena*> arenas;
   std::vector<float> values;
   for (const auto lane : lanes) {
     arenas.push_back(arenas_[lane].get());
-    append(values, turns[lane].metrics);
+    append(values, results[lane].metrics);
   }
   const std::uint32_t rows = lanes.size(), metrics = behavior_.metrics_size();
   pb::Ended ended;

@@ -31,8 +31,8 @@ class Play {
  private:
   void set(const google::protobuf::Map<std::string, double>& parameters);
   void open(std::uint64_t seed);
-  pb::Step finish(const std::vector<Turn>& turns);
-  pb::Ended end_episodes(const std::vector<std::int32_t>& lanes, const std::vector<Turn>& turns);
+  pb::Step finish(const std::vector<TimeStep>& results);
+  pb::Ended end_episodes(const std::vector<std::int32_t>& lanes, const std::vector<TimeStep>& results);
   google::protobuf::RepeatedPtrField<pb::Tensor> observations(const std::vector<Arena*>& arenas) const;
   std::vector<Masks> masks() const;
   void check_draw(const pb::Act& act) const;

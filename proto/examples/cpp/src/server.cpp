@@ -232,7 +232,7 @@ void serve(const Games& games, const std::string& address, std::size_t most_sess
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
   const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
   if (!server || port == 0) {
-    throw std::runtime_error(text("cannot listen on ", address, ": is it in use, or not an address of this machine?"));
+    throw std::runtime_error(text("cannot listen on ", address, ": it is in use or not an address of this machine"));
   }
   server->GetHealthCheckService()->SetServingStatus(pb::SimulatorService::service_full_name(), true);
   const std::string host = address.substr(0, address.rfind(':'));

@@ -33,7 +33,7 @@ pb::PlayResponse Session::respond(const pb::PlayRequest& request) {
     throw invalid("an empty PlayRequest, or a request that this server does not know; send start, act, reset or save");
   }
   if (!play_ && !request.has_start()) throw early(kind->name() + " came before start");
-  if (play_ && request.has_start()) throw early("start comes once, first");
+  if (play_ && request.has_start()) throw early("start came a second time");
   pb::PlayResponse response;
   if (request.has_start()) {
     const pb::Start& start = request.start();

@@ -21,7 +21,7 @@ export interface Arena {
   begin(): void;
 
   /** Play one decision. After an end the last observation stands until `begin`. */
-  step(action: Action): Turn;
+  step(action: Action): TimeStep;
 
   /** Return the numbers of each sensor, row-major. */
   observe(): number[][];
@@ -33,9 +33,9 @@ export interface Arena {
   draw(): Uint8Array;
 }
 
-/** What came of one decision. */
-export interface Turn {
+/** What an agent gets after one decision. */
+export interface TimeStep {
   rewards: number[]; // per channel
-  end: "terminated" | "truncated" | null; // the game is over, was merely cut short, or goes on
+  end: "terminated" | "truncated" | null; // null: the episode continues
   metrics: number[]; // counts where the episode ended
 }

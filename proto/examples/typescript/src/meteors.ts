@@ -1,7 +1,7 @@
 /** Meteors: a gun rolls along a town at night and shoots what falls from the sky. */
 
 import { draw, HEIGHT, type Scene, WIDTH } from "./drawing.js";
-import type { Arena, Game, Options, Parameters, Turn } from "./game.js";
+import type { Arena, Game, Options, Parameters, TimeStep } from "./game.js";
 import { keyOf, uniform } from "./random.js";
 import type { Action } from "./tensors.js";
 
@@ -88,7 +88,7 @@ class Night implements Arena, Scene {
     this.appear();
   }
 
-  step({ axes: [steer = 0], choices: [trigger = 0] }: Action): Turn {
+  step({ axes: [steer = 0], choices: [trigger = 0] }: Action): TimeStep {
     this.gun = clamp(this.gun + SPEED * steer);
     const shot = trigger === 1;
     const hit = shot && Math.abs(this.x - this.gun) < REACH;

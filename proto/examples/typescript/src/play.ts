@@ -3,7 +3,7 @@
 import { status } from "@grpc/grpc-js";
 
 import { invalid, Refusal } from "./contract.js";
-import type { Arena, Parameters, Turn } from "./game.js";
+import type { Arena, Parameters, TimeStep } from "./game.js";
 import { checkParameters, type Chosen } from "./settings.js";
 import { pack, unpackActions, zip } from "./tensors.js";
 import type { CompleteAct } from "./types/joybridge/v1/Act.js";
@@ -43,7 +43,7 @@ export class Play {
 
   /** Return the present observations, with zero rewards and no ends. */
   observe(): Step {
-    const nothing: Turn = { rewards: this.behavior.channels.map(() => 0), end: null, metrics: [] };
+    const nothing: TimeStep = { rewards: this.behavior.channels.map(() => 0), end: null, metrics: [] };
     return this.step(this.arenas.map(() => nothing), null);
   }
 
@@ -55,10 +55,10 @@ export class Play {
     const drawn = this.toDraw(draw);
     this.steps += 1;
     const begin = performance.now();
-    const turns = zip(this.arenas, actions).map(([arena, action]) => arena.step(action));
-    const ended = this.endEpisodes(turns);
+    const results = zip(this.arenas, actions).map(([arena, action]) => arena.step(action));
+    const ended = this.endEpisodes(results);
     const simulate_seconds = (performance.now() - begin) / 1000;
-    return { ...this.step(turns, ended), pictures: drawn.map((arena) => this.picture(arena)), simulate_seconds };
+    return { ...this.step(results, ended), pictures: drawn.map((arena) => this.picture(arena)), simulate_seconds };
   }
 
   /** Begin new episodes everywhere; with a seed, as a new session with that seed would. */
@@ -76,27 +76,30 @@ export class Play {
   }
 
   /** Begin the next episode where one ended, and return the ends as they are sent. */
-  private endEpisodes(turns: Turn[]): Ended | null {
-    const ends = zip(this.arenas, turns).flatMap(([arena, turn], lane) => (turn.end ? [{ arena, turn, lane }] : []));
+  private endEpisodes(results: TimeStep[]): Ended | null {
+    const ends = zip(this.arenas, results).flatMap(([arena, result], lane) =>
+      result.end ? [{ arena, result, lane }] : [],
+    );
     if (ends.length === 0) return null;
     const shape = [ends.length, this.behavior.metrics.length];
     const ended = {
       lanes: pack("DTYPE_INT32", [ends.length], ends.map(({ lane }) => lane)),
       final_observations: this.observations(ends.map(({ arena }) => arena)),
-      metrics: shape[1] ? pack("DTYPE_FLOAT32", shape, ends.flatMap(({ turn }) => turn.metrics)) : null,
+      metrics: shape[1] ? pack("DTYPE_FLOAT32", shape, ends.flatMap(({ result }) => result.metrics)) : null,
     };
     for (const { arena } of ends) arena.begin();
     return ended;
   }
 
-  private step(turns: Turn[], ended: Ended | null): Step {
+  private step(results: TimeStep[], ended: Ended | null): Step {
     const { channels, device } = this.behavior;
     const masks = this.arenas.map((arena) => arena.masks());
-    const lanes = turns.length;
-    const ends = (end: string): Tensor => pack("DTYPE_BOOL", [lanes], turns.map((turn) => Number(turn.end === end)));
+    const lanes = results.length;
+    const ends = (end: string): Tensor =>
+      pack("DTYPE_BOOL", [lanes], results.map((result) => Number(result.end === end)));
     const step = {
       observations: this.observations(this.arenas),
-      rewards: pack("DTYPE_FLOAT32", [lanes, channels.length], turns.flatMap((turn) => turn.rewards)),
+      rewards: pack("DTYPE_FLOAT32", [lanes, channels.length], results.flatMap((result) => result.rewards)),
       terminated: ends("terminated"),
       truncated: ends("truncated"),
       masks: (device?.branches ?? []).map(({ choices }, branch) =>

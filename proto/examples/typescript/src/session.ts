@@ -34,7 +34,7 @@ export class Session {
       this.play = new Play(choose(this.games, start.game, start.options), start);
       return { started: { spec: this.play.chosen.spec, step: this.play.observe(), version: VERSION } };
     }
-    if (start) throw early("start comes once, first");
+    if (start) throw early("start came a second time");
     if (act) return { step: this.play.act(act) };
     if (reset) return { step: this.play.reset(reset) };
     if (save) throw new Refusal(status.FAILED_PRECONDITION, "there are no snapshots here; begin new episodes instead");

@@ -19,7 +19,7 @@ from joybridge.trainer.ppo.schedule import Coefficients
 
 @dataclass
 class Batch:
-    """Transitions to learn from; every tensor has one row per transition."""
+    """Timesteps to learn from; every tensor has one row per timestep."""
 
     observations: Tensor  # [n, observation]
     continuous: Tensor  # [n, continuous]: samples before clipping
@@ -31,7 +31,7 @@ class Batch:
     returns: Tensor  # [n]
 
     def rows(self, index: Tensor) -> "Batch":
-        """Return the transitions at `index`."""
+        """Return the timesteps at `index`."""
         return self._each(lambda field: field[index])
 
     def to(self, accelerator: torch.device) -> "Batch":
@@ -39,7 +39,7 @@ class Batch:
         return self._each(lambda field: field.to(accelerator))
 
     def slice(self, start: int, end: int) -> "Batch":
-        """Return the transitions start .. end - 1 without copying them."""
+        """Return the timesteps start .. end - 1 without copying them."""
         return self._each(lambda field: field[start:end])
 
     def _each(self, function: Callable[[Tensor], Tensor]) -> "Batch":

@@ -133,7 +133,7 @@ class RolloutBuffer:
         return decided
 
     def batch(self, advantages: Array, decided: Array) -> Batch:
-        """Return the decided transitions with these advantages [steps, lanes], normalized, as one flat batch."""
+        """Return the decided timesteps with these advantages [steps, lanes], normalized, as one flat batch."""
         whole = decided.all()
 
         def flat(array: Array) -> torch.Tensor:
