@@ -14,7 +14,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["ActArrays", "Codec", "StepArrays", "fill_act", "fill_step", "lane_count", "pack_act"]
 
-_NOBODY = np.empty(0, np.int32)
+_NO_LANES = np.empty(0, np.int32)
 
 
 @dataclass
@@ -35,7 +35,7 @@ class StepArrays:
     truncated: Array  # bool [lanes]
     masks: list[Array] | None = None  # per branch bool [lanes, choices]; None: all allowed
     deciding: Array | None = None  # bool [lanes]; None: every lane decides
-    ended: Array = field(default_factory=lambda: _NOBODY)  # int32 [ended], ascending
+    ended: Array = field(default_factory=lambda: _NO_LANES)  # int32 [ended], ascending
     final_observations: list[Array] | None = None  # per sensor [ended, *shape]; None if nothing ended
     metrics: Array | None = None  # float32 [ended, metrics]; None if nothing ended or there are none
 

@@ -18,7 +18,7 @@ from joybridge.trainer.errors import ConfigError
 _INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
 _CHECKOUT = Path(__file__).parents[3] / "configs"
 FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
-BASE = "common"  # stem of files that others extend and nobody trains
+BASE = "common"  # stem of files that other files extend; they are not trained themselves
 
 
 def config_names() -> list[str]:

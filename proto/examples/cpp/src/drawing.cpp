@@ -39,15 +39,15 @@ void paint_score(Picture& picture, const Court& court) {
 void paint_ball(Picture& picture, const Court& court) {
   const double square = court.velocity_x * court.velocity_x + court.velocity_y * court.velocity_y;
   const double smash = SMASH * BALL_SPEED * court.pace;
-  const Colour colour = square < 0.9 * smash * smash ? WARM : HOT;
+  const Colour color = square < 0.9 * smash * smash ? WARM : HOT;
   const double x = across(court.x), y = down(court.y), radius = SCALE * BALL_RADIUS;
   for (int back = 12; back > 0; --back) {  // a tail, narrower and paler towards its end
     const double seconds = 0.01 * back;
     picture.disc(x - SCALE * seconds * court.velocity_x, y + SCALE * seconds * court.velocity_y,
-                 radius * (1 - 0.06 * back), colour, 0.2 - 0.015 * back, 5);
+                 radius * (1 - 0.06 * back), color, 0.2 - 0.015 * back, 5);
   }
-  picture.disc(x, y, radius, colour, 0.5, 36);
-  picture.disc(x, y, radius, colour);
+  picture.disc(x, y, radius, color, 0.5, 36);
+  picture.disc(x, y, radius, color);
   picture.disc(x - 2.5, y - 2.5, 2.5, WHITE, 0.7, 2);
 }
 

@@ -1,5 +1,5 @@
-/// What a game is to the server: a spec, and arenas with one agent each. To serve one of your own, write it as
-/// paddle.cpp is written and name it in main.cpp; the rest of the server knows no game.
+/// The interface of a game: a spec, and arenas with one agent each. To serve your own game, write it like paddle.cpp
+/// and name it in main.cpp; no other file mentions the game.
 #pragma once
 
 #include <cstdint>
@@ -41,7 +41,7 @@ class Arena {
   /// Begins a new episode, which is played with these parameters.
   virtual void begin(const Parameters& parameters) = 0;
 
-  /// Plays one decision. After an end the last observation still stands, until `begin`.
+  /// Plays one decision. After an end, `observe` returns the last observation until `begin`.
   virtual TimeStep step(const Action& action) = 0;
 
   /// Returns the numbers of each sensor, row-major.
@@ -53,10 +53,10 @@ class Arena {
   /// Returns a picture: height * width * 3 bytes, red, green and blue.
   virtual std::string draw() const = 0;
 
-  /// Returns everything that changes, always as many bytes.
+  /// Returns the complete state; its length is always the same.
   virtual std::string save() const = 0;
 
-  /// Takes back as many bytes as `save` returns. Throws std::invalid_argument for what it cannot have returned.
+  /// Restores a state of the length that `save` returns. Throws std::invalid_argument for an impossible state.
   virtual void restore(const std::string& state) = 0;
 };
 
@@ -68,7 +68,7 @@ class Game {
   /// Returns the spec under the given choices; an option that is left out has its default.
   virtual pb::GameSpec describe(const Options& options) const = 0;
 
-  /// Makes an arena, which is to `begin`. All its randomness comes from the seed and its number.
+  /// Makes an arena; call `begin` next. All its randomness comes from the seed and its number.
   virtual std::unique_ptr<Arena> open(const Options& options, std::uint64_t seed, std::uint64_t number) const = 0;
 };
 

@@ -16,7 +16,7 @@ constexpr char USAGE[] =
     "              password: listen beyond this machine only in a network you trust\n"
     "  --sessions  the most sessions at once; default 64\n";
 
-/// Returns a number of the command line. Throws std::invalid_argument for what is none in low .. high.
+/// Returns a number of the command line. Throws std::invalid_argument if it is not a number in low .. high.
 int number(const std::string& what, const std::string& text, int low, int high) {
   int value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -47,7 +47,7 @@ int main(int count, char** words) {
     simulator::Games games;
     auto paddle = std::make_unique<simulator::Paddle>();
     const std::string name = paddle->describe({}).name();
-    games[name] = std::move(paddle);  // another game of yours goes here
+    games[name] = std::move(paddle);  // add your own game here
     simulator::serve(games, address, static_cast<std::size_t>(sessions));
   } catch (const std::exception& error) {
     std::cerr << "error: " << error.what() << std::endl;

@@ -16,7 +16,7 @@ namespace {
 
 constexpr double TICK = 1.0 / 60;               // s
 constexpr int TICKS = 4;                        // of a decision
-constexpr std::int64_t DECISIONS = 300;         // after so many an episode is cut
+constexpr std::int64_t DECISIONS = 300;         // length at which an episode is truncated
 constexpr double BAT_SPEED = 1.8;               // at full axis, per second
 constexpr double WIDE = 0.2, NARROW = 0.12;     // half the width of a bat
 constexpr double SLOWEST = 0.5, FASTEST = 1.5;  // paces
@@ -161,7 +161,7 @@ class Match final : public Arena {
   }
 
   static void check(const char* what, double value, double low, double high) {
-    if (value >= low && value <= high) return;  // NaN is not
+    if (value >= low && value <= high) return;  // false for NaN
     throw std::invalid_argument(text(what, " is ", value, ", expected ", low, "..", high));
   }
 

@@ -16,7 +16,7 @@ std::uint32_t checked_arenas(const pb::GameSpec& spec, std::uint32_t arenas) {
   throw Refusal(code, text(spec.name(), ": arenas is ", arenas, ", expected 1..", spec.max_arenas()));
 }
 
-/// Returns how a session was started, in words: a snapshot fits where these are the same.
+/// Returns the fields of Start as text. A snapshot fits a session with the same text.
 std::string origin(const Chosen& chosen, const Parameters& parameters, const pb::Start& start) {
   std::string how = chosen.spec.name();
   for (const auto& [name, choice] : chosen.options) how += text(" ", name, "=", choice);
@@ -54,7 +54,7 @@ pb::Step Play::act(const pb::Act& act) {
   }
   const Actions actions = unpack(act.behaviors(0), behavior_, masks());
   check_draw(act);
-  ++steps_;  // all is well: from here on the arenas move
+  ++steps_;  // everything is checked; from here on the arenas change
   const auto begin = std::chrono::steady_clock::now();
   std::vector<TimeStep> results;
   for (std::uint32_t lane = 0; lane < lanes_; ++lane) results.push_back(arenas_[lane]->step(actions.of(lane, lanes_)));
@@ -129,7 +129,7 @@ void Play::open(std::uint64_t seed) {
   }
 }
 
-/// Begins the next episode where one ended, and returns what came of a decision.
+/// Begins the next episode where one ended, and returns the step.
 pb::Step Play::finish(const std::vector<TimeStep>& results) {
   std::vector<float> rewards;
   std::vector<bool> terminated, truncated;

@@ -44,7 +44,7 @@ class Play {
   const std::uint32_t lanes_;       // one per arena
   const std::uint32_t first_arena_;
   Parameters parameters_;  // as they are now
-  std::string origin_;     // says how the session was started, in its snapshots
+  std::string origin_;     // the fields of Start as text; part of every snapshot
   std::vector<std::unique_ptr<Arena>> arenas_;
   std::uint64_t steps_ = 0;
 };

@@ -1,4 +1,4 @@
-/// Errors that a client is told: a gRPC status with a sentence that says what came, what was wanted and what to do.
+/// Errors for clients: a gRPC status and a sentence with what was received, what was expected and what to do.
 #pragma once
 
 #include <grpcpp/support/status.h>
@@ -11,7 +11,7 @@
 
 namespace simulator {
 
-/// An error that ends its call, or its session, with a status. Every other exception is the server's own fault.
+/// An error that ends its call, or its session, with a status. Every other exception is an error of the server.
 class Refusal : public std::runtime_error {
  public:
   Refusal(grpc::StatusCode code, const std::string& text);
@@ -22,7 +22,7 @@ class Refusal : public std::runtime_error {
   grpc::Status status_;
 };
 
-/// Returns a Refusal that blames the content of a message.
+/// Returns a Refusal with INVALID_ARGUMENT: the content of a message is wrong.
 Refusal invalid(const std::string& text);
 
 /// Returns its arguments written one after the other, floating-point numbers with as many digits as tell them apart.

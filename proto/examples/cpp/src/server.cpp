@@ -22,10 +22,10 @@
 namespace simulator {
 namespace {
 
-constexpr auto GRACE = std::chrono::seconds(2);  // for clients to take note of the end
+constexpr auto GRACE = std::chrono::seconds(2);  // time for clients to receive the status
 const grpc::Status STOPPING(grpc::StatusCode::UNAVAILABLE, "the simulator is shutting down");
 
-/// Does what may throw and returns what its client is told.
+/// Runs a function that may throw and returns the status for the client.
 template <typename Function>
 grpc::Status status_of(Function function) {
   try {
@@ -40,7 +40,7 @@ grpc::Status status_of(Function function) {
 
 class Stream;
 
-// Play hands on bytes: what gRPC itself cannot decode, a stream could not tell from its client's orderly end.
+// Play passes bytes through: if gRPC decoded them, invalid bytes would look like the client's end of the stream.
 using Simulator = pb::SimulatorService;
 using Base = Simulator::WithCallbackMethod_ListGames<
     Simulator::WithCallbackMethod_DescribeGame<Simulator::WithRawCallbackMethod_Play<Simulator::Service>>>;
@@ -77,7 +77,7 @@ class Service final : public Base {
   /// Ends all sessions, those that are still to come, too, and returns how many there were.
   std::size_t stop();
 
-  /// Lets go of a stream that is over.
+  /// Removes a stream that has ended.
   void forget(const std::shared_ptr<Stream>& stream);
 
  private:
@@ -113,14 +113,14 @@ class Stream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::Byte
   }
 
   void OnReadDone(bool ok) override {
-    if (!ok) return end(grpc::Status::OK);  // the client closed its half, or went away: no error
+    if (!ok) return end(grpc::Status::OK);  // the client closed its half or is gone: no error
     const grpc::Status status = status_of([this] {
       pb::PlayRequest request;
       if (!grpc::SerializationTraits<pb::PlayRequest>::Deserialize(&request_, &request).ok()) {
         throw invalid("these bytes are no PlayRequest");
       }
       response_.Clear();  // Serialize writes into an empty buffer only
-      bool own;           // whether it made a copy; of no interest here
+      bool own;           // whether it made a copy; not used
       grpc::SerializationTraits<pb::PlayResponse>::Serialize(session_.answer(request), &response_, &own);
     });
     if (!status.ok()) return end(status);
@@ -133,7 +133,7 @@ class Stream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::Byte
   void OnWriteDone(bool ok) override {
     const std::lock_guard lock(mutex_);
     writing_ = false;
-    if (!ok) ended_ = grpc::Status::OK;  // nobody is left to be told
+    if (!ok) ended_ = grpc::Status::OK;  // the client has gone, so no status can reach it
     if (ended_) {
       Finish(*ended_);
     } else {
@@ -227,7 +227,7 @@ void serve(const Games& games, const std::string& address, std::size_t most_sess
   builder.RegisterService(&service);
   builder.SetMaxReceiveMessageSize(largest_request(games));
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);         // a second server on one port is an error
-  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);  // a peer that is gone without a word is noticed
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);  // detects clients that are lost
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
   const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();

@@ -1,4 +1,4 @@
-/// The gRPC server: the three calls, health, reflection, limits and an orderly end.
+/// The gRPC server: the three calls, health, reflection, limits and shutdown.
 #pragma once
 
 #include "game.hpp"

@@ -18,7 +18,7 @@ pb::PlayResponse Session::answer(const pb::PlayRequest& request) {
     return respond(request);
   } catch (const Refusal&) {
     throw;
-  } catch (const std::exception& error) {  // the game's fault, or ours
+  } catch (const std::exception& error) {  // an error in the game or in this server
     const std::string moment = play_ ? text("step ", play_->steps()) : "start";
     const std::string& game = play_ ? play_->name() : request.start().game();
     const std::string what = text(game, " failed in ", moment, ": ", error.what());

@@ -7,7 +7,7 @@
 namespace simulator {
 namespace {
 
-/// Returns the thing of that name. Throws a Refusal that says which there are.
+/// Returns the thing of that name. Throws a Refusal that lists the names.
 template <typename Things>
 const auto& named(const Things& things, const std::string& name, const std::string& what) {
   const auto found =
@@ -53,7 +53,7 @@ Parameters defaults(const pb::GameSpec& spec) {
 double checked(const pb::GameSpec& spec, const std::string& name, double value) {
   const pb::Parameter& parameter = named(spec.parameters(), name, spec.name() + ": parameter");
   const double low = parameter.low(), high = parameter.high();
-  if (value >= low && value <= high) return value;  // NaN is not
+  if (value >= low && value <= high) return value;  // false for NaN
   throw invalid(text(spec.name(), ": parameter '", name, "' got ", value, ", expected ", low, "..", high));
 }
 

@@ -57,7 +57,7 @@ Actions unpack(const pb::BehaviorAct& act, const pb::Behavior& behavior, const s
     for (int index = 0; index < axes.size(); ++index) {
       const pb::Axis& axis = axes[index];
       const float value = action.axes[index];
-      if (!(value >= axis.low() && value <= axis.high())) {  // nor is NaN
+      if (!(value >= axis.low() && value <= axis.high())) {  // also true for NaN
         throw invalid(text(in_axes, ": axis '", axis.name(), "' got ", value, " in lane ", lane, ", expected ",
                            axis.low(), "..", axis.high()));
       }

@@ -1,4 +1,4 @@
-/// Numbers <-> Tensor: the one door through which arrays enter and leave messages.
+/// Numbers <-> Tensor: all conversions between arrays and messages.
 #pragma once
 
 #include <cmath>
@@ -22,7 +22,7 @@ struct Actions {
 };
 
 /// Returns the actions of the lanes that have these masks. Throws a Refusal naming the axis, branch or field that is
-/// not as the contract or the behavior wants it.
+/// not as the contract or the behavior requires.
 Actions unpack(const pb::BehaviorAct& act, const pb::Behavior& behavior, const std::vector<Masks>& masks);
 
 /// Returns numbers as a tensor: of FLOAT32, INT32 or, from bool, BOOL. Throws std::logic_error for too few or many of

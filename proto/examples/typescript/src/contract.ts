@@ -11,7 +11,7 @@ import type { CompleteVersion } from "./types/joybridge/v1/Version.js";
 
 export const SERVICE = "joybridge.v1.SimulatorService";
 const FILE = fileURLToPath(new URL("../../../joybridge/v1/bridge.proto", import.meta.url));
-// keepCase: else reflection tells camelCase names, which the contract does not have. longs: a number holds no seed.
+// keepCase: otherwise reflection has camelCase names, unlike the contract. longs: a seed does not fit into a number.
 const OPTIONS = { keepCase: true, longs: String, enums: String, defaults: true, oneofs: true } as const;
 
 /** The version of this server: its product, and the revision of bridge.proto that it implements. */
@@ -20,18 +20,18 @@ export const VERSION = { product: "meteors 0.1.0", revision: 1 };
 export const proto = loadSync(FILE, OPTIONS);
 const methods = proto[SERVICE] as unknown as SimulatorServiceDefinition;
 
-/** An error that ends its call with a gRPC status; the text says what came, what was wanted and what to do. */
+/** An error that ends its call with a gRPC status; the text states what was received, expected, and what to do. */
 export class Refusal extends Error {
   constructor(
     readonly code: status,
     text: string,
   ) {
-    // A status travels in a header of 8 KiB, where a character takes up to 12 bytes and half of one cannot stand.
+    // A status is sent in a header of 8 KiB. A character takes up to 12 bytes there and must not be cut in two.
     super((text.length <= 600 ? text : `${text.slice(0, 400)} … ${text.slice(-200)}`).toWellFormed());
   }
 }
 
-/** Return a Refusal that blames the content of a message. */
+/** Return a Refusal with INVALID_ARGUMENT: the content of a message is wrong. */
 export function invalid(text: string): Refusal {
   return new Refusal(status.INVALID_ARGUMENT, text);
 }
@@ -47,7 +47,7 @@ export function checkVersion(client: CompleteVersion | null): void {
   );
 }
 
-/** The service as gRPC is to run it: it hands on bytes, since what its own decoding refuses is INTERNAL. */
+/** The service for gRPC. Its methods pass bytes through, because gRPC answers what it cannot decode with INTERNAL. */
 export const service = Object.fromEntries(
   Object.entries(methods).map(([name, method]) => [name, { ...method, requestDeserialize: (data: Buffer) => data }]),
 );

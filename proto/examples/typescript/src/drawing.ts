@@ -19,7 +19,7 @@ const BEAM: Colour = [150, 240, 255];
 
 const NIGHT = night();
 
-/** What is to be seen: places from -1 to 1, the height of the meteor from 0 to 1, and the houses that stand. */
+/** What a picture shows: places from -1 to 1, the height of the meteor from 0 to 1, and the houses that stand. */
 export interface Scene {
   gun: number;
   x: number; // of the meteor
@@ -49,8 +49,8 @@ export function draw({ gun, x, height, drift, houses }: Scene, heat: number, mos
     const [left, top, size] = [column - 40 * drift * puff, row - 4 * puff, 13 - 0.7 * puff];
     paint(pixels, left - size / 2, top - size / 2, size, size, puff < 6 ? GLOW : EMBER, 0.5 - puff / 32);
   }
-  for (const [size, colour] of [[14, EMBER], [9, GLOW], [4, STAR]] as const) {
-    paint(pixels, column - size / 2, row - size / 2, size, size, colour);
+  for (const [size, color] of [[14, EMBER], [9, GLOW], [4, STAR]] as const) {
+    paint(pixels, column - size / 2, row - size / 2, size, size, color);
   }
 
   for (const [width, share] of [[12, 0.15], [6, 0.4], [2, 1]] as const) {
@@ -77,14 +77,14 @@ function night(): Uint8Array {
   return pixels;
 }
 
-/** Blend a rectangle, cut at the edges, with a colour; a share of 1 covers what was there. */
+/** Blend a rectangle, cut at the edges, with a color; a share of 1 covers what was there. */
 function paint(
-  pixels: Uint8Array, left: number, top: number, width: number, height: number, colour: Colour, share = 1,
+  pixels: Uint8Array, left: number, top: number, width: number, height: number, color: Colour, share = 1,
 ): void {
   const [first, end] = [Math.max(0, Math.round(left)), Math.min(WIDTH, Math.round(left + width))];
   for (let row = Math.max(0, Math.round(top)); row < Math.min(HEIGHT, Math.round(top + height)); row += 1) {
     for (let at = 3 * (row * WIDTH + first); at < 3 * (row * WIDTH + end); at += 1) {
-      pixels[at] = (1 - share) * (pixels[at] ?? 0) + share * (colour[at % 3] ?? 0);
+      pixels[at] = (1 - share) * (pixels[at] ?? 0) + share * (color[at % 3] ?? 0);
     }
   }
 }

@@ -1,4 +1,4 @@
-/** What a game is to this server. To serve one of your own, write it like meteors.ts and name it in main.ts. */
+/** The interface of a game. To serve your own game, write it like meteors.ts and name it in main.ts. */
 
 import type { Action } from "./tensors.js";
 import type { GameSpec } from "./types/joybridge/v1/GameSpec.js";
@@ -15,12 +15,12 @@ export interface Game {
   open(options: Options, parameters: Parameters, seed: bigint, arena: number): Arena;
 }
 
-/** One copy of a game. Actions have been checked before they get here. */
+/** One copy of a game. Its actions are already checked. */
 export interface Arena {
   /** Begin a new episode. */
   begin(): void;
 
-  /** Play one decision. After an end the last observation stands until `begin`. */
+  /** Play one decision. After an end, `observe` returns the last observation until `begin`. */
   step(action: Action): TimeStep;
 
   /** Return the numbers of each sensor, row-major. */
@@ -37,5 +37,5 @@ export interface Arena {
 export interface TimeStep {
   rewards: number[]; // per channel
   end: "terminated" | "truncated" | null; // null: the episode continues
-  metrics: number[]; // counts where the episode ended
+  metrics: number[]; // used where the episode ended
 }

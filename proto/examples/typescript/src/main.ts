@@ -8,7 +8,7 @@ import { serve } from "./server.js";
 const GAMES = new Map([["meteors", meteors]]);
 const OPTIONS = {
   address: { type: "string", default: "127.0.0.1:5005" }, // HOST:PORT (port 0: any free one) or unix:PATH
-  sessions: { type: "string", default: "64" }, // the most at once
+  sessions: { type: "string", default: "64" }, // the largest number at once
 } as const;
 
 try {

@@ -5,8 +5,8 @@ import type { Arena, Game, Options, Parameters, TimeStep } from "./game.js";
 import { keyOf, uniform } from "./random.js";
 import type { Action } from "./tensors.js";
 
-const DECISIONS = 200; // an episode is cut after as many
-const HOUSES = 3; // it is over when all are lost
+const DECISIONS = 200; // length at which an episode is truncated
+const HOUSES = 3; // the episode is terminated when all are lost
 const SPEED = 0.15; // of the gun at full steer, per decision; the ground reaches from -1 to 1
 const REACH = 0.12; // how far beside the gun a meteor may be and still be hit
 const COOLING = 3; // decisions after a shot in which the trigger is masked

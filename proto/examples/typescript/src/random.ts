@@ -13,7 +13,7 @@ export function uniform(key: bigint, n: number): number {
   return Number(bits) / 2 ** 53;
 }
 
-/** Scramble 64 bits: the finaliser of SplitMix64 (Steele, Lea and Flood, 2014). */
+/** Scramble 64 bits: the finalizer of SplitMix64 (Steele, Lea and Flood, 2014). */
 function mix(value: bigint): bigint {
   let bits = BigInt.asUintN(64, value);
   bits = BigInt.asUintN(64, (bits ^ (bits >> 30n)) * 0xbf58476d1ce4e5b9n);

@@ -1,4 +1,4 @@
-/** The gRPC server: the three calls, health, reflection, limits and an orderly end. */
+/** The gRPC server: the three calls, health, reflection, limits and shutdown. */
 
 import {
   type sendUnaryData,
@@ -16,7 +16,7 @@ import { Session } from "./session.js";
 import { choose, type Games } from "./settings.js";
 import type { PlayResponse } from "./types/joybridge/v1/PlayResponse.js";
 
-const GRACE_MILLISECONDS = 2000; // for clients to take note of the end
+const GRACE_MILLISECONDS = 2000; // time for clients to receive the status
 
 type Call = ServerDuplexStream<Buffer, PlayResponse>;
 
@@ -30,7 +30,7 @@ export interface Running {
 export async function serve(games: Games, address: string, most: number): Promise<Running> {
   const server = new Server({
     "grpc.max_receive_message_length": Math.max(...[...games.keys()].map((name) => requestBytes(games, name))),
-    "grpc.keepalive_time_ms": 30_000, // a peer that is gone without a word is noticed
+    "grpc.keepalive_time_ms": 30_000, // detects clients that are lost
     "grpc.keepalive_timeout_ms": 20_000,
   });
   const sessions = new Set<Call>();
@@ -78,7 +78,7 @@ function play(games: Games, call: Call, sessions: Set<Call>, most: number): void
   call.on("close", () => sessions.delete(call));
   const session = new Session(games);
   call.on("data", (data: Buffer) => {
-    if (call.writableEnded) return; // something was refused, and what comes after is not answered
+    if (call.writableEnded) return; // after an error, later requests are not answered
     try {
       const taken = call.write(session.answer(read.Play(data)));
       if (!taken) call.pause().once("drain", () => call.resume()); // the client is slower than the game
@@ -103,7 +103,7 @@ function unary<Request, Response>(read: (data: Buffer) => Request, answer: (requ
   };
 }
 
-/** Return the most bytes of a request of a game: what gRPC takes anyway, and the actions of all arenas. */
+/** Return the most bytes of a request of a game: 4 MiB, and the actions of all arenas. */
 function requestBytes(games: Games, name: string): number {
   const { max_arenas, behaviors } = choose(games, name, {}).spec;
   const row = behaviors.map(({ device }) => 4 * ((device?.axes.length ?? 0) + (device?.branches.length ?? 0)));

@@ -1,4 +1,4 @@
-/** One session: the order of its messages, and what becomes of errors. Knows nothing of sockets. */
+/** One session: the order of its messages, and the status of each error. It does not use gRPC's connections. */
 
 import { status } from "@grpc/grpc-js";
 

@@ -37,7 +37,7 @@ export function choose(games: Games, name: string, given: Options): Chosen {
 export function checkParameters(spec: CompleteGameSpec, given: Parameters): Parameters {
   for (const [key, value] of Object.entries(given)) {
     const { low, high } = find(spec.parameters, key, `${spec.name}: unknown parameter`);
-    const within = value >= low && value <= high; // which NaN is not
+    const within = value >= low && value <= high; // false for NaN
     if (!within) throw invalid(`${spec.name}: parameter '${key}' got ${value}, expected ${low}..${high}`);
   }
   return given;

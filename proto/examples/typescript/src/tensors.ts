@@ -1,4 +1,4 @@
-/** Numbers <-> Tensor: the one door through which arrays enter and leave messages. */
+/** Numbers <-> Tensor: all conversions between arrays and messages. */
 
 import { invalid } from "./contract.js";
 import type { CompleteBehavior } from "./types/joybridge/v1/Behavior.js";
@@ -11,7 +11,7 @@ export interface Action {
   choices: number[];
 }
 
-/** Return a tensor of numbers, row-major. Throws an Error for what no tensor may hold, which is the game's mistake. */
+/** Return a tensor of numbers, row-major. Throws an Error for values that are not allowed in a tensor. */
 export function pack(dtype: "DTYPE_FLOAT32" | "DTYPE_INT32" | "DTYPE_BOOL", shape: number[], values: number[]): Tensor {
   const size = dtype === "DTYPE_BOOL" ? 1 : 4;
   const data = Buffer.alloc(shape.reduce((product, length) => product * length, size));
@@ -24,7 +24,7 @@ export function pack(dtype: "DTYPE_FLOAT32" | "DTYPE_INT32" | "DTYPE_BOOL", shap
   return { dtype, shape, data };
 }
 
-/** Return the action of every lane. Throws a Refusal naming the field, axis or branch that is not as it should be. */
+/** Return the action of every lane. Throws a Refusal naming the field, axis or branch that is wrong. */
 export function unpackActions(act: CompleteBehaviorAct, kind: CompleteBehavior, masks: boolean[][][]): Action[] {
   const { axes = [], branches = [] } = kind.device ?? {};
   const values = unpack(act.axes, "DTYPE_FLOAT32", [masks.length, axes.length], `${kind.name}.axes`);
@@ -32,7 +32,7 @@ export function unpackActions(act: CompleteBehaviorAct, kind: CompleteBehavior, 
   const actions = zip(values, choices).map(([axes, choices]) => ({ axes, choices }));
   for (const [lane, action] of actions.entries()) {
     for (const [index, { name, low, high }] of axes.entries()) {
-      const value = action.axes[index] ?? NaN; // which lies in no range
+      const value = action.axes[index] ?? NaN; // is in no range
       if (!(value >= low && value <= high)) {
         throw invalid(`${kind.name}.axes: axis '${name}' got ${value} in lane ${lane}, expected ${low}..${high}`);
       }
