@@ -212,7 +212,9 @@ def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(
     other = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
     assert "seed changed" in other.stderr
     three = train(run, *SMALL, "stop=400", "--resume", *["--simulator", address] * 3)
-    assert "the checkpoint holds 2 sessions, 2 groups at 3 simulators make 3; resume at 2 simulators" in three.stderr
+    assert (
+        "the checkpoint holds 2 sessions, but 2 groups at 3 simulators make 3; resume with 2 simulators" in three.stderr
+    )
 
 
 def test_evaluation_balances_levels_and_prints_json_last(whole, address):
@@ -251,7 +253,7 @@ def test_multiagent_trains_two_policies_with_their_own_rollouts_on_the_same_lane
     result = train(run, *small, "stop=1600", "--simulator", address, config=config)
     assert result.returncode == 0, result.stderr
     arrays = weights(run)
-    assert int(arrays["axes/policy/rollouts"]) * 2 == int(arrays["buttons/policy/rollouts"]) == 20
+    assert int(arrays["axes/policy/updates"]) * 2 == int(arrays["buttons/policy/updates"]) == 20
     rows = {name: read_rows(run / f"metrics-{name}.csv") for name in ("axes", "buttons")}
     assert [row["timesteps"] for row in rows["axes"]] == [row["timesteps"] for row in rows["buttons"]]
     assert arrays["axes/policy/observations"].shape == (4, 3 * 42)
