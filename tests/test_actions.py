@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, pack_act
-from joybridge.trainer.layouts import CLIP, Layout, LayoutError, bucket, make_layouts, threshold
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.layouts import CLIP, Layout, bucket, make_layouts, threshold
 from joybridge.v1 import bridge_pb2 as pb
 
 NAMES = ("hybrid", "bucket-2", "bucket-11", "threshold-0.0", "threshold-0.1", "threshold-0.5", "multiagent")
@@ -134,5 +135,5 @@ def test_a_device_without_buttons_leaves_multiagent_one_policy():
 
 @pytest.mark.parametrize("name", ["", "bucket", "bucket-1", "bucket-x", "threshold-2", "threshold-nan", "hybrid-3"])
 def test_an_unknown_layout_is_refused_by_name(name):
-    with pytest.raises(LayoutError, match=f"unknown layout '{name}'"):
+    with pytest.raises(ConfigError, match=f"unknown layout '{name}'"):
         make_layouts(name, POINTER)

@@ -76,6 +76,11 @@ def test_settings_are_checked_before_a_simulator_is_waited_for(arguments, messag
         (["train", CONFIG, "--game", "a:B", "--simulator", "127.0.0.1:1"], "--game is for a simulator that this"),
         (["evaluate", "run", "--simulator", "a:1", "--simulator", "b:2"], "evaluate uses one simulator, got 2"),
         (["train", CONFIG, "--sed", "1"], "unrecognized arguments: --sed"),
+        (["train", CONFIG, "--simulator", "foo"], "got 'foo', expected HOST:PORT"),
+        (["train", CONFIG, "--wait", "nan"], "got 'nan', expected a positive number of seconds"),
+        (["evaluate", "run", "--episodes", "0"], "got '0', expected an integer of at least 1"),
+        (["evaluate", "run", "--seed", "-1"], "--seed"),
+        (["record", "run", "play.mp4", "--seconds", "-1"], "--seconds"),
     ],
 )
 def test_wrong_arguments_end_with_the_usage(arguments, message, capsys):

@@ -68,6 +68,8 @@ def test_files_that_extend_others_merge_mappings_and_replace_the_rest(tmp_path):
 def test_any_key_can_be_overridden_on_the_command_line():
     config = load_config(BUCKET, ["seed=7", "policy.learning_rate=1e-4", "options.level=3", "layout=hybrid"])
     assert (config.seed, config.policy.learning_rate, config.layout) == (7, 1e-4, "hybrid")
+    with pytest.raises(ConfigError, match=r"'2024-13-45' is not YAML: month must be in 1\.\.12"):
+        load_config(BUCKET, ["seed=2024-13-45"])
     with pytest.raises(ConfigError, match="not of the form key=value"):
         load_config(BUCKET, ["seed"])
     with pytest.raises(ConfigError, match=r"unknown key 'policy.lerning_rate'"):

@@ -646,6 +646,7 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
         (BridgeEnv, "brief", {"layout": "hybrids"}, "unknown layout 'hybrids', expected hybrid,"),
         (BridgeEnv, "brief", {"frame_stack": 0}, "frame_stack is 0, expected at least 1"),
         (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
+        (BridgeVectorEnv, "brief", {"arenas": 0}, "arenas is 0, expected an integer of at least 1"),
         (BridgeEnv, "brief", {"render_mode": "human"}, "render_mode is 'human', expected None or 'rgb_array'"),
         (BridgeEnv, "brief", {"reward_weights": {"pres": 1}}, "reward_weights: the game has no 'pres'; it has lever"),
         (BridgeEnv, "brief", {"sensors": ["clok"]}, "player: sensors: the game has no 'clok'; it has clock, noise"),
@@ -664,8 +665,8 @@ def test_wrong_arguments_are_named(make, kind, game, settings, text):
 def test_a_refusal_of_the_simulator_is_raised(make):
     with pytest.raises(SimulatorError, match="no game named 'chess'"):
         make(BridgeVectorEnv, "chess")
-    with pytest.raises(SimulatorError, match=r"brief: arenas is 0, expected 1\.\.1024"):
-        make(BridgeVectorEnv, "brief", 0)
+    with pytest.raises(SimulatorError, match=r"brief: arenas is 1025, expected 1\.\.1024"):
+        make(BridgeVectorEnv, "brief", 1025)
     with pytest.raises(SimulatorLost, match=r"lost the simulator at 127\.0\.0\.1:1"):
         BridgeVectorEnv("brief", simulator="127.0.0.1:1")
 

@@ -119,7 +119,7 @@ def test_an_epoch_takes_whole_minibatches_of_all_rows_and_leaves_the_rest():
         seen.append(minibatch.returns)
         return np.zeros(len(STATISTICS) + 3)
 
-    learner = Learner("player", network, branches=["a", "b", "c"], axes=[], autograd=False)
+    learner = Learner("player", network, branches=["a", "b", "c"], gaussians=[], autograd=False)
     learner.gradient = spy
     update(learner, batch, epochs=3, minibatch_size=32)
     assert sizes == [32] * 6
@@ -131,7 +131,7 @@ def test_an_update_raises_the_probability_of_what_paid():
     network, _, batch = make(ActionSpace(0, (4,)), True, False, rows=256)
     batch.advantages = torch.where(batch.discrete[:, 0] == 2, 1.5, -0.5)
     before = torch.softmax(network(batch.observations).logits, -1)[:, 0, 2].mean()
-    learner = Learner("player", network, branches=["button"], axes=[], autograd=False)
+    learner = Learner("player", network, branches=["button"], gaussians=[], autograd=False)
     statistics = update(learner, batch, Coefficients(1e-2, 0.2, 0.0), epochs=4, minibatch_size=64)
     assert torch.softmax(network(batch.observations).logits, -1)[:, 0, 2].mean() > before + 0.05
     assert statistics["approx_kl"] > 0 and 0 < statistics["clip_fraction"] < 1 and statistics["grad_norm"] > 0
@@ -141,7 +141,7 @@ def test_an_update_raises_the_probability_of_what_paid():
 
 def test_the_entropy_of_each_gaussian_is_reported_by_the_name_of_its_axis():
     network, _, batch = make(*SPACES["continuous"], rows=64)
-    learner = Learner("player", network, branches=[], axes=["x", "y", "z", "w"], autograd=True)
+    learner = Learner("player", network, branches=[], gaussians=["x", "y", "z", "w"], autograd=True)
     statistics = update(learner, batch, Coefficients(1e-9, 0.2, 0.0), epochs=1, minibatch_size=64)
     truth = torch.distributions.Normal(0.0, torch.exp(0.5 * network.log_variance)).entropy()
     assert [statistics[f"entropy_{axis}"] for axis in "xyzw"] == pytest.approx(truth.tolist())

@@ -175,7 +175,7 @@ def bench_learner() -> Figures:
         network, reference = (Network(inputs, layout.space, [hidden, hidden], shared, 0) for _ in range(2))
         names = [str(branch) for branch in range(len(layout.space.branches))]
         learners = {
-            name: Learner(name, made, branches=names, axes=[], autograd=name == "autograd")
+            name: Learner(name, made, branches=names, gaussians=[], autograd=name == "autograd")
             for name, made in (("autograd", reference), ("closed form", network))
         }
         batch = Batch(

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from joybridge.experiments.names import RunName
 from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
-from joybridge.trainer.config import changes, load_config
+from joybridge.trainer.config import changes, load_config, run_config
 from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.metrics import read_rows
 
@@ -59,9 +59,10 @@ class Job:
     def finished(self) -> bool:
         """Return whether the run has reached its number of timesteps with the configuration as it is now."""
         try:
-            if not has_checkpoint(self.run) or load_checkpoint(self.run)[1]["timesteps"] < self.timesteps:
+            config = load_config(self.config, self.settings())
+            if not has_checkpoint(self.run) or load_checkpoint(self.run)[1]["timesteps"] < config.end:
                 return False
-            return not changes(load_config(self.run / "config.yaml"), load_config(self.config, self.settings()))
+            return not changes(run_config(self.run), config)
         except (CheckpointError, ConfigError):  # the trainer reports the same error when the job is started
             return False
 

@@ -47,6 +47,8 @@ class Bridge:
         single: only one player is allowed, and `sensors` and `reward_weights` are its; otherwise they are by player.
         split: one player per agent of the game, not one in all lanes of a behavior.
         """
+        if not isinstance(arenas, int) or arenas < 1:
+            raise ConfigError(f"arenas is {arenas!r}, expected an integer of at least 1")
         if frame_stack < 1:
             raise ConfigError(f"frame_stack is {frame_stack}, expected at least 1")
         if render_mode not in (None, "rgb_array"):
@@ -79,7 +81,7 @@ class Bridge:
         single: bool,
         split: bool,
     ) -> dict[str, Player]:
-        """Return the players by name. Raises ConfigError or LayoutError."""
+        """Return the players by name. Raises ConfigError."""
         seats = {}
         for role in list_roles(layout, self.spec):
             agents = self.spec.behaviors[role.behavior].agents_per_arena if split else 1

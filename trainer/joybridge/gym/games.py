@@ -18,16 +18,15 @@ def choose_game(game: Game, games: Games, simulator: str | None) -> tuple[str, l
     """
     if not isinstance(game, str | type):
         raise ConfigError(f"game is {game!r}, expected a name, a game class or 'MODULE:CLASS'")
-    added = [games] if isinstance(games, str | type) else list(games)
-    if isinstance(game, type) or ":" in game:
-        added = [game, *added]
-    places = [_place(each) for each in added]
+    own = isinstance(game, type) or ":" in game
+    further = [games] if isinstance(games, str | type) else list(games)
+    places = list(dict.fromkeys(_place(each) for each in ([game, *further] if own else further)))
     if places and simulator is not None:
         raise ConfigError(
             f"{places[0]} cannot be added to the simulator at {simulator}, which is running: start that with "
             f"`joybridge serve --game {places[0]}` and pass the game's name, or leave out the argument simulator"
         )
-    return (_name(game) if added[:1] == [game] else str(game)), places
+    return (_name(game) if own else str(game)), places
 
 
 def _place(game: Game) -> str:

@@ -47,8 +47,8 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         the defaults of the game. games: further games of your own to offer. simulator: HOST:PORT or unix:PATH of one
         that is running; None: start one. render_mode: None or "rgb_array".
 
-        Raises ConfigError, LayoutError or SpecError, which are ValueErrors, for an argument that cannot be used;
-        SimulatorError if the simulator refuses; SimulatorLost if it cannot be started or reached.
+        Raises ConfigError, which is a ValueError, for an argument that cannot be used; SimulatorError if the simulator
+        rejects an option or parameter; SimulatorLost if it cannot be started or reached.
         """
         self._bridge = Bridge(
             game, arenas=arenas, layout=layout, frame_stack=frame_stack, seed=seed, options=options,

@@ -2,15 +2,18 @@
 
 import argparse
 import json
+import math
 import os
+import shlex
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from threading import Thread
 
+from joybridge.contract.address import address
 from joybridge.contract.errors import JoybridgeError
 from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
 from joybridge.trainer.config import check_run, load_config, run_config
@@ -43,12 +46,12 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument(
-        "--simulator", action="append", default=[], metavar="ADDRESS",
+        "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
         help="HOST:PORT or unix:PATH of a running simulator; repeat it to spread the arenas of a training over "
         "several. Without it, a simulator is started and ended with this command",
     )  # fmt: skip
     shared.add_argument(
-        "--wait", type=float, default=60.0, metavar="SECONDS",
+        "--wait", type=_seconds, default=60.0, metavar="SECONDS",
         help="how long to wait for a simulator that is not up yet; default %(default)g",
     )  # fmt: skip
     shared.add_argument(
@@ -68,17 +71,17 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays = argparse.ArgumentParser(add_help=False)
     plays.add_argument("run", type=Path, help="folder of a run")
     plays.add_argument(
-        "--seed", type=int, default=1, help="seed of environments and action sampling; default %(default)s"
+        "--seed", type=_at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"
     )
     plays.add_argument("--deterministic", action="store_true", help="always take the likeliest action")
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
     evaluates.set_defaults(function=_evaluate)
-    evaluates.add_argument("--episodes", type=int, default=210, help="at least so many; default %(default)s")
+    evaluates.add_argument("--episodes", type=_at_least(1), default=210, help="at least so many; default %(default)s")
     evaluates.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     records = commands.add_parser("record", parents=[plays, shared], help="record a video of a run's policy")
     records.set_defaults(function=_record)
     records.add_argument("output", type=Path, help="e.g. play.mp4")
-    records.add_argument("--seconds", type=float, default=40.0, help="length of the video; default %(default)g")
+    records.add_argument("--seconds", type=_seconds, default=40.0, help="length of the video; default %(default)g")
 
     options, rest = parser.parse_known_args(arguments)
     if options.command != "train" or any(text.startswith("-") for text in rest):
@@ -90,6 +93,28 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     return options
+
+
+def _at_least(least: int) -> Callable[[str], int]:
+    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
+
+    def number(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
+        return int(text)
+
+    return number
+
+
+def _seconds(text: str) -> float:
+    """Return a positive time in seconds. Raises ArgumentTypeError."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
+    return seconds
 
 
 def _train(options: argparse.Namespace) -> None:
@@ -110,8 +135,11 @@ def _train(options: argparse.Namespace) -> None:
                 train(config, run, addresses, resume=options.resume, report=display.report)
         except (KeyboardInterrupt, SimulatorError):
             if has_checkpoint(run):
-                places = [f" --{name} {value}" for name in ("simulator", "game") for value in getattr(options, name)]
-                _say(f"saved; continue with: joybridge train {run}/config.yaml --run {run} --resume{''.join(places)}")
+                command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume"]
+                for name in ("simulator", "game"):
+                    for value in getattr(options, name):
+                        command += [f"--{name}", value]
+                _say(f"saved; continue with: {shlex.join(command)}")
             raise
 
 
@@ -156,12 +184,12 @@ def _check_played(run: Path) -> None:
 def _simulators(options: argparse.Namespace) -> Iterator[list[str]]:
     """Yield the addresses of simulators that answer: the given ones, or that of one that is started and ended here."""
     if options.simulator:
-        for address in options.simulator:
-            wait_for(address, options.wait, _say)
+        for place in options.simulator:
+            wait_for(place, options.wait, _say)
         yield options.simulator
         return
-    with simulator_process(options.game) as address:
-        yield [address]
+    with simulator_process(options.game) as place:
+        yield [place]
 
 
 def _end_with_parent() -> None:

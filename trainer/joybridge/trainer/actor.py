@@ -7,7 +7,7 @@ from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.errors import CheckpointError, ConfigError
-from joybridge.trainer.layouts import LayoutError, Role, list_roles
+from joybridge.trainer.layouts import Role, list_roles
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.ppo.fast.kernels import Head, sample
 from joybridge.trainer.ppo.networks import Network
@@ -21,24 +21,25 @@ class Actor:
     def __init__(
         self, role: Role, behavior: pb.Behavior, config: PolicyConfig, seed: int, accelerator: str = "cpu"
     ) -> None:
-        """Make an untrained policy. `seed` fixes the network. Raises ConfigError."""
+        """Make an actor with an untrained network, which `seed` fixes. Raises ConfigError."""
         self.name, self.behavior, self.layout = role.name, role.behavior, role.layout
         self.config, self.seed = config, seed
         self.encoder = ObservationEncoder(role.name, behavior, config.sensors, config.reward_weights)
         self.metrics = [metric.name for metric in behavior.metrics]
-        self.branches, self.axes = role.layout.names(behavior.device)
+        self.branches, self.gaussians = role.layout.names(behavior.device)
         space = role.layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
-        observation = self.encoder.size * config.frame_stack
+        self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
-        self.network = Network(observation, space, config.hidden_sizes, shared, seed).to(self.accelerator)
+        self.network = Network(self.observation_size, space, config.hidden_sizes, shared, seed).to(self.accelerator)
         self._sizes = np.array(space.branches, np.int64)
 
     @torch.inference_mode()
     def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
         """Sample actions and values into `decision`, and write the actions into the policy's part of `act`.
 
-        deterministic: take the likeliest actions instead.
+        step: of the policy's behavior; its masks count. act: axes [lanes, axes] and choices [lanes, branches] of the
+        behavior's device. deterministic: take the likeliest actions instead.
         """
         network, action = self.network, decision.action
         outputs, values = network.heads(self._tensor(decision.observations))
@@ -49,7 +50,7 @@ class Actor:
 
     @torch.inference_mode()
     def values(self, observations: Array) -> Array:
-        """Return the values of observations, [rows]."""
+        """Return the values, float32 [rows], of observations, float32 [rows, observation]."""
         return self.network.value(self._tensor(observations)).numpy(force=True)
 
     def _tensor(self, array: Array) -> torch.Tensor:
@@ -72,10 +73,7 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
     """Return untrained policies for all behaviors of a spec. Raises ConfigError."""
     if accelerator == "cuda" and not torch.cuda.is_available():
         raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
-    try:
-        roles = list_roles(config.layout, spec)
-    except LayoutError as error:
-        raise ConfigError(f"layout: {error}") from error
+    roles = list_roles(config.layout, spec)
     names = [role.name for role in roles]
     for name in config.policies:
         if name not in names:

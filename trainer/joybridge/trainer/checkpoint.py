@@ -26,16 +26,15 @@ def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: dict[str, Any
     """
     folder = run / "checkpoints"
     target = folder / f"{manifest['timesteps']:012d}"
+    if target.exists():  # the run has not moved on since its last checkpoint
+        return target
     temporary = folder / f".{target.name}.new"
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir(parents=True)
     write_synced(temporary / "arrays.safetensors", save(arrays))
     write_synced(temporary / "manifest.json", json.dumps({"format": FORMAT} | manifest, indent=1).encode())
     sync_folder(temporary)
-    if target.exists():  # the same boundary once more, of the same bytes
-        shutil.rmtree(temporary)
-    else:
-        temporary.rename(target)
+    temporary.rename(target)
     sync_folder(folder)
     for old in _folders(run)[:-KEPT]:
         shutil.rmtree(old)
@@ -54,7 +53,10 @@ def load_checkpoint(run: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     except (OSError, ValueError, SafetensorError) as error:
         raise CheckpointError(f"{newest} cannot be read ({error}); delete it to use the one before") from error
     if manifest.get("format") != FORMAT:
-        raise CheckpointError(f"{newest} has format {manifest.get('format')}, expected {FORMAT}")
+        raise CheckpointError(
+            f"{newest} has format {manifest.get('format')}, expected {FORMAT}; use the version of "
+            "joybridge that wrote it, or train a new run"
+        )
     return arrays, manifest
 
 

@@ -67,8 +67,8 @@ def parse_yaml(text: str, what: str) -> Any:
     """Return the content of a YAML text; `what` names it in errors. Raises ConfigError."""
     try:
         return YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
-        problem = getattr(error, "problem", None) or "unreadable"
+    except (YAMLError, ValueError) as error:  # ValueError: a date that does not exist
+        problem = getattr(error, "problem", None) or str(error)
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark is not None else ""
         raise ConfigError(f"{what} is not YAML{where}: {problem}") from error

@@ -1,4 +1,4 @@
-"""The trainer's exceptions, all of them JoybridgeErrors; those of the wire are in `wire/client.py`.
+"""The trainer's exceptions, all of them JoybridgeErrors; those of the wire are in `wire/errors.py`.
 
 JoybridgeError
 ├── ConfigError        a configuration that cannot be used

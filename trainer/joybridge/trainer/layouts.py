@@ -20,15 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, lane_count
-from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
+from joybridge.trainer.errors import ConfigError
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
-
-
-class LayoutError(JoybridgeError, ValueError):
-    """A layout that does not exist or does not fit a device; the text says what was wanted."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +33,11 @@ class ActionSpace:
 
     continuous: int
     branches: tuple[int, ...]
+
+    @property
+    def widest(self) -> int:
+        """Return the number of choices of the largest branch, 0 without branches."""
+        return max(self.branches, default=0)
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ def make_layouts(name: str, device: pb.Device) -> dict[str, Layout]:
     """Return the layouts called `name` ("hybrid", "bucket-11", "threshold-0.0", "multiagent") for a device.
 
     The keys name the part of the device that each of several policies holds; a single policy's is "".
-    Raises LayoutError.
+    Raises ConfigError.
     """
     kind, _, setting = name.partition("-")
     if kind == "hybrid" and not setting:
@@ -166,8 +167,8 @@ def make_layouts(name: str, device: pb.Device) -> dict[str, Layout]:
         return {"": bucket(device, int(setting))}
     if kind == "threshold" and (value := _share(setting)) is not None:
         return {"": threshold(device, value)}
-    raise LayoutError(
-        f"unknown layout {name!r}, expected hybrid, multiagent, bucket-N with N of at least 2, "
+    raise ConfigError(
+        f"layout: unknown layout {name!r}, expected hybrid, multiagent, bucket-N with N of at least 2, "
         "or threshold-T with T in 0.0..1.0"
     )
 
@@ -181,7 +182,7 @@ class Role(NamedTuple):
 
 
 def list_roles(layout: str, spec: pb.GameSpec) -> list[Role]:
-    """Return the roles of all policies that play a game with a layout. Raises LayoutError."""
+    """Return the roles of all policies that play a game with a layout. Raises ConfigError."""
     return [
         Role(_policy_name(behavior.name, part, alone=len(spec.behaviors) == 1), index, made)
         for index, behavior in enumerate(spec.behaviors)

@@ -8,7 +8,8 @@ from joybridge.v1 import bridge_pb2 as pb
 def balanced_options(config: Config, spec: pb.GameSpec) -> dict[str, dict[str, str]]:
     """Return the options to evaluate under, equally often, by the choice of the option `evaluate_over`.
 
-    Every choice of it but its default is evaluated; without it there is one entry, "". Raises ConfigError.
+    Every choice of it but its default is evaluated. Without `evaluate_over`, or if `options` sets that option, there is
+    one entry, "". Raises ConfigError for an option that the game does not have, or one with no choice but its default.
     """
     name = config.evaluate_over
     if name is None or name in config.options:

@@ -1,10 +1,12 @@
 """Collecting experience: groups of arenas take turns, so neither process waits for the other.
 
-While one group is played by the simulators, the policies act in another. Every group has sessions of its own. Which
-arenas it has depends on the configuration alone, and what they play on the seed and their numbers alone.
+While one group is played by the simulators, the policies act in another. Every group has sessions of its own. The
+configuration alone determines the arenas of each group; the seed and the numbers of its arenas alone determine what is
+played in it.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from itertools import islice, pairwise
 
 from joybridge.trainer.config import Config
@@ -26,14 +28,14 @@ from joybridge.trainer.wire.sharded_session import (
 class Group:
     """Arenas that are played at the same time."""
 
-    def __init__(self, index: int, simulators: Session | ShardedSession, arenas: int) -> None:
+    def __init__(self, index: int, session: Session | ShardedSession, arenas: int) -> None:
         """Take an open session of so many arenas."""
-        self.index, self.simulators = index, simulators
-        self.acts = make_acts(simulators.spec, arenas)
+        self.index, self.session = index, session
+        self.acts = make_acts(session.spec, arenas)
 
     def save(self) -> list[Snapshot]:
         """Return a snapshot of each session. Raises SimulatorError if the game does not support snapshots."""
-        return [session.save() for session in single_sessions(self.simulators)]
+        return [session.save() for session in single_sessions(self.session)]
 
 
 def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profiler, steps: int) -> Iterator[None]:
@@ -45,8 +47,8 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
         act(group, policies, profiler)
     for step in range(steps):
         for group in groups:
-            with profiler.measure_wait(group.simulators):
-                outcome = group.simulators.receive()
+            with profiler.measure_wait(group.session):
+                outcome = group.session.receive()
             with profiler.measure("act"):
                 for policy in policies:
                     policy.store(outcome, group.index)
@@ -56,11 +58,11 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
 
 
 def act(group: Group, policies: Sequence[Policy], profiler: Profiler) -> None:
-    """Sample the actions of a group and send them, without waiting for the step."""
+    """Sample the actions of a group and send them, without waiting for the step. Raises SimulatorError."""
     with profiler.measure("act"):
         for policy in policies:
-            policy.act(group.simulators.steps, group.acts, group.index)
-        group.simulators.send(group.acts)
+            policy.act(group.session.steps, group.acts, group.index)
+        group.session.send(group.acts)
 
 
 def group_bounds(config: Config) -> list[int]:
@@ -69,16 +71,19 @@ def group_bounds(config: Config) -> list[int]:
 
 
 def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
-    """Return the simulators of each group, given its arenas: as few messages as possible."""
+    """Return the addresses that each group uses, given the number of arenas of each group.
+
+    Groups share an address only if there are fewer addresses than groups; so there are as few messages as possible.
+    """
     groups = len(arenas)
     homes = [list(addresses[group::groups]) or [addresses[group % len(addresses)]] for group in range(groups)]
     return [home[:limit] for home, limit in zip(homes, arenas, strict=True)]
 
 
 def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None) -> list[Group]:
-    """Open the sessions of all groups, new or from snapshots in that order.
+    """Open the sessions of all groups: new, or from one snapshot per session, in the order of the groups.
 
-    Raises SimulatorError, and ConfigError for another number of snapshots.
+    Raises SimulatorError, and ConfigError if the number of snapshots differs from that of sessions.
     """
     bounds = list(pairwise(group_bounds(config)))
     homes = assign(addresses, [end - first for first, end in bounds])
@@ -90,22 +95,15 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
         )
     saved = iter(snapshots or ())
     groups: list[Group] = []
-    try:
+    with ExitStack() as opened:
         for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
             session = open_session(
                 home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
                 options=[config.options] * len(home), parameters=config.parameters,
                 snapshots=list(islice(saved, len(home))),
             )  # fmt: skip
+            opened.callback(session.close)
             groups.append(Group(index, session, end - first))
-            check_alike(single_sessions(session)[0], single_sessions(groups[0].simulators)[0])
-    except BaseException:
-        close_groups(groups)
-        raise
+            check_alike(single_sessions(session)[0], single_sessions(groups[0].session)[0])
+        opened.pop_all()
     return groups
-
-
-def close_groups(groups: Sequence[Group]) -> None:
-    """End all sessions."""
-    for group in groups:
-        group.simulators.close()

@@ -22,7 +22,7 @@ from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
 from joybridge.trainer.ppo.distributions import fill_masks
-from joybridge.trainer.ppo.fast.kernels import Action, Noise
+from joybridge.trainer.ppo.fast.kernels import Action, draw_noise
 from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.run_state import load_state, policy_state
 from joybridge.trainer.wire.client import Session, describe
@@ -51,7 +51,7 @@ class Player:
         self._rng = np.random.default_rng([seed, actor.seed])
         space = actor.layout.space
         branches = len(space.branches)
-        self._masks = np.zeros((lanes, branches, max(space.branches, default=0)), np.float32)
+        self._masks = np.zeros((lanes, branches, space.widest), np.float32)
         self._action = Action(
             np.zeros((lanes, space.continuous), np.float32), np.zeros((lanes, branches), np.int64),
             np.zeros(lanes, np.float32),
@@ -65,10 +65,7 @@ class Player:
         """Write an action for the present observations into the policy's part of `act`."""
         action = self._action
         fill_masks(None if step.masks is None else self.actor.layout.masks(step.masks), self._masks)
-        noise = Noise(
-            np.asarray(self._rng.standard_normal(action.continuous.shape, np.float32)),
-            np.asarray(self._rng.random(action.discrete.shape, np.float32)),
-        )
+        noise = draw_noise(self._rng, action.continuous.shape, action.discrete.shape)
         values = np.empty(self.lanes, np.float32)
         decision = Decision(self._stack.now, self._masks, noise, action, values)
         self.actor.act(step, decision, act, deterministic=self.deterministic)
@@ -94,9 +91,9 @@ class Play:
         self._acts = make_acts(self.spec, arenas)
 
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
-        """Play on for ever. draw_every: draw the first arena after every so many decisions; 0: never.
+        """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.
 
-        Only a session of one arena can be drawn. Raises SimulatorError.
+        A session over several choices of `evaluate_over` cannot be drawn. Raises SimulatorError.
         """
         session, number = self.session, 0
         while True:

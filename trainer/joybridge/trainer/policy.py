@@ -30,10 +30,11 @@ class Policy:
         bounds = [lane_count(behavior, arena) for arena in arenas]
         self.lanes = bounds[-1]
         groups = [slice(first, end) for first, end in pairwise(bounds)]
-        space, observation = actor.layout.space, actor.encoder.size * self.config.frame_stack
-        self.rollout = RolloutBuffer(self.config.rollout_steps, groups, observation, space)
+        self.rollout = RolloutBuffer(self.config.rollout_steps, groups, actor.observation_size, actor.layout.space)
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
-        self.learner = Learner(actor.name, actor.network, branches=actor.branches, axes=actor.axes, autograd=autograd)
+        self.learner = Learner(
+            actor.name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd
+        )
         self.episodes = Episodes(self.lanes, actor.metrics)
         self.updates = 0
         self.rollout.draw_noise(self._rng(SAMPLES))
@@ -56,7 +57,7 @@ class Policy:
         actor.act(step, self.rollout.next_decision(allowed, group), acts[actor.behavior])
 
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
-        """Store what followed the action."""
+        """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
         rewards, final_values = actor.encoder.rewards(step), None
         now, after = rollout.observations[rollout.rows[group] : rollout.rows[group] + 2, rollout.groups[group]]

@@ -3,23 +3,23 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import TYPE_CHECKING
 
-from joybridge.trainer.metrics import ACTIVITIES
+from joybridge.trainer.metrics import ACTIVITIES, Row
 
-
-class Simulated(Protocol):
-    """Something that knows how long the games took in the last step."""
-
-    @property
-    def simulate_seconds(self) -> float:
-        """Return seconds."""
+if TYPE_CHECKING:  # the profiler itself needs nothing of the wire
+    from joybridge.trainer.wire.client import Session
+    from joybridge.trainer.wire.sharded_session import ShardedSession
 
 
 class Profiler:
     """Seconds by activity, and timesteps, since the last row of metrics."""
 
     def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Start over."""
         self.seconds = dict.fromkeys(ACTIVITIES, 0.0)
         self.begin = time.perf_counter()
         self.timesteps = 0
@@ -32,30 +32,23 @@ class Profiler:
         self.seconds[activity] += time.perf_counter() - begin
 
     @contextmanager
-    def measure_wait(self, simulators: Simulated) -> Iterator[None]:
+    def measure_wait(self, session: "Session | ShardedSession") -> Iterator[None]:
         """Split the time of the block, a wait for the simulators, into their own work and the wire."""
         begin = time.perf_counter()
         yield
         waited = time.perf_counter() - begin
-        simulated = min(waited, simulators.simulate_seconds)  # the wait begins later than the step
+        simulated = min(waited, session.simulate_seconds)  # the wait begins later than the step
         self.seconds["simulate"] += simulated
         self.seconds["wire"] += waited - simulated
 
-    def shares(self) -> dict[str, float]:
-        """Return each activity's fraction of the time since the last row."""
+    def live(self) -> Row:
+        """Return timesteps per second, and the fraction of the time of each activity, since the last row."""
         elapsed = max(time.perf_counter() - self.begin, 1e-9)
-        return {name: seconds / elapsed for name, seconds in self.seconds.items()}
+        fractions = {name: seconds / elapsed for name, seconds in self.seconds.items()}
+        return {"timesteps_per_second": self.timesteps / elapsed, **fractions}
 
-    def speed(self) -> float:
-        """Return timesteps per second since the last row."""
-        return self.timesteps / max(time.perf_counter() - self.begin, 1e-9)
-
-    def live(self) -> dict[str, float]:
-        """Return speed and shares."""
-        return {"timesteps_per_second": self.speed(), **self.shares()}
-
-    def summarize(self) -> dict[str, float]:
-        """Return speed and shares, and start over."""
+    def summarize(self) -> Row:
+        """Return what `live` does, and start over."""
         row = self.live()
-        self.__init__()  # type: ignore[misc]
+        self.restart()
         return row

@@ -32,11 +32,14 @@ class Display:
         """Show where the run is: live figures, and now and then a new row of metrics."""
         shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
         speed = f"{live['timesteps_per_second'] / 1000:.1f} k timesteps/s"
-        if row is not None and "reward" in row:
-            self.reward = f"reward {row['reward']:.1f}"
+        if row is not None:
+            ended = "no episode ended"
+            if "reward" in row:
+                self.reward = f"reward {row['reward']:.1f}"
+                ended = f"{self.reward}  length {row['length']:.0f}"
             metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name))
             learner = "  ".join(f"{name} {row[name]:.2g}" for name in LEARNER if name in row)
-            text = f"{self.reward}  length {row['length']:.0f}  {metrics}  {learner}  {speed}  ({shares})"
+            text = f"{ended}  {metrics}  {learner}  {speed}  ({shares})"
             text = f"{timesteps:>11,}  {text}"
             self.console.print(text, soft_wrap=True, markup=False)
         self.bar.update(self.task, completed=timesteps, text=f"{self.reward}  {speed}  ({shares})")

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ class RunState:
 
     timesteps: int = 0  # of the lanes of the first policy
     arrays: dict[str, Array] = field(default_factory=dict)
-    snapshots: list[list[str]] | None = None  # names of the parts of each session's; None: the game has none
+    snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
 
     def save(self, run: Path) -> None:
         """Write a checkpoint."""
@@ -33,7 +32,7 @@ class RunState:
             policy.load(select(self.arrays, f"{policy.actor.name}/policy/"))
             logger.mean.load(select(self.arrays, f"{policy.actor.name}/means/"))
 
-    def simulators(self) -> list[Snapshot] | None:
+    def session_snapshots(self) -> list[Snapshot] | None:
         """Return the snapshots of the sessions, or None where there are none."""
         if self.snapshots is None:
             return None
@@ -56,7 +55,7 @@ def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger
         arrays |= {f"{policy.actor.name}/policy/{name}": array for name, array in policy.state().items()}
         arrays |= {f"{policy.actor.name}/means/{name}": array for name, array in logger.mean.state().items()}
     parts = None
-    if groups[0].simulators.spec.snapshot_bytes_per_arena:
+    if groups[0].session.spec.snapshot_bytes_per_arena:
         snapshots = [snapshot for group in groups for snapshot in group.save()]
         parts = [list(snapshot) for snapshot in snapshots]
         for index, snapshot in enumerate(snapshots):
@@ -64,6 +63,6 @@ def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger
     return RunState(timesteps, arrays, parts)
 
 
-def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Any]:
+def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Array]:
     """Return the parameters of one policy's network from the arrays of a checkpoint."""
     return select(arrays, f"{policy}/policy/network.")

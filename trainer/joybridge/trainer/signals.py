@@ -1,4 +1,4 @@
-"""Signals that end a program, held off while it must not end."""
+"""Ignore the signals that end a program while it must not end."""
 
 import signal
 import threading
@@ -10,7 +10,10 @@ __all__ = ["uninterrupted"]
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ignore SIGINT and SIGTERM in the block. Outside the main thread, to which Python delivers them, do nothing."""
+    """Ignore SIGINT and SIGTERM in the block. A signal that comes in the block is lost.
+
+    Outside the main thread, to which Python delivers signals, do nothing.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,12 +1,13 @@
 """Training with PPO, from top to bottom: collect, estimate advantages, update, log, save.
 
-A run goes in cycles, after each of which every rollout is empty. There its whole state is captured, the simulators'
-included. Whatever stops a run in between, a resumed run continues from the last such state with the same results as
-if it had never stopped.
+A run consists of cycles. After each cycle all rollouts are empty, and the whole state of the run is captured, including
+that of the simulators if the game has snapshots. If a run stops within a cycle, the resumed run continues from the last
+captured state, with the same results as a run that never stopped.
 """
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import torch
@@ -17,7 +18,7 @@ from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.metrics import Row
 from joybridge.trainer.options import balanced_options
-from joybridge.trainer.pipeline import close_groups, collect, group_bounds, open_groups
+from joybridge.trainer.pipeline import collect, group_bounds, open_groups
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.ppo.gae import gae
 from joybridge.trainer.ppo.schedule import anneal
@@ -33,8 +34,8 @@ Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new
 def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report) -> None:
     """Train `config` in the folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
-    Raises ConfigError, CheckpointError, SimulatorError and DivergedError; on these and on KeyboardInterrupt the last
-    state between two rollouts has been saved.
+    Raises ConfigError, CheckpointError, SimulatorError and DivergedError. Once the first decision is made, the last
+    state between two rollouts is saved on any exception.
     """
     torch.set_num_threads(1)  # two threads are slower than one when the simulator keeps the other core busy
     check_run(config, run, resume=resume)
@@ -49,40 +50,40 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     keep_config(config, run)
 
     timesteps, lanes = state.timesteps, policies[0].lanes
-    groups = open_groups(config, addresses, state.simulators())
-    loggers = [Logger(run, policy.actor.name, timesteps) for policy in policies]
-    if resume:
-        state.restore(policies, loggers)
-    if state.snapshots is None:
-        for policy in policies:
-            policy.begin([group.simulators.steps for group in groups])
-    state = capture(timesteps, policies, loggers, groups)
-    saved = timesteps
-    profiler = Profiler()
-    try:
-        while timesteps < config.end:
-            for _ in range(cycle // stretch):
-                for _ in collect(groups, policies, profiler, steps=stretch):
-                    timesteps += lanes
-                    profiler.timesteps += lanes
-                    with profiler.measure("learn"):
-                        for policy, logger in zip(policies, loggers, strict=True):
-                            if policy.rollout.full:
-                                logger.mean.add(learn(policy, timesteps / config.total_timesteps))
-                    if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
-                        row = log(timesteps, policies, loggers, profiler)
-                        report(timesteps, row, row)
-            state = capture(timesteps, policies, loggers, groups)
-            if timesteps - saved >= config.checkpoint_interval:
+    with ExitStack() as opened:
+        groups = open_groups(config, addresses, state.session_snapshots())
+        for group in groups:
+            opened.callback(group.session.close)
+        loggers = [opened.enter_context(closing(Logger(run, policy.actor.name, timesteps))) for policy in policies]
+        if resume:
+            state.restore(policies, loggers)
+        if state.snapshots is None:
+            for policy in policies:
+                policy.begin([group.session.steps for group in groups])
+        state = capture(timesteps, policies, loggers, groups)
+        saved = timesteps
+        profiler = Profiler()
+        try:
+            while timesteps < config.end:
+                for _ in range(cycle // stretch):
+                    for _ in collect(groups, policies, profiler, steps=stretch):
+                        timesteps += lanes
+                        profiler.timesteps += lanes
+                        with profiler.measure("learn"):
+                            for policy, logger in zip(policies, loggers, strict=True):
+                                if policy.rollout.full:
+                                    logger.mean.add(learn(policy, timesteps / config.total_timesteps))
+                        if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
+                            row = log(timesteps, policies, loggers, profiler)
+                            report(timesteps, row, row)
+                state = capture(timesteps, policies, loggers, groups)
+                if timesteps - saved >= config.checkpoint_interval:
+                    state.save(run)
+                    saved = timesteps
+                report(timesteps, profiler.live(), None)
+        finally:
+            with uninterrupted():
                 state.save(run)
-                saved = timesteps
-            report(timesteps, profiler.live(), None)
-    finally:
-        with uninterrupted():
-            state.save(run)
-        for logger in loggers:
-            logger.close()
-        close_groups(groups)
 
 
 def learn(policy: Policy, progress: float) -> Row:
@@ -119,9 +120,10 @@ def log(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], p
 
 
 def rollout_cycle(policies: Sequence[Policy]) -> tuple[int, int]:
-    """Return the decisions after which all rollouts are empty again, and those between which none gets full.
+    """Return (cycle, stretch), both in decisions.
 
-    Raises ConfigError if the rollouts are never empty together.
+    All rollouts are empty again after every cycle, and a rollout gets full only at multiples of the stretch. Raises
+    ConfigError if the rollouts are never empty together.
     """
     lengths = [policy.config.rollout_steps for policy in policies]
     cycle = max(lengths)

@@ -12,7 +12,7 @@ from joybridge.trainer.ppo.distributions import FORBIDDEN
 
 
 class Outputs(NamedTuple):
-    """What the network says of a batch of observations."""
+    """The outputs of the network for a batch of observations."""
 
     logits: Tensor  # [lanes, branches, widest]
     mean: Tensor  # [lanes, continuous]
@@ -44,7 +44,7 @@ class Network(nn.Module):
     """Actor and critic over flat observations: one tower for both, or one each.
 
     The actor's outputs are the logits of all branches, each padded to the widest, then the means; the value
-    comes last, or alone from the critic's tower. Only means and value have a bias. Initialised as the
+    comes last, or alone from the critic's tower. Only means and value have a bias. Initialized as the
     original (ML-Agents 0.7): hidden kernels from a truncated normal with variance 1/fan-in, policy heads a
     hundredth of that, the value head Glorot uniform, biases zero. One log-variance per continuous action,
     independent of the state, begins at 0.
@@ -56,7 +56,7 @@ class Network(nn.Module):
         """Make a network for observations of `observation` numbers; `shared`: one tower for both."""
         super().__init__()
         self.space = space
-        pad = torch.zeros(len(space.branches), max(space.branches, default=0))
+        pad = torch.zeros(len(space.branches), space.widest)
         for branch, size in enumerate(space.branches):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
@@ -66,9 +66,9 @@ class Network(nn.Module):
         self.mean_bias = nn.Parameter(torch.zeros(space.continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
         self.log_variance = nn.Parameter(torch.zeros(space.continuous))
-        self._initialise(torch.Generator().manual_seed(seed))
+        self._initialize(torch.Generator().manual_seed(seed))
 
-    def _initialise(self, generator: torch.Generator) -> None:
+    def _initialize(self, generator: torch.Generator) -> None:
         for tower in (self.actor, self.critic):
             for layer in tower.layers if tower else ():
                 _variance_scaling(layer.weight, 1.0, generator)

@@ -10,7 +10,7 @@ from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts import ActionSpace
 from joybridge.trainer.ppo.distributions import fill_masks
-from joybridge.trainer.ppo.fast.kernels import Action, Noise
+from joybridge.trainer.ppo.fast.kernels import Action, Noise, draw_noise
 from joybridge.trainer.ppo.loss import Batch
 
 
@@ -64,10 +64,7 @@ class RolloutBuffer:
 
     def draw_noise(self, rng: np.random.Generator) -> None:
         """Draw the random numbers of all decisions."""
-        self.noise = Noise(
-            np.asarray(rng.standard_normal(self.continuous.shape, np.float32)),
-            np.asarray(rng.random(self.discrete.shape, np.float32)),
-        )
+        self.noise = draw_noise(rng, self.continuous.shape, self.discrete.shape)
 
     def next_decision(self, allowed: Sequence[Array] | None, group: int = 0) -> Decision:
         """Return a group's next decision, whose action and values are still to be written.
@@ -88,7 +85,7 @@ class RolloutBuffer:
         if self.masks is None:
             if allowed is None:
                 return None
-            self.masks = np.zeros((*self.discrete.shape, max(self.space.branches, default=0)), np.float32)
+            self.masks = np.zeros((*self.discrete.shape, self.space.widest), np.float32)
         masks: Array = self.masks[t, lanes]
         fill_masks(allowed, masks)
         return masks

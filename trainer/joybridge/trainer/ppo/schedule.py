@@ -13,7 +13,10 @@ class Coefficients:
 
 
 def anneal(progress: float, learning_rate: float, clip_range: float, entropy_coef: float) -> Coefficients:
-    """Return the coefficients after a fraction `progress` of the run: linear, to 1e-10, 0.1 and 1e-5."""
+    """Return the coefficients after a fraction `progress` of the run: linear, to 1e-10, 0.1 and 1e-5.
+
+    The ends are fixed, as in the original: a coefficient that begins below its end rises to it.
+    """
     left = 1.0 - min(max(progress, 0.0), 1.0)
 
     def line(start: float, end: float) -> float:

@@ -20,15 +20,15 @@ class Learner:
     """Improves a network: the optimizer (Adam) and the gradient of the loss."""
 
     def __init__(
-        self, name: str, network: Network, *, branches: Sequence[str], axes: Sequence[str], autograd: bool
+        self, name: str, network: Network, *, branches: Sequence[str], gaussians: Sequence[str], autograd: bool
     ) -> None:
         """Learn for `network`, whose parameters are moved into one tensor.
 
-        name: of the policy, for errors. branches, axes: names of its branches and Gaussians, for statistics.
+        name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
         processor.
         """
-        self.name, self.network, self.axes = name, network, axes
+        self.name, self.network, self.gaussians = name, network, gaussians
         self.weights = flatten_parameters(network)
         self.optimizer = torch.optim.Adam([self.weights], fused=True)
         self.gradient: LossGradient = partial(autograd_gradient, network) if autograd else ClosedFormGradient(network)
@@ -75,7 +75,7 @@ def ppo_update(
     assert learner.weights.grad is not None
     log_variance = learner.network.log_variance.tolist()
     entropies = [0.5 * (math.log(2 * math.pi * math.e) + value) for value in log_variance]
-    statistics |= {f"entropy_{name}": entropy for name, entropy in zip(learner.axes, entropies, strict=True)}
+    statistics |= {f"entropy_{name}": entropy for name, entropy in zip(learner.gaussians, entropies, strict=True)}
     return statistics | {
         "explained_variance": explained_variance(batch.values, batch.returns),
         "grad_norm": float(torch.linalg.vector_norm(learner.weights.grad)),  # of the last minibatch

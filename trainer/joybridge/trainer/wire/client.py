@@ -114,12 +114,12 @@ class Session:
             self.close()
             raise
 
-    def send(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> None:
+    def send(self, acts: Sequence[ActArrays]) -> None:
         """Send the actions of one timestep, one ActArrays per behavior, without waiting; `receive` returns the step.
 
-        draw: arenas to draw after the step. Raises SimulatorError.
+        Raises SimulatorError.
         """
-        self._run(self._stream.send, _act_request(acts, draw))
+        self._run(self._stream.send, _act_request(acts))
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
@@ -135,7 +135,13 @@ class Session:
         self._take(response)
         shape = (self.spec.picture.height, self.spec.picture.width, 3)
         picture = Format(pb.DTYPE_UINT8, shape, "step.pictures")
-        return self.steps, [picture.unpack(tensor) for tensor in response.step.pictures]
+        pictures = response.step.pictures
+        if len(pictures) != len(draw):
+            raise SimulatorError(f"the simulator at {self.address} sent {len(pictures)} pictures, expected {len(draw)}")
+        try:
+            return self.steps, [picture.unpack(tensor) for tensor in pictures]
+        except TensorError as error:
+            raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes in all arenas and return their first observations. Raises SimulatorError."""

@@ -44,14 +44,14 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     printer: Thread | None = None
     try:
         assert process.stdout is not None
-        said = ""
+        last_line = ""
         for line in process.stdout:
             if line.startswith(READY):
                 break
             sys.stderr.write(line)
-            said = line.strip() or said
+            last_line = line.strip() or last_line
         else:
-            reason = said.removeprefix("error: ") or f"exit status {process.wait()}"
+            reason = last_line.removeprefix("error: ") or f"exit status {process.wait()}"
             raise SimulatorLost(f"the simulator did not start: {reason}")
         # Without a reader, a game that prints would block once the pipe is full.
         printer = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)
@@ -64,8 +64,10 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+        if process.stdin is not None:
+            process.stdin.close()
         if printer is not None:
-            printer.join(ENDING_SECONDS)  # a child process of a game may hold the pipe open
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
+            printer.join(ENDING_SECONDS)
+        # A child process of a game may hold the pipe open; closing it would then wait for the thread that reads it.
+        if process.stdout is not None and (printer is None or not printer.is_alive()):
+            process.stdout.close()

@@ -15,8 +15,10 @@ import numba
 import numpy as np
 
 from joybridge.contract.tensors import Array
+from joybridge.trainer.metrics import STATISTICS
 
 LOG_2_PI = math.log(2 * math.pi)
+COUNT = len(STATISTICS)
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -39,6 +41,12 @@ class Noise(NamedTuple):
 
     normal: Array  # [n, continuous]: noise of the Gaussians
     uniform: Array  # [n, branches] in [0, 1): inverts the cumulative distribution of each branch
+
+
+def draw_noise(rng: np.random.Generator, continuous: tuple[int, ...], discrete: tuple[int, ...]) -> Noise:
+    """Return the noise of actions whose parts have these shapes, float32."""
+    normal, uniform = rng.standard_normal(continuous, np.float32), rng.random(discrete, np.float32)
+    return Noise(np.asarray(normal), np.asarray(uniform))
 
 
 class Action(NamedTuple):
@@ -141,7 +149,7 @@ def loss_gradient(
         d log-probability / d mean  = (a - mean) / variance
         d loss / d value            = (V - R) / n, or 0 where the clipped value is the worse
 
-    Return the statistics that `ppo_loss` returns, float64 [5 + branches].
+    Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
     """
     mean_bias, log_variance, sizes = head
     continuous, discrete, old_log_probs = target.action
@@ -149,7 +157,7 @@ def loss_gradient(
     widest = sizes.max() if branches else 0
     p, log_p, entropies = np.zeros((branches, widest)), np.zeros((branches, widest)), np.empty(branches)
     precision = np.exp(-log_variance)
-    statistics = np.zeros(5 + branches)
+    statistics = np.zeros(COUNT + branches)
     policy_loss = value_loss = entropy = kl = clipped_rows = 0.0
     gradient.mean_bias[:] = 0.0
     gradient.log_variance[:] = 0.0
@@ -158,7 +166,7 @@ def loss_gradient(
         for b in range(branches):
             entropies[b] = softmax(outputs, masks, i, b, widest, sizes[b], p[b], log_p[b])
             entropy += entropies[b]
-            statistics[5 + b] += entropies[b]
+            statistics[COUNT + b] += entropies[b]
             log_prob += log_p[b, discrete[i, b]]
         for k in range(dimensions):
             deviation = continuous[i, k] - (outputs[i, branches * widest + k] + mean_bias[k])
@@ -196,7 +204,7 @@ def loss_gradient(
     for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row; the mean over them counts
         entropy += 0.5 * (LOG_2_PI + 1.0 + log_variance[k]) / dimensions
         gradient.log_variance[k] -= 0.5 * entropy_coef / dimensions
-    statistics[5:] /= n
+    statistics[COUNT:] /= n
     statistics[0], statistics[1], statistics[2] = policy_loss / n, value_loss / n, entropy
     statistics[3], statistics[4] = kl / n, clipped_rows / n
     return statistics
