@@ -48,7 +48,7 @@ def test_the_packages_docstring_lists_every_public_name():
 
 
 PROMISED = [
-    *(f"joybridge.contract.{name}" for name in ("address", "codec", "errors", "spec", "tensors", "versions")),
+    *(f"joybridge.contract.{name}" for name in ("address", "codec", "errors", "limits", "spec", "tensors", "versions")),
     "joybridge.gym",
     "joybridge.simulator",
     "joybridge.simulator.render",

@@ -1,4 +1,4 @@
-"""The checks of specs, options and parameters against the bounds in bridge.proto, and the sizes of messages."""
+"""The checks of specs, options and parameters against the bounds in bridge.proto."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite, isnan
@@ -6,39 +6,21 @@ from typing import Protocol
 
 from joybridge.contract.codec import lane_count
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.limits import (
+    MAX_CHOICES,
+    MAX_DESCRIPTION,
+    MAX_ELEMENTS,
+    MAX_ENTRIES,
+    MAX_LANES,
+    MAX_NAME,
+    MAX_PIXELS,
+    MAX_SIZES,
+    element_count,
+)
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
-__all__ = [
-    "MAX_CHOICES",
-    "MAX_DESCRIPTION",
-    "MAX_ELEMENTS",
-    "MAX_ENTRIES",
-    "MAX_LANES",
-    "MAX_MESSAGE",
-    "MAX_NAME",
-    "MAX_PICTURES",
-    "MAX_PIXELS",
-    "MAX_SIZES",
-    "SpecError",
-    "check_spec",
-    "choose_options",
-    "choose_parameters",
-    "element_count",
-    "request_bytes",
-    "response_bytes",
-]
-
-MAX_NAME = 100  # characters of a name, a label or a product
-MAX_DESCRIPTION = 1000  # characters
-MAX_ENTRIES = 1000  # of a list of named things
-MAX_CHOICES = 65536  # of a branch
-MAX_SIZES = 8  # of the shape of a sensor
-MAX_ELEMENTS = 2**24  # of a sensor
-MAX_LANES = 2**31 - 1  # of a session: lane numbers are INT32
-MAX_PIXELS = 2048  # width or height of a picture
-MAX_PICTURES = 64  # pictures one Act may ask for
-MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
+__all__ = ["SpecError", "check_spec", "choose_options", "choose_parameters"]
 
 
 class SpecError(JoybridgeError, ValueError):
@@ -150,32 +132,6 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
         lows, highs = (list(b) * (size if len(b) == 1 else 1) for b in (sensor.low, sensor.high))
         ok = not (lows and highs) or all(low <= high for low, high in zip(lows, highs, strict=True))
         _require(ok, f"{what} has a low above its high")
-
-
-def element_count(sensor: pb.Sensor) -> int:
-    """Return how many numbers one observation of a sensor holds."""
-    count = 1
-    for size in sensor.shape:
-        count *= size
-    return count
-
-
-def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
-    """Return an upper bound of the size of a PlayResponse, for message limits on both ends."""
-    total = (1 << 16) + spec.ByteSize()  # names, shapes and tags, generously
-    for behavior in spec.behaviors:
-        row = 16 + 4 * (len(behavior.channels) + len(behavior.metrics))
-        row += sum(2 * element_count(s) * NUMPY_TYPES[s.dtype].itemsize for s in behavior.sensors)
-        row += sum(len(branch.choices) for branch in behavior.device.branches)
-        total += row * lane_count(behavior, arenas)
-    total += pictures * (64 + 3 * spec.picture.width * spec.picture.height)
-    return min(max(total, (1 << 16) + arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
-
-
-def request_bytes(spec: pb.GameSpec, arenas: int) -> int:
-    """Return an upper bound of the size of a PlayRequest: an Act, or a Start with a snapshot."""
-    rows = sum(lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches)) for b in spec.behaviors)
-    return min((1 << 16) + max(rows, arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
 
 
 def _check_names(things: Sequence[_Named], where: str) -> None:

@@ -18,7 +18,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from joybridge.contract.address import READY
-from joybridge.contract.spec import request_bytes
+from joybridge.contract.limits import request_bytes
 from joybridge.contract.versions import own_version
 from joybridge.simulator.catalog import Catalog, specs
 from joybridge.simulator.session import Refusal, Session, check_version, describe

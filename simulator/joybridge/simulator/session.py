@@ -15,7 +15,8 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
 from joybridge.contract.errors import JoybridgeError
-from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, choose_options, choose_parameters
+from joybridge.contract.limits import MAX_PICTURES
+from joybridge.contract.spec import SpecError, check_spec, choose_options, choose_parameters
 from joybridge.contract.tensors import Array, TensorError, fill
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.simulator.batched_game import BatchedGame, GameError

@@ -9,7 +9,8 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from joybridge.contract.codec import lane_count
-from joybridge.contract.spec import MAX_PICTURES, choose_parameters
+from joybridge.contract.limits import MAX_PICTURES
+from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
 from joybridge.gym.games import Game, Games, choose_game
 from joybridge.gym.player import Player

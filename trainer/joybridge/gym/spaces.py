@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Dict, MultiDiscrete
 
-from joybridge.contract.spec import element_count
+from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts import ActionSpace
 from joybridge.v1 import bridge_pb2 as pb

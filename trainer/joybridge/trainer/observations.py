@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from joybridge.contract.codec import StepArrays
-from joybridge.contract.spec import element_count
+from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
 from joybridge.trainer.errors import ConfigError
 from joybridge.v1 import bridge_pb2 as pb

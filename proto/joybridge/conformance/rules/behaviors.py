@@ -7,7 +7,7 @@ from joybridge.conformance.expectations import expect, skip_unless
 from joybridge.conformance.names import expect_unique_names
 from joybridge.conformance.registry import check
 from joybridge.conformance.subject import Subject
-from joybridge.contract.spec import element_count
+from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 

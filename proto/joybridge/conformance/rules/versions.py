@@ -7,7 +7,7 @@ from joybridge.conformance.expectations import expect, expect_equal
 from joybridge.conformance.recording import act_request, step_bytes
 from joybridge.conformance.registry import check
 from joybridge.conformance.subject import FAILED_PRECONDITION, Subject, expect_error
-from joybridge.contract.spec import MAX_NAME
+from joybridge.contract.limits import MAX_NAME
 from joybridge.v1 import bridge_pb2 as pb
 
 NEWEST = 2**32 - 1  # a revision that no server has

@@ -11,7 +11,8 @@ from typing import Any, Self, TypeVar, TypeVarTuple
 import grpc
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_act
-from joybridge.contract.spec import MAX_PICTURES, SpecError, check_spec, response_bytes
+from joybridge.contract.limits import MAX_PICTURES, response_bytes
+from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array, Format, TensorError
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
