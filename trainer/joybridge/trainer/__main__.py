@@ -47,16 +47,16 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument(
         "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator; repeat it to spread the arenas of a training over "
-        "several. Without it, a simulator is started and ended with this command",
+        help="HOST:PORT or unix:PATH of a running simulator; repeat it to divide the arenas of a training among "
+        "several. Without it, this command starts a simulator and ends it",
     )  # fmt: skip
     shared.add_argument(
         "--wait", type=_seconds, default=60.0, metavar="SECONDS",
-        help="how long to wait for a simulator that is not up yet; default %(default)g",
+        help="how long to wait for a simulator that does not answer yet; default %(default)g",
     )  # fmt: skip
     shared.add_argument(
         "--game", action="append", default=[], metavar="MODULE:CLASS",
-        help="another game for the simulator that is started; its module is looked for in the current folder first",
+        help="another game for the simulator that this command starts; the current folder is searched first",
     )  # fmt: skip
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
@@ -73,10 +73,12 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays.add_argument(
         "--seed", type=_at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"
     )
-    plays.add_argument("--deterministic", action="store_true", help="always take the likeliest action")
+    plays.add_argument("--deterministic", action="store_true", help="take the most probable action instead of sampling")
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
     evaluates.set_defaults(function=_evaluate)
-    evaluates.add_argument("--episodes", type=_at_least(1), default=210, help="at least so many; default %(default)s")
+    evaluates.add_argument(
+        "--episodes", type=_at_least(1), default=210, help="minimum number of episodes; default %(default)s"
+    )
     evaluates.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     records = commands.add_parser("record", parents=[plays, shared], help="record a video of a run's policy")
     records.set_defaults(function=_record)
