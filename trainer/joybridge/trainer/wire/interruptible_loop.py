@@ -43,7 +43,7 @@ class EventLoop:
         self._helper_started = False
         self._lock = threading.Lock()  # held by the caller whose work the loop runs
         self._work: asyncio.Task[Any] | None = None  # what that caller waits for
-        self._left: set[asyncio.Task[None]] = set()  # what nobody waits for; asyncio itself keeps weak references only
+        self._left: set[asyncio.Task[None]] = set()  # work without a caller that waits; asyncio keeps only weak references to it
         self._closed = False
         # Written by the main thread only:
         self._holding_interrupts = False
@@ -99,7 +99,7 @@ class EventLoop:
             raise
 
     def _leave(self, work: Coroutine[Any, Any, None]) -> None:
-        """Begin work that nobody waits for; this runs on the loop."""
+        """Begin work without a caller that waits for it; this runs on the loop."""
         task = asyncio.create_task(work)
         self._left.add(task)
         task.add_done_callback(self._left.discard)
@@ -128,7 +128,7 @@ class EventLoop:
             self._work.cancel()
 
     def _close(self) -> None:
-        """Drop unfinished work, such as sessions that nobody closed; this runs when the interpreter exits."""
+        """Drop unfinished work, such as sessions that were not closed; this runs when the interpreter exits."""
         self._closed = True
         self._runner.close()
 
