@@ -43,7 +43,7 @@ class EventLoop:
         self._helper_started = False
         self._lock = threading.Lock()  # held by the caller whose work the loop runs
         self._work: asyncio.Task[Any] | None = None  # what that caller waits for
-        self._left: set[asyncio.Task[None]] = set()  # work without a caller that waits; asyncio keeps only weak references to it
+        self._left: set[asyncio.Task[None]] = set()  # work without a waiting caller; asyncio references tasks weakly
         self._closed = False
         # Written by the main thread only:
         self._holding_interrupts = False
