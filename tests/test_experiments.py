@@ -20,6 +20,7 @@ from joybridge.experiments.cluster import read_files, write_files
 from joybridge.experiments.display import Display, time_left
 from joybridge.experiments.grid import keep_results
 from joybridge.trainer.checkpoint import has_checkpoint
+from tests.support.environment import without_coverage
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +53,7 @@ def start_command(configs: Path, runs: Path, *more: str, **options: Any) -> "sub
         sys.executable, "-m", "tools.paper", "run", "--configs", str(configs), "--runs", str(runs),
         "--results", str(runs / "results"), "--timesteps", str(TIMESTEPS), "--jobs", "2", *more,
     ]  # fmt: skip
-    return subprocess.Popen(arguments, cwd=ROOT, text=True, **options)
+    return subprocess.Popen(arguments, cwd=ROOT, text=True, env=without_coverage(), **options)
 
 
 def wait_for_checkpoints(process: "subprocess.Popen[str]", *jobs: Job) -> None:

@@ -15,6 +15,7 @@ from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.pipeline import assign
 from joybridge.trainer.wire.launch import simulator_process
+from tests.support.environment import without_coverage
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +122,9 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
 
 
 def start_and_wait_for_a_row(run: Path, *more: str) -> subprocess.Popen[str]:
-    process = subprocess.Popen(command(run, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command(run, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_coverage()
+    )
     deadline = time.monotonic() + 60
     while not read_rows(run / "metrics-hunter.csv"):
         assert process.poll() is None, process.communicate()
@@ -192,7 +195,7 @@ def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path):
     address = f"unix:{tmp_path}/simulator.sock"
     process = subprocess.Popen(
         command(tmp_path / "run", *SMALL, "stop=160", "--simulator", address),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_coverage(),
     )  # fmt: skip
     assert process.stderr is not None
     assert "waiting up to 60 s for a simulator at unix:" in process.stderr.readline()
