@@ -138,7 +138,6 @@ session.send(make_acts(session.spec, 2))
 
 
 @pytest.mark.slow
-@pytest.mark.skip(reason="open defect: an interrupted session that is used again may wait for ever; see CHANGELOG")
 def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address):
     """A session that was interrupted goes on if it was not using the simulator; otherwise it is lost."""
     modules = (client, stream, interruptible_loop)

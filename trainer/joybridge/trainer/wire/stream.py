@@ -48,7 +48,16 @@ class Stream:
         )
 
     async def exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
-        """Send a request and return the response. Raises SimulatorError."""
+        """Send a request and return the response. Raises SimulatorError.
+
+        A response that was not received, because an interrupt came after `send`, is dropped first: gRPC does not
+        support two reads at a time.
+        """
+        if self._pending is not None:
+            await self.receive()
+        return await self._exchange(request)
+
+    async def _exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
         try:
             await self._call.write(request)
         except asyncio.InvalidStateError:
@@ -65,7 +74,9 @@ class Stream:
 
     async def send(self, request: pb.PlayRequest) -> None:
         """Send a request without waiting for the response; `receive` returns it."""
-        self._pending = asyncio.create_task(self.exchange(request))
+        if self._pending is not None:
+            await self.receive()
+        self._pending = asyncio.create_task(self._exchange(request))
         await asyncio.sleep(0)  # lets the task begin to send
 
     async def receive(self) -> pb.PlayResponse:
