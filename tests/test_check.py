@@ -15,12 +15,12 @@ from joybridge.conformance.__main__ import main
 from joybridge.conformance.client import Client
 from joybridge.conformance.expectations import Violation
 from joybridge.conformance.registry import Check
-from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, Result, write_junit
-from joybridge.conformance.rules import CHECKS, FAMILIES
+from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, WARNING, Result, repair_first, write_junit
+from joybridge.conformance.rules import CHECKS, FAMILIES, sessions
 from joybridge.conformance.runner import MOST_TIMEOUTS, SERVER, Unreachable, run_checks
 from joybridge.conformance.selection import SelectionError, select
 from joybridge.games import BUILT_IN
-from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, Service, serving
+from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, Leaks, Service, serving
 
 ROOT = Path(__file__).parents[1]
 GAMES = [*BUILT_IN, "hybrid", "duel", "ends"]
@@ -43,8 +43,8 @@ def correct():
         yield address
 
 
-def failed(results):
-    return {result.check.name for result in results if result.outcome == FAILED}
+def failed(results, outcome=FAILED):
+    return {result.check.name for result in results if result.outcome == outcome}
 
 
 def made_up(run):
@@ -77,7 +77,8 @@ def test_the_server_passes_every_check_with_every_game_from_end_to_end(simulator
     lines = process.stdout.splitlines()
     assert (process.returncode, process.stderr) == (0, ""), "\n".join(line for line in lines if ": failed" in line)
     report = json.loads(lines[-1])
-    assert report["failed"] == 0 and report["passed"] + report["not_applicable"] == len(report["results"])
+    assert report["failed"] == report["warnings"] == 0 and report["repair_first"] == []
+    assert report["passed"] + report["not_applicable"] == len(report["results"])
     per_game = [check.name for check in CHECKS if not check.per_server]
     for game in GAMES:
         assert [r["check"] for r in report["results"] if r["game"] == game] == per_game
@@ -90,8 +91,8 @@ def test_the_server_passes_every_check_with_every_game_from_end_to_end(simulator
 
 def test_a_game_with_all_features_passes_every_check_but_those_for_missing_features(correct):
     results = list(run_checks(correct, seconds=SECONDS))
-    assert not failed(results)
-    assert {result.check.name for result in results if result.outcome == NOT_APPLICABLE} == {
+    assert not failed(results) | failed(results, WARNING)
+    assert failed(results, NOT_APPLICABLE) == {
         "draw_is_refused_without_pictures",
         "save_is_refused_without_snapshots",
         "start_from_a_snapshot_is_refused_without_snapshots",
@@ -101,13 +102,27 @@ def test_a_game_with_all_features_passes_every_check_but_those_for_missing_featu
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_server_fails_exactly_the_right_checks_of_their_families(name):
     broken = BROKEN[name]
-    checks = select(families=sorted({check.family for check in CHECKS if check.name in broken.checks}))
+    found = broken.checks | broken.warned
+    checks = select(families=sorted({check.family for check in CHECKS if check.name in found}))
     with serving(broken) as address:
-        assert failed(run_checks(address, seconds=SECONDS, checks=checks)) == broken.checks
+        results = list(run_checks(address, seconds=SECONDS, checks=checks))
+    assert (failed(results), failed(results, WARNING)) == (broken.checks, broken.warned)
+
+
+def test_a_server_that_keeps_lost_sessions_is_found_and_so_is_what_follows_from_it(monkeypatch):
+    monkeypatch.setattr(sessions, "ROOM_SECONDS", 0.3)
+    checks = select(names=["ended_sessions_are_freed", "zero_arenas_are_refused"])
+    with serving(BrokenServer(set(), service=Leaks)) as address:
+        results = list(run_checks(address, seconds=SECONDS, checks=checks))
+    assert failed(results) == {check.name for check in checks}
+    assert repair_first(results, list(FAMILIES)) == ["ended_sessions_are_freed"]
+    (leak,) = (result for result in results if result.check.name == "ended_sessions_are_freed")
+    assert leak.got == "RESOURCE_EXHAUSTED '40 sessions are open' after 104 sessions were cancelled"
+    assert "do sessions that were closed or lost still count?" in results[-1].expected
 
 
 def test_there_is_a_broken_server_for_every_family():
-    names = {name for broken in BROKEN.values() for name in broken.checks}
+    names = {name for broken in BROKEN.values() for name in broken.checks | broken.warned}
     assert names <= {check.name for check in CHECKS}
     assert {check.family for check in CHECKS if check.name in names} == set(FAMILIES)
 
@@ -153,7 +168,7 @@ def test_checks_are_selected_by_their_names_in_addition_to_families(correct, cap
 def test_quiet_prints_nothing_but_failures_and_the_summary(correct, capsys):
     arguments = ["--only", "zero_arenas_are_refused", "--only", "unknown_request_is_refused", "--quiet"]
     assert main(["check", correct, "--only", "zero_arenas_are_refused", "--quiet"]) == 0
-    assert re.fullmatch(r"\n1 passed, 0 failed, 0 not applicable in \d+\.\d s\n", capsys.readouterr().out)
+    assert re.fullmatch(r"\n1 passed, 0 failed, 0 warnings, 0 not applicable in \d+\.\d s\n", capsys.readouterr().out)
     with serving(BROKEN["NoArenasIsOne"]) as address:
         assert main(["check", address, *arguments[:2], "--quiet"]) == 1
     first, *_, last = capsys.readouterr().out.splitlines()
@@ -233,7 +248,7 @@ class Sleeps(Gauntlet):
 
 
 def test_after_several_timeouts_the_other_checks_of_a_game_are_not_run():
-    checks = select(families=["pictures", "sessions"])
+    checks = select(families=["pictures", "seeds"])
     with serving(BrokenServer(set(), game=Sleeps)) as address:
         results = list(run_checks(address, seconds=0.3, checks=checks))
     assert len(results) == len(checks)
@@ -276,10 +291,11 @@ def test_junit_holds_any_text_of_a_server(tmp_path):
     results = [
         Result("game\x1b", check, FAILED, 0.1, "\x00\ufffe <&>", "c"),
         Result("game\x1b", check, NOT_APPLICABLE, 0.1, "no \x07 bell"),
+        Result("game\x1b", check, WARNING, 0.1, "\x00", "c"),
     ]
     write_junit(str(tmp_path / "junit.xml"), results)
     (suite,) = ElementTree.parse(tmp_path / "junit.xml").getroot()
-    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("2", "1", "1")
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
 
 
 def test_an_exception_in_a_check_is_a_failure_and_the_next_check_runs(correct):

@@ -15,9 +15,21 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from joybridge.contract.codec import StepArrays
-from joybridge.contract.tensors import pack
+from joybridge.contract.tensors import NUMPY_TYPES, pack
 from joybridge.contract.versions import own_version
-from joybridge.simulator import BatchedGame, axis, behavior, branch, button, channel, option, parameter, sensor, spec
+from joybridge.simulator import (
+    BatchedGame,
+    axis,
+    behavior,
+    branch,
+    button,
+    channel,
+    check_range,
+    option,
+    parameter,
+    sensor,
+    spec,
+)
 from joybridge.simulator import session as sessions
 from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
@@ -155,8 +167,14 @@ class Gauntlet(BatchedGame):
         return {"place": self.place, "counts": self.counts, "earned": self.earned, **set_by_reset}
 
     def restore(self, state):
+        self.check(state)
         self.place, self.counts, self.earned = (state[name].copy() for name in ("place", "counts", "earned"))
         self.seed, self.drift = int(state["seed"][0]), float(state["drift"][0])
+
+    def check(self, state):
+        """Raise ValueError for numbers that no session has saved."""
+        for name, low, high in (("place", -9, 9), ("counts", 0, 2**40), ("earned", 0, LONGEST), ("drift", 0, 2)):
+            check_range(name, state[name], low, high)
 
 
 # ----------------------------------------------------------------------------------------------------- the server
@@ -242,9 +260,10 @@ class Honest(Session):
 
 @dataclass
 class BrokenServer:
-    """A server with a fault, and the checks that find it."""
+    """A server with a fault, and the checks that find it: those that fail and those that warn."""
 
     checks: set[str]
+    warned: set[str] = field(default_factory=set)
     game: type[BatchedGame] = Gauntlet
     session: type[Honest] = Honest
     health: tuple[str, ...] = ("", SERVICE)
@@ -293,6 +312,10 @@ def change(tensor, array):
     tensor.CopyFrom(pack(np.ascontiguousarray(array)))
 
 
+def read(tensor):
+    return np.frombuffer(tensor.data, NUMPY_TYPES[tensor.dtype]).reshape(tensor.shape).copy()
+
+
 def floats(tensor):
     return np.frombuffer(tensor.data, "<f4").reshape(tensor.shape).copy()
 
@@ -308,6 +331,9 @@ BROKEN["NoReflection"] = BrokenServer(
     reflection=(),
 )
 BROKEN["ReflectionOfNothing"] = BrokenServer({"reflection_lists_the_service"}, reflection=(reflection.SERVICE_NAME,))
+BROKEN["NoLimitOfMessages"] = BrokenServer(
+    set(), warned={"oversized_message_is_refused"}, options=[("grpc.max_receive_message_length", -1)]
+)
 
 # ------------------------------------------------------------------------------------------------ specs and starts
 
@@ -398,6 +424,15 @@ class ClipsParameters(Honest):
         if "drift" in request.start.parameters and not np.isnan(request.start.parameters["drift"]):
             request.start.parameters["drift"] = min(max(request.start.parameters["drift"], 0.0), 2.0)
         return request
+
+
+@broken(warned={"parameters_have_an_effect"})
+class ParametersDoNothing(Gauntlet):
+    def step(self, acts):
+        self.drift, drift = 1.0, self.drift
+        steps = super().step(acts)
+        self.drift = drift
+        return steps
 
 
 @broken("parameter_set_by_reset_acts_as_in_start")
@@ -587,6 +622,30 @@ class IgnoresFirstArena(Gauntlet):
         super().__init__(options, parameters, arenas, 0, seed)
 
 
+@broken("seed_and_arena_are_two_numbers")
+class SeedPlusArena(Gauntlet):
+    def draws(self, arena):
+        self.counts[arena, DRAWS] += 1
+        key = [self.seed + self.first_arena + int(arena), self.counts[arena, DRAWS]]
+        return np.random.default_rng(key).normal(size=2)
+
+
+@broken("seed_and_arena_are_two_numbers")
+class SeedXorArena(Gauntlet):
+    def draws(self, arena):
+        self.counts[arena, DRAWS] += 1
+        key = [self.seed ^ (self.first_arena + int(arena)), self.counts[arena, DRAWS]]
+        return np.random.default_rng(key).normal(size=2)
+
+
+@broken("arena_numbers_do_not_wrap_around")
+class ArenasOf32Bits(Gauntlet):
+    def draws(self, arena):
+        self.counts[arena, DRAWS] += 1
+        key = [self.seed, (self.first_arena + arena) % 2**32, self.counts[arena, DRAWS]]
+        return np.random.default_rng(key).normal(size=2)
+
+
 @broken("reset_without_seed_begins_different_episodes")
 class ResetsToTheBeginning(Gauntlet):
     def reset(self, seed, parameters):
@@ -656,6 +715,61 @@ class EpisodesTooLong(Gauntlet):
     longest = LONGEST + 1
 
 
+@broken("episodes_are_not_longer_than_max_episode_decisions")
+class EpisodesTooLongForThoseWhoIdle(EpisodesTooLong):
+    """Random actions end an episode early: only who never presses the button plays for long."""
+
+    def step(self, acts):
+        self.place[acts[0].choices[:, 1] == 1] = 9.0
+        return super().step(acts)
+
+
+def of_ended_lanes(part):
+    """Return the rows of the ended lanes of a BehaviorStep."""
+    return np.frombuffer(part.ended.lanes.data, "<i4")
+
+
+@broken("final_observations_belong_to_the_old_episode")
+class ObservesAfterTheReset(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            for final, new in zip(part.ended.final_observations, part.observations, strict=False):
+                change(final, read(new)[of_ended_lanes(part)])
+
+
+@broken("final_observations_belong_to_the_old_episode")
+class ObservesBeforeTheReset(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            for final, new in zip(part.ended.final_observations, part.observations, strict=False):
+                values = read(new)
+                values[of_ended_lanes(part)] = read(final)
+                change(new, values)
+
+
+@broken(warned={"metrics_belong_to_the_old_episode"})
+class MetricsOfTheNewEpisode(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            if part.ended.HasField("metrics"):
+                change(part.ended.metrics, np.zeros_like(read(part.ended.metrics)))
+
+
+@broken("every_choice_plays_by_the_rules")
+class NotANumberInLargeOnly(Gauntlet):
+    def part(self, index, happened):
+        part = super().part(index, happened)
+        if self.cells == 5:
+            part.rewards[:] = np.nan
+        return part
+
+
+@broken("every_choice_plays_by_the_rules")
+class RandomInLargeOnly(Gauntlet):
+    def draws(self, arena):
+        return np.random.default_rng().normal(size=2) if self.cells == 5 else super().draws(arena)
+
+
 @broken("first_masks_are_valid", "masks_are_valid")
 class AllowsNothing(Honest):
     def every(self, step):
@@ -720,6 +834,12 @@ class SnapshotForgetsParameters(Gauntlet):
         self.drift = drift
 
 
+@broken("values_of_a_snapshot_are_checked")
+class RestoresAnything(Gauntlet):
+    def check(self, state):
+        pass
+
+
 @broken("snapshot_with_another_seed_is_refused")
 class SnapshotOfAnySeed(Honest):
     def request(self, request):
@@ -751,6 +871,23 @@ class SessionsShareTheirSeed(Gauntlet):
     def draws(self, arena):
         self.seed = self.newest
         return super().draws(arena)
+
+
+class Leaks(Service):
+    """Counts a session until its client closes it in order: not when it is cancelled or lost."""
+
+    most = 40
+
+    def __init__(self, broken):
+        super().__init__(broken)
+        self.open = 0
+
+    def Play(self, requests, context):
+        if self.open == self.most:
+            context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, f"{self.most} sessions are open")
+        self.open += 1
+        yield from super().Play(requests, context)
+        self.open -= 1
 
 
 @broken("zero_arenas_are_refused")

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from joybridge.conformance.process import leave
 from joybridge.conformance.registry import Check
-from joybridge.conformance.report import FAILED, as_json, listing, summary, write_junit
+from joybridge.conformance.report import FAILED, WARNING, as_json, listing, repair_first, summary, write_junit
 from joybridge.conformance.rules import FAMILIES
 from joybridge.conformance.runner import DEADLINE, run_checks
 from joybridge.conformance.selection import select
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         "--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS",
         help="the longest time of a call; a session is one call. Default: %(default)g",
     )  # fmt: skip
-    checker.add_argument("--quiet", action="store_true", help="print failures and the summary only")
+    checker.add_argument("--quiet", action="store_true", help="print failures, warnings and the summary only")
     checker.add_argument("--json", action="store_true", help="print the results as one JSON object on the last line")
     checker.add_argument("--junit", metavar="FILE", help="write the results as JUnit XML")
     options = parser.parse_args(arguments)
@@ -67,13 +67,16 @@ def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
     results = []
     for result in run_checks(options.address, options.game, options.deadline, checks):
         results.append(result)
-        if result.outcome == FAILED or not options.quiet:
+        if result.outcome in (FAILED, WARNING) or not options.quiet:
             print(*result.lines, sep="\n", flush=True)
     print(f"\n{summary(results)} in {time.perf_counter() - begin:.1f} s")
+    if sum(result.outcome == FAILED for result in results) > 1:
+        names = ", ".join(repair_first(results, list(FAMILIES)))
+        print(f"repair first: {names}. Other failures may follow from it; then run the kit again")
     if options.junit is not None:
         write_junit(options.junit, results)
     if options.json:
-        print(json.dumps(as_json(options.address, results)))
+        print(json.dumps(as_json(options.address, results, list(FAMILIES))))
     sys.stdout.flush()
     return int(any(result.outcome == FAILED for result in results))
 

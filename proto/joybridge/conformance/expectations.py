@@ -1,4 +1,4 @@
-"""How a check reports its result: it returns, or it raises Violation or NotApplicable."""
+"""How a check reports its result: it returns, or it raises Violation, Suspicion or NotApplicable."""
 
 from joybridge.contract.errors import JoybridgeError
 
@@ -13,6 +13,14 @@ class Violation(JoybridgeError):
 
 class TimedOut(Violation):
     """The server did not respond before the deadline."""
+
+
+class Suspicion(JoybridgeError):
+    """The server may be right, but what the check saw is usually a mistake: a warning."""
+
+    def __init__(self, got: object, expected: object) -> None:
+        super().__init__(f"got {got}, expected {expected}")
+        self.got, self.expected = str(got), str(expected)
 
 
 class NotApplicable(JoybridgeError):

@@ -30,13 +30,18 @@ def step_bytes(step: pb.Step) -> bytes:
     return pb.Step(behaviors=step.behaviors, pictures=step.pictures).SerializeToString(deterministic=True)
 
 
-def random_act(views: Sequence[StepView], generators: Sequence[np.random.Generator]) -> pb.Act:
-    """Return random valid actions. The actions of an arena depend on its own generator only."""
+def valid_act(views: Sequence[StepView], generators: Sequence[np.random.Generator | None]) -> pb.Act:
+    """Return valid actions. Those of an arena are random and depend on its own generator only.
+
+    An arena without a generator idles: the middle of each axis, and the first allowed choice of each branch.
+    """
     acts = []
     for view in views:
         device, agents = view.behavior.device, view.behavior.agents_per_arena
         axes, branches = len(device.axes), len(device.branches)
-        chance = np.concatenate([generator.random((agents, axes + branches)) for generator in generators])
+        idle = np.repeat([[0.5] * axes + [0.0] * branches], agents, axis=0)
+        drawn = [generator.random(idle.shape) if generator else idle for generator in generators]
+        chance = np.concatenate(drawn)
         low, high = (np.array([getattr(axis, end) for axis in device.axes]) for end in ("low", "high"))
         values = np.clip(low + chance[:, :axes] * (high - low), low, high).astype(np.float32)
         choices = np.empty((view.lanes, branches), np.int32)
@@ -81,24 +86,26 @@ class Recording:
 
 
 class Player:
-    """Plays a session with random valid actions and records it."""
+    """Plays a session with valid actions and records it."""
 
-    def __init__(self, stream: Stream, recording: Recording, start: pb.PlayRequest, first_arena: int = 0) -> None:
-        """Start a session."""
-        self.stream, self.recording, self.first_arena = stream, recording, first_arena
+    def __init__(
+        self, stream: Stream, recording: Recording, start: pb.PlayRequest, numbers: Sequence[int | None] | None = None
+    ) -> None:
+        """Start a session. `numbers` seed the actions, one per arena, by default 0, 1, …; with None an arena idles."""
+        self.stream, self.recording = stream, recording
+        self.numbers = range(recording.arenas) if numbers is None else numbers
         self.begin(start)
 
     def begin(self, request: pb.PlayRequest) -> None:
         """Send a Start or a Reset and seed the generators of the actions again."""
-        numbers = range(self.first_arena, self.first_arena + self.recording.arenas)
-        self.generators = [np.random.default_rng([7, number]) for number in numbers]
+        self.generators = [None if number is None else np.random.default_rng([7, number]) for number in self.numbers]
         self.send(request)
 
     def decide(self) -> None:
         """Play one decision."""
         recording = self.recording
         if recording.steps:
-            self.send(act_request(random_act(recording.views(len(recording.steps) - 1), self.generators)))
+            self.send(act_request(valid_act(recording.views(len(recording.steps) - 1), self.generators)))
 
     def save(self) -> None:
         """Request a snapshot and keep it in the recording. Raises Violation if the response is no snapshot."""

@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 
 from joybridge.conformance.registry import Check
 
-PASSED, FAILED, NOT_APPLICABLE = "passed", "failed", "not applicable"
+PASSED, FAILED, WARNING, NOT_APPLICABLE = "passed", "failed", "warning", "not applicable"
+MOST_CAUSES = 4  # named in the summary
 # Characters that XML 1.0 cannot hold; the text of a server may contain any.
 _NOT_IN_XML = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(55296, 57344), 65534, 65535), "�")
 
@@ -21,12 +22,13 @@ class Result:
     check: Check
     outcome: str
     seconds: float
-    got: str = ""  # of a failure; the reason if the check is not applicable
+    got: str = ""  # of a failure or warning; the reason if the check is not applicable
     expected: str = ""
+    follows: bool = False  # from another failure: the server is full or does not respond any more
 
     @property
     def lines(self) -> list[str]:
-        """Return one line for the result and, for a failure, lines that explain it."""
+        """Return one line for the result and, for a failure or warning, lines that explain it."""
         line = f"{self.game}  {self.check.name}: {self.outcome}"
         if self.outcome == NOT_APPLICABLE:
             return [f"{line} ({self.got})"]
@@ -34,8 +36,8 @@ class Result:
 
     @property
     def explanation(self) -> list[str]:
-        """Return the rule, what the check got, what it expected and the section of bridge.proto, for a failure."""
-        if self.outcome != FAILED:
+        """Return the rule, what came, what was expected and the section of bridge.proto: of a failure or warning."""
+        if self.outcome not in (FAILED, WARNING):
             return []
         return [
             f"rule: {self.check.rule}", f"got: {self.got}", f"expected: {self.expected}",
@@ -46,17 +48,31 @@ class Result:
 def summary(results: Sequence[Result]) -> str:
     """Return the number of results of each outcome. Checks that are not applicable have not passed."""
     counts = Counter(result.outcome for result in results)
-    return ", ".join(f"{counts[outcome]} {outcome}" for outcome in (PASSED, FAILED, NOT_APPLICABLE))
+    names = {PASSED: "passed", FAILED: "failed", WARNING: "warnings", NOT_APPLICABLE: "not applicable"}
+    return ", ".join(f"{counts[outcome]} {name}" for outcome, name in names.items())
 
 
-def as_json(address: str, results: Sequence[Result]) -> dict[str, Any]:
+def repair_first(results: Sequence[Result], families: Sequence[str]) -> list[str]:
+    """Return the names of the failed checks to repair first; other failures may follow from them.
+
+    They are those of one family: the first in `families` with a failure that does not follow from another one.
+    """
+    failures = [result for result in results if result.outcome == FAILED]
+    causes = [result for result in failures if not result.follows] or failures
+    first = min((families.index(result.check.family) for result in causes), default=0)
+    return list(dict.fromkeys(r.check.name for r in causes if r.check.family == families[first]))[:MOST_CAUSES]
+
+
+def as_json(address: str, results: Sequence[Result], families: Sequence[str]) -> dict[str, Any]:
     """Return the results as an object for JSON."""
     counts = Counter(result.outcome for result in results)
     return {
         "address": address,
         "passed": counts[PASSED],
         "failed": counts[FAILED],
+        "warnings": counts[WARNING],
         "not_applicable": counts[NOT_APPLICABLE],
+        "repair_first": repair_first(results, families),
         "results": [
             {
                 "game": r.game, "family": r.check.family, "check": r.check.name, "outcome": r.outcome,
@@ -91,9 +107,11 @@ def write_junit(path: str, results: Sequence[Result]) -> None:
             name, place = result.check.name, f"{game}.{result.check.family}".translate(_NOT_IN_XML)
             case = ElementTree.SubElement(suite, "testcase", name=name, classname=place, time=f"{result.seconds:.3f}")
             got = result.got.translate(_NOT_IN_XML)
+            text = "\n".join(result.explanation).translate(_NOT_IN_XML)
             if result.outcome == FAILED:
-                text = "\n".join(result.explanation).translate(_NOT_IN_XML)
                 ElementTree.SubElement(case, "failure", message=got).text = text
+            elif result.outcome == WARNING:  # JUnit has none
+                ElementTree.SubElement(case, "system-out").text = text
             elif result.outcome == NOT_APPLICABLE:
                 ElementTree.SubElement(case, "skipped", message=got)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

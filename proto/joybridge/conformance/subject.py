@@ -25,20 +25,25 @@ LARGEST_SEED = 2**64 - 1
 SHORT = 12  # decisions of a short session
 LONG = 2100  # decisions of a long session, unless max_episode_decisions is smaller
 LONG_SECONDS = 6.0  # a long session ends early after this time; the checks use the steps until then
+LONG_NUMBERS = (0, 1, None, None)  # of the arenas of a long session; see Player: those that idle play the longest
 
 
 class Subject:
-    """A server and one of its games. The game is "" for checks of the whole server."""
+    """A server and one of its games under some options. The game is "" for checks of the whole server."""
 
-    def __init__(self, client: Client, game: str) -> None:
-        """Prepare to check a game. Nothing is sent yet."""
+    def __init__(
+        self, client: Client, game: str, options: Mapping[str, str] | None = None, decisions: int = LONG
+    ) -> None:
+        """Prepare to check a game. Nothing is sent yet. A long session has at most so many decisions."""
         self.client = client
         self.game = game
+        self.options = dict(options or {})
+        self.decisions = decisions
 
     @cached_property
     def spec(self) -> pb.GameSpec:
-        """Return the spec with default options. Raises Violation if DescribeGame fails."""
-        return self.client.describe(self.game)
+        """Return the spec under these options. Raises Violation if DescribeGame fails."""
+        return self.client.describe(self.game, self.options)
 
     @cached_property
     def short_session(self) -> Recording:
@@ -54,35 +59,43 @@ class Subject:
         Raises Violation if the server responds to no Act.
         """
         longest = self.spec.max_episode_decisions
-        recording = self.record(min(longest, LONG) + 1 if longest else LONG // 4, seconds=LONG_SECONDS)
+        recording = self.record_long(min(longest or LONG // 4, self.decisions) + 1)
         expect(len(recording.steps) > 1, f"{recording.end} before the first Step", "a Step in response to Act")
         return recording
 
+    def record_long(self, decisions: int) -> Recording:
+        """Return a recording of so many decisions, or of those that a slow server answers in LONG_SECONDS."""
+        numbers = LONG_NUMBERS[: self.spec.max_arenas]
+        return self.record(decisions, len(numbers), numbers=numbers, seconds=LONG_SECONDS)
+
     def start(self, arenas: int = ARENAS, seed: int = SEED, **fields: Any) -> pb.PlayRequest:
         """Return a request that starts this game."""
+        fields = {"options": self.options, **fields}
         return pb.PlayRequest(start=pb.Start(game=self.game, arenas=arenas, seed=seed, **fields))
 
     def record(
         self, decisions: int = SHORT, arenas: int = ARENAS, first_arena: int = 0, client: Client | None = None,
-        resets: Mapping[int, pb.PlayRequest] | None = None, seconds: float = math.inf, **fields: Any,
+        resets: Mapping[int, pb.PlayRequest] | None = None, numbers: Sequence[int | None] | None = None,
+        seconds: float = math.inf, **fields: Any,
     ) -> Recording:  # fmt: skip
-        """Play a session with random valid actions and return the recording.
+        """Play a session with valid actions and return the recording.
 
-        The actions of an arena depend on its number only. `resets` maps a decision to the request that is sent
-        instead of its Act; the generators of the actions are seeded again there. The recording ends early after
-        `seconds`. `fields` are fields of Start.
+        `numbers` seed the actions of the arenas (see Player), by default the numbers of the arenas. `resets` maps a
+        decision to the request that is sent instead of its Act; the actions are seeded again there. After the first
+        decision the recording ends early after `seconds`. `fields` are fields of Start.
         """
         with Stream(client or self.client) as stream:
             start = self.start(arenas, first_arena=first_arena, **fields)
-            player = Player(stream, Recording(self.spec, arenas), start, first_arena)
-            until = time.monotonic() + seconds
+            numbers = range(first_arena, first_arena + arenas) if numbers is None else numbers
+            player = Player(stream, Recording(self.spec, arenas), start, numbers)
+            until = time.monotonic() + seconds  # after Start, which may take long: games are compiled then
             for decision in range(decisions):
-                if player.recording.end or time.monotonic() > until:
-                    break
                 if resets and decision in resets:
                     player.begin(resets[decision])
                 else:
                     player.decide()
+                if player.recording.end or time.monotonic() > until:
+                    break
             return player.recording
 
     def play(self, *requests: Request) -> Exchange:
@@ -125,8 +138,9 @@ class Subject:
 
     @cached_property
     def is_random(self) -> bool:
-        """Return whether arenas of one session differ, which means that the game uses its seed."""
-        recording = self.record(arenas=4)
+        """Return whether arenas of one session differ under the same actions: the game uses its seed."""
+        arenas = min(4, self.spec.max_arenas)
+        recording = self.record(arenas=arenas, numbers=[0] * arenas)
         return any(
             len({bytes(row) for row in _arena_observations(view)}) > 1
             for view in [*recording.first, *recording.later]

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from joybridge.conformance.expectations import expect, skip_unless
+from joybridge.conformance.expectations import Suspicion, Violation, expect, skip_unless
 from joybridge.conformance.registry import check
 from joybridge.conformance.step_expectations import (
     expect_finite,
@@ -12,9 +12,12 @@ from joybridge.conformance.step_expectations import (
     expect_observations,
     expect_tensor,
 )
-from joybridge.conformance.step_view import StepView
+from joybridge.conformance.step_view import StepView, read_tensor
 from joybridge.conformance.subject import Subject
+from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
+
+SEVERAL = 3  # episodes that are hardly alike by chance
 
 
 @check("BehaviorStep")
@@ -76,6 +79,40 @@ def final_observations_are_in_bounds(subject: Subject) -> None:
 
 
 @check("Ended")
+def final_observations_belong_to_the_old_episode(subject: Subject) -> None:
+    """Final observations are the last ones of the old episode; `observations` has the first ones of the new episode."""
+    ends = list(_ends(subject))
+    for index, behavior in enumerate(subject.spec.behaviors):
+        own = [view for view in ends if view.behavior is behavior]
+        finals = [row for view in own for row in _rows(view, final=True)]
+        firsts = [row for view in own for row, ended in zip(_rows(view), view.ended, strict=False) if ended]
+        if len(finals) < SEVERAL or finals != firsts or not _varies(subject, index):
+            continue
+        got = f"final observations of {behavior.name} that are the first ones of the new episode, {len(finals)} times"
+        # A game may go on from where an episode was truncated, or return to its start in every episode.
+        certain = len(set(finals)) > 1 and any(view.terminated is not None and view.terminated.any() for view in own)
+        raise (Violation if certain else Suspicion)(got, "the last observations of the old episode")
+
+
+@check("Ended")
+def metrics_belong_to_the_old_episode(subject: Subject) -> None:
+    """Metrics are numbers about the episode that ended, so they differ between episodes."""
+    skip_unless(any(behavior.metrics for behavior in subject.spec.behaviors), "the game has no metrics")
+    for behavior in subject.spec.behaviors:
+        rows, lengths = [], []
+        for view, ages in _ages(subject):
+            shape = (int(view.ended.sum()), len(behavior.metrics))
+            metrics = read_tensor(view.message.ended.metrics, pb.DTYPE_FLOAT32, shape)
+            if view.behavior is behavior and metrics is not None:
+                rows += metrics.tolist()
+                lengths += ages[view.ended].tolist()
+        same = len(lengths) >= SEVERAL and len(set(lengths)) > 1 and all(row == rows[0] for row in rows)
+        if behavior.metrics and same:
+            got = f"metrics {rows[0]} of {behavior.name} in all of {len(rows)} episodes of different lengths"
+            raise Suspicion(got, "metrics of the episode that ended")
+
+
+@check("Ended")
 def metrics_have_a_row_per_ended_lane(subject: Subject) -> None:
     """Metrics are FLOAT32 [ended, metrics]."""
     skip_unless(any(behavior.metrics for behavior in subject.spec.behaviors), "the game has no metrics")
@@ -109,13 +146,34 @@ def episodes_are_not_longer_than_max_episode_decisions(subject: Subject) -> None
     """An episode is truncated after max_episode_decisions at the latest."""
     longest = subject.spec.max_episode_decisions
     skip_unless(longest, "max_episode_decisions is 0: episodes have no limit")
-    lengths = {behavior.name: np.zeros(1, int) for behavior in subject.spec.behaviors}
-    for view in subject.long_session.later:
-        name = view.behavior.name
-        lengths[name] = lengths[name] + 1
-        over = (lengths[name] >= longest) & ~view.ended
+    oldest = 0
+    for view, ages in _ages(subject):
+        over = (ages >= longest) & ~view.ended
         expect(not over.any(), f"an episode of more than {longest} decisions: {view.where}", "the end of the episode")
-        lengths[name] = np.where(view.ended, 0, lengths[name])
+        oldest = max(oldest, int(ages.max()))
+    skip_unless(oldest >= longest, f"no episode reached {longest} decisions; the longest has {oldest}")
+
+
+def _ages(subject: Subject) -> Iterator[tuple[StepView, Array]]:
+    """Yield each view with the number of decisions of the episode in each lane, including that of the view."""
+    ages = {behavior.name: np.zeros(1, int) for behavior in subject.spec.behaviors}
+    for view in subject.long_session.later:
+        age = ages[view.behavior.name] + np.ones(view.lanes, int)
+        yield view, age
+        ages[view.behavior.name] = np.where(view.ended, 0, age)
+
+
+def _rows(view: StepView, final: bool = False) -> list[bytes]:
+    """Return the observations, or final observations, of each row as bytes."""
+    columns = [values for _, values in view.observations(final)]
+    return [b"".join(column[row].tobytes() for column in columns) for row in range(min(map(len, columns), default=0))]
+
+
+def _varies(subject: Subject, behavior: int) -> bool:
+    """Return whether the observations of a behavior change within a long session."""
+    session = subject.long_session
+    first = _rows(session.first[behavior])
+    return any(_rows(session.views(index)[behavior]) != first for index in range(1, len(session.steps)))
 
 
 def _ends(subject: Subject) -> Iterator[StepView]:

@@ -3,12 +3,14 @@
 import grpc
 
 from joybridge.conformance.client import OK
-from joybridge.conformance.expectations import expect
+from joybridge.conformance.expectations import Suspicion, expect
 from joybridge.conformance.registry import check
 from joybridge.conformance.subject import NOT_FOUND, RESOURCE_EXHAUSTED, Subject, expect_error
+from joybridge.contract.limits import request_bytes
 from joybridge.v1 import bridge_pb2 as pb
 
 OVERSIZED = 8 * 2**20  # bytes: twice gRPC's default limit
+HUGE = 64 * 2**20  # bytes: larger messages are not sent
 LONG_NAME = 100_000  # characters
 
 
@@ -33,10 +35,15 @@ def largest_number_of_arenas_is_refused(subject: Subject) -> None:
 
 @check("ERRORS", per_server=True)
 def oversized_message_is_refused(subject: Subject) -> None:
-    """A message with more bytes than the server accepts is refused with RESOURCE_EXHAUSTED."""
-    exchange = subject.play(pb.PlayRequest(start=pb.Start(game="x" * OVERSIZED, arenas=1)))
+    """A message with more bytes than any game needs is refused with RESOURCE_EXHAUSTED before it is read."""
+    specs = [subject.client.describe(game.name) for game in subject.client.list_games()]
+    needed = max(request_bytes(spec, spec.max_arenas) for spec in specs)
+    size = 2 * needed + OVERSIZED
+    exchange = subject.play(pb.PlayRequest(start=pb.Start(game="x" * min(size, HUGE), arenas=1)))
     # A server that accepts so many bytes still has no game of that name.
     expect_error(exchange.status, [RESOURCE_EXHAUSTED, NOT_FOUND], [])
+    if exchange.status.code == NOT_FOUND and size <= HUGE:
+        raise Suspicion(f"a message of {size} bytes was read", f"a limit: no request needs more than {needed} bytes")
 
 
 @check("ERRORS", per_server=True)

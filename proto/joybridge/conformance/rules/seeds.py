@@ -1,10 +1,14 @@
 """Determinism: the same seed and actions give the same bytes, and another seed gives different ones."""
 
+from collections.abc import Sequence
+
 from joybridge.conformance.expectations import expect, skip_unless
-from joybridge.conformance.recording import Recording, expect_same_recording
+from joybridge.conformance.recording import Recording, expect_same_bytes, expect_same_recording
 from joybridge.conformance.registry import check
 from joybridge.conformance.step_view import arena_rows
-from joybridge.conformance.subject import LARGEST_SEED, LONG_SECONDS, SEED, SHORT, Subject
+from joybridge.conformance.subject import LARGEST_SEED, SEED, SHORT, Subject
+
+CROWD = 8  # arenas whose episodes are compared: so many are hardly alike by chance, even if they differ by a coin
 
 
 @check("DETERMINISM")
@@ -17,10 +21,11 @@ def same_seed_gives_the_same_bytes(subject: Subject) -> None:
 def same_seed_gives_the_same_bytes_in_a_long_session(subject: Subject) -> None:
     """The same game, options, parameters, seed and actions give the same bytes, also after the end of an episode."""
     long = subject.long_session
-    got = subject.record(min(len(long.steps) - 1, 300), seconds=LONG_SECONDS)
+    got = subject.record_long(min(len(long.steps) - 1, 300))
     expect(got.end is None, f"{got.end} after {len(got.steps)} responses", "a Step")
-    expected = Recording(subject.spec, long.arenas, steps=long.steps[: len(got.steps)])
-    expect_same_recording(got, expected, "of a second session")
+    # The clock ends both sessions, so the second one may be shorter or longer.
+    steps = min(len(got.steps), len(long.steps))
+    expect_same_bytes(got.step_bytes[:steps], long.step_bytes[:steps], "of a second session")
 
 
 @check("DETERMINISM")
@@ -67,6 +72,24 @@ def first_arena_selects_the_arena_numbers(subject: Subject) -> None:
 
 
 @check("Start")
+def seed_and_arena_are_two_numbers(subject: Subject) -> None:
+    """Each arena of each seed has a random stream of its own: arena 1 of seed 0 is not arena 0 of seed 1."""
+    _require_crowd(subject)
+    zero, one = (_crowd(subject, seed=seed) for seed in (0, 1))
+    for name, same in (("seed + arena", zero[1:] == one[:-1]), ("seed xor arena", _swapped(zero) == one)):
+        expect(not same, f"{CROWD} arenas of seeds 0 and 1 that depend on {name} only", "other episodes for each pair")
+
+
+@check("Start")
+def arena_numbers_do_not_wrap_around(subject: Subject) -> None:
+    """The number first_arena + k may need more than 32 bits: arena 2^32 is not arena 0."""
+    _require_crowd(subject)
+    beyond = _crowd(subject, first_arena=2**32 - 1)[1:]
+    got = "the episodes of arenas 0, 1, … in the arenas from 2^32 on"
+    expect(beyond != _crowd(subject)[:-1], got, "episodes of their own")
+
+
+@check("Start")
 def arena_numbers_may_exceed_32_bits(subject: Subject) -> None:
     """first_arena is a uint32, and first_arena + k may need more than 32 bits."""
     last = 2**32 - 1
@@ -82,8 +105,31 @@ def _with_seed(subject: Subject, seed: int) -> Recording:
 
 def _expect_different_episodes(subject: Subject, seeds: list[int]) -> None:
     skip_unless(subject.is_random, "all arenas of the game play the same episode")
-    episodes = {tuple(_with_seed(subject, seed).step_bytes) for seed in seeds}
+    arenas = min(CROWD, subject.spec.max_arenas)
+    episodes = set()
+    for seed in seeds:
+        recording = subject.record(arenas=arenas, seed=seed)
+        expect(recording.end is None, f"{recording.end} with seed {seed}", "a session")
+        episodes.add(tuple(recording.step_bytes))
     expect(len(episodes) == len(seeds), f"{len(episodes)} different episodes for seeds {seeds}", f"{len(seeds)}")
+
+
+def _require_crowd(subject: Subject) -> None:
+    skip_unless(subject.is_random, "all arenas of the game play the same episode")
+    skip_unless(subject.spec.max_arenas >= CROWD, f"max_arenas is {subject.spec.max_arenas}")
+
+
+def _crowd(subject: Subject, **fields: int) -> list[list[list[bytes]]]:
+    """Return the data of CROWD arenas in each step. Their actions are the same, so they differ by chance alone."""
+    recording = subject.record(arenas=CROWD, numbers=[0] * CROWD, **fields)  # type: ignore[arg-type]
+    expect(recording.end is None, f"{recording.end} with {fields}", "a session")
+    steps = [arena_rows(step, subject.spec, CROWD) for step in recording.steps]
+    return [[rows[arena] for rows in steps] for arena in range(CROWD)]
+
+
+def _swapped(arenas: Sequence[list[list[bytes]]]) -> list[list[list[bytes]]]:
+    """Return the data of the arenas with every two neighbors exchanged."""
+    return [arenas[number ^ 1] for number in range(len(arenas))]
 
 
 def _rows(subject: Subject, arenas: int, first_arena: int) -> list[list[list[bytes]]]:

@@ -1,9 +1,10 @@
 """Sessions: several run at once, are independent of each other, and end with their stream."""
 
+import time
 from contextlib import ExitStack
 
 from joybridge.conformance.client import OK, Client, Status, Stream
-from joybridge.conformance.expectations import expect, expect_equal
+from joybridge.conformance.expectations import Violation, expect, expect_equal, skip_unless
 from joybridge.conformance.recording import (
     Player,
     Recording,
@@ -12,10 +13,24 @@ from joybridge.conformance.recording import (
     reset_request,
 )
 from joybridge.conformance.registry import check
-from joybridge.conformance.subject import ARENAS, SHORT, Subject
+from joybridge.conformance.subject import ARENAS, RESOURCE_EXHAUSTED, SHORT, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
 MANY_SESSIONS = 8
+ABANDONED = 104  # sessions that end in each way: more than a server accepts at once
+ROOM_SECONDS = 5.0  # a server notices the end of a session soon, not at once
+
+
+@check("SESSION", per_server=True)
+def ended_sessions_are_freed(subject: Subject) -> None:
+    """When the client closes or loses a stream, the server frees the arenas: ended sessions do not count any more."""
+    games = subject.client.list_games()
+    skip_unless(games, "ListGames returns no games")
+    start = Subject(subject.client, games[0].name).start(arenas=1)
+    for way in ("cancelled", "lost with their connection", "refused a request"):
+        for _ in range(ABANDONED // MANY_SESSIONS):
+            _abandon(subject.client, start, way)
+        _expect_room(subject.client, start, f"{ABANDONED} sessions were {way}")
 
 
 @check("SESSION")
@@ -127,6 +142,34 @@ def lost_connection_does_not_affect_other_sessions(subject: Subject) -> None:
         for _ in range(SHORT - 3):
             player.decide()
     expect_same_recording(player.recording, subject.short_session, "beside lost connections")
+
+
+def _abandon(client: Client, start: pb.PlayRequest, way: str) -> None:
+    """Open some sessions and end them in one way. A session that the server refuses has ended already."""
+    with Client(client.address, client.seconds) as connection, ExitStack() as stack:
+        streams = [stack.enter_context(Stream(connection)) for _ in range(MANY_SESSIONS)]
+        for stream in streams:
+            stream.requests.put(start)
+        for stream in streams:
+            stream.receive()
+        if way == "lost with their connection":
+            connection.close()
+        if way == "refused a request":
+            for stream in streams:
+                stream.ask(pb.PlayRequest())
+
+
+def _expect_room(client: Client, start: pb.PlayRequest, when: str) -> None:
+    """Raise Violation unless the server accepts a session within ROOM_SECONDS."""
+    until = time.monotonic() + ROOM_SECONDS
+    while True:
+        with Stream(client) as stream:
+            answer = stream.ask(start)
+        if not isinstance(answer, Status) or answer.code != RESOURCE_EXHAUSTED:
+            return
+        if time.monotonic() > until:
+            raise Violation(f"{answer} after {when}", "a session")
+        time.sleep(0.05)
 
 
 @check("DETERMINISM")

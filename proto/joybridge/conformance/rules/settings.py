@@ -1,16 +1,26 @@
 """Options and parameters: valid names and values are accepted, all others are refused."""
 
 import math
+import time
 from collections.abc import Iterator
 
-from joybridge.conformance.client import Status
-from joybridge.conformance.expectations import Violation, skip_unless
-from joybridge.conformance.recording import expect_same_recording, reset_request
+from joybridge.conformance.client import Status, Stream
+from joybridge.conformance.expectations import Suspicion, Violation, skip_unless
+from joybridge.conformance.recording import Player, Recording, expect_same_recording, reset_request, step_bytes
 from joybridge.conformance.registry import check
-from joybridge.conformance.subject import INVALID_ARGUMENT, SEED, SHORT, Subject, expect_error
+from joybridge.conformance.subject import (
+    ARENAS,
+    INVALID_ARGUMENT,
+    LONG_SECONDS,
+    SEED,
+    SHORT,
+    Subject,
+    expect_error,
+)
 from joybridge.v1 import bridge_pb2 as pb
 
 UNKNOWN = "no_such_name"
+PLAY = 300  # decisions after which a parameter should have had an effect
 
 
 @check("DescribeGame")
@@ -99,6 +109,14 @@ def parameter_at_low_or_high_is_accepted(subject: Subject) -> None:
                 subject.expect_answered(subject.start(parameters={p.name: value}))
 
 
+@check("Parameter")
+def parameters_have_an_effect(subject: Subject) -> None:
+    """A parameter is a number of the game: a session with its low value differs from one with its high value."""
+    for p in _parameters(subject):
+        if p.low < p.high and (same := _same_steps(subject, p)):
+            raise Suspicion(f"the same {same} steps with {p.name!r} {p.low:g} and {p.high:g}", "different episodes")
+
+
 @check("Start")
 def explicit_default_parameters_change_nothing(subject: Subject) -> None:
     """A parameter that is left out has its default value."""
@@ -153,6 +171,24 @@ def _options(subject: Subject) -> Iterator[pb.Option]:
 def _parameters(subject: Subject) -> Iterator[pb.Parameter]:
     skip_unless(subject.spec.parameters, "the game has no parameters")
     yield from subject.spec.parameters
+
+
+def _same_steps(subject: Subject, parameter: pb.Parameter) -> int:
+    """Return how many steps with the low and the high value of a parameter are the same, or 0 if one differs."""
+    with Stream(subject.client) as one, Stream(subject.client) as other:
+        low, high = (
+            Player(stream, Recording(subject.spec, ARENAS), subject.start(parameters={parameter.name: value}))
+            for stream, value in ((one, parameter.low), (other, parameter.high))
+        )
+        until = time.monotonic() + LONG_SECONDS
+        for _ in range(min(subject.spec.max_episode_decisions or PLAY, PLAY) + 1):
+            if low.recording.end or high.recording.end or time.monotonic() > until:
+                break
+            if step_bytes(low.recording.steps[-1]) != step_bytes(high.recording.steps[-1]):
+                return 0
+            low.decide()
+            high.decide()
+        return len(low.recording.steps)
 
 
 def _other_parameters(subject: Subject) -> dict[str, float]:

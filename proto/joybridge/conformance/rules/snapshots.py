@@ -9,6 +9,7 @@ from joybridge.conformance.client import Stream
 from joybridge.conformance.expectations import Violation, expect, skip_unless
 from joybridge.conformance.recording import SAVE, Player, Recording, expect_same_bytes, reset_request
 from joybridge.conformance.registry import check
+from joybridge.conformance.step_expectations import expect_finite, expect_in_bounds
 from joybridge.conformance.subject import ARENAS, FAILED_PRECONDITION, INVALID_ARGUMENT, SEED, SHORT, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -148,6 +149,27 @@ def snapshot_with_a_missing_byte_is_refused(subject: Subject) -> None:
     for name, data in whole.parts.items():
         if data:
             _expect_refused(subject, pb.Snapshot(parts={**whole.parts, name: data[:-1]}))
+
+
+@check("Snapshot")
+def values_of_a_snapshot_are_checked(subject: Subject) -> None:
+    """The server checks the values of a snapshot: those that cannot occur are refused, or do no harm."""
+    whole = _snapshot(subject)
+    for name, data in whole.parts.items():
+        changed = pb.Snapshot(parts={**whole.parts, name: b"\xff" * len(data)})  # as floats these are NaN
+        recording = subject.record(snapshot=changed)
+        where = f"part {name!r} full of the byte 0xFF"
+        if not recording.steps:
+            got = f"{recording.end} for {where}"
+            expect(recording.end and recording.end.code == INVALID_ARGUMENT, got, "INVALID_ARGUMENT")
+            continue
+        expect(recording.end is None, f"{recording.end} after a Start with {where}", "INVALID_ARGUMENT at the Start")
+        for view in [*recording.first, *recording.later]:
+            try:
+                expect_finite(view)
+                expect_in_bounds(view)
+            except Violation as violation:
+                raise Violation(f"{violation.got}, from {where}", "INVALID_ARGUMENT at the Start") from violation
 
 
 @check("GameSpec")
