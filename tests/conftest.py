@@ -1,5 +1,6 @@
 """What tests share: a real server process, with the tests' own games."""
 
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -18,3 +19,13 @@ def simulator() -> Iterator[str]:
     """Yield the address of a simulator in a process of its own."""
     with simulator_process(PLACES) as address:
         yield address
+
+
+@pytest.fixture
+def signals() -> Iterator[None]:
+    """Put back the handlers of signals that the command line of the trainer replaces."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, handlers, strict=True):
+        signal.signal(number, handler)

@@ -46,6 +46,13 @@ def test_a_place_without_a_module_says_where_modules_are_looked_for(place):
         load_game(place)
 
 
+def test_a_place_without_a_class_names_the_module_s_own(folder, monkeypatch):
+    (folder / "classless.py").write_text("from joybridge.simulator import Game\nclass Fitts(Game):\n    name = 'fitts'")
+    monkeypatch.syspath_prepend(folder)
+    with pytest.raises(CatalogError, match="'classless' names no class; expected MODULE:CLASS, as in classless:Fitts"):
+        load_game("classless")
+
+
 def test_errors_of_the_simulator_side_are_joybridge_errors():
     assert issubclass(CatalogError, JoybridgeError) and issubclass(NewGameError, JoybridgeError)
 

@@ -1,25 +1,15 @@
 """The trainer's command line: what is refused, and in which words. In process: only errors are looked at."""
 
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from joybridge.trainer.__main__ import main
 
+pytestmark = pytest.mark.usefixtures("signals")
+
 CONFIG = "shooting_birds/bucket-11"
 SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "stop=100"]
-
-
-@pytest.fixture(autouse=True)
-def signals() -> Iterator[None]:
-    """Put back the handlers of signals that the command line replaces."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    handlers = [signal.getsignal(number) for number in numbers]
-    yield
-    for number, handler in zip(numbers, handlers, strict=True):
-        signal.signal(number, handler)
 
 
 @pytest.mark.parametrize(

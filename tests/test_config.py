@@ -4,7 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import OTHER_NAMES, Config, PolicyConfig, dump_config, load_config
+from joybridge.trainer.config import (
+    OTHER_NAMES,
+    Config,
+    PolicyConfig,
+    check_run,
+    dump_config,
+    keep_config,
+    load_config,
+)
 from joybridge.trainer.errors import ConfigError
 
 CONFIGS = sorted(Path(__file__).parents[1].glob("configs/*/*.yaml"))
@@ -35,19 +43,34 @@ def test_there_is_a_file_for_each_experiment():
     ("text", "message"),
     [
         ("game: g\nlayuot: x", "unknown key 'layuot'; did you mean 'layout'"),
-        ("game: g\npolicy: {learning_rat: 1}", r"unknown key 'policy.learning_rat'; did you mean 'learning_rate'"),
-        ("game: g\npolicies: {axes: {epoch: 1}}", r"unknown key 'policies.axes.epoch'; did you mean 'epochs'"),
+        (
+            "game: g\npolicy: {learning_rat: 1}",
+            r"unknown key 'policy.learning_rat'; did you mean 'policy.learning_rate'",
+        ),
+        (
+            "game: g\npolicies: {axes: {epoch: 1}}",
+            r"unknown key 'policies.axes.epoch'; did you mean 'policies.axes.epochs'",
+        ),
         ("game: g\nnum_envs: 8", "unknown key 'num_envs'; the key is 'arenas'"),
         ("game: g\npolicy: {ent_coef: 0.1}", "the key is 'policy.entropy_coef'"),
         ("game: g\nlearning_rate: 0.1", "did you mean 'policy.learning_rate'"),
         ("game: g\nepocs: 3", "did you mean 'policy.epochs'"),
-        ("game: g\npolicy: {seed: 3}", "'seed' is a key of the whole run, outside `policy`"),
+        ("game: g\npolicy: {seed: 3}", "did you mean 'seed', a key of the whole run, outside `policy`"),
+        ("game: g\npolicy: {arena: 3}", "did you mean 'arenas', a key of the whole run, outside `policy`"),
+        ("game: g\nppo: {epocs: 3}", "unknown key 'ppo.epocs'; did you mean 'policy.epochs'"),
+        ("game: g\nsize: 0.5", "of the game are written options.NAME=CHOICE and parameters.NAME=VALUE"),
+        ("game: g\npolicy: {hidden_sizes: '64,64'}", r"got '64,64'; expected a list, for example .*sizes=\[64, 64\]"),
+        ("game: g\npolicy: {hidden_sizes: 64}", r"expected a list, for example policy.hidden_sizes=\[64\]"),
+        ("game: g\npolicy: {sensors: gun rays}", r"expected a list, for example policy.sensors=\[gun, rays\]"),
+        ("game: g\noptions: grid", "options: got 'grid'; expected names and values, written options.NAME=CHOICE"),
+        ("game: g\npolicies: {epochs: 3}", r"policies.epochs: got 3; .* written policies.NAME.KEY=VALUE"),
+        ("game: g\npolicy: 3", "policy: got 3; expected names and values, written policy.KEY=VALUE"),
         ("game: g\nzzzz: 1", "known keys are policy.sensors, .*game, options"),
         ("game: g\narenas: 0", "arenas: got 0"),
         ("game: g\narenas: many", "arenas: got 'many'"),
         ("game: g\npolicy: {clip_range: .nan}", "policy.clip_range: got nan"),
         ("game: g\nseed: -1", "seed: got -1"),
-        ("layout: hybrid", "game: "),
+        ("layout: hybrid", "game: it is missing; every configuration has this key"),
         ("- a", "holds list"),
         ("a: [", "is not YAML"),
         ("extends: config.yaml", "leads back to the file itself"),
@@ -94,3 +117,14 @@ def test_every_name_of_another_library_leads_to_a_key_that_exists():
         assert name not in Config.model_fields and name not in PolicyConfig.model_fields, name
         where, _, last = key.rpartition(".")
         assert last in (PolicyConfig if where else Config).model_fields, name
+
+
+def test_a_resumed_run_may_grow_but_neither_shrink_nor_change(tmp_path):
+    keep_config(Config(game="g", total_timesteps=100), tmp_path)
+    check_run(Config(game="g", total_timesteps=200, stop=150, log_interval=7), tmp_path, resume=True)
+    with pytest.raises(
+        ConfigError, match="total_timesteps was 100 and can only grow, got 50; to end earlier, set stop"
+    ):
+        check_run(Config(game="g", total_timesteps=50), tmp_path, resume=True)
+    with pytest.raises(ConfigError, match=r"seed changed .* use another --run"):
+        check_run(Config(game="g", total_timesteps=200, seed=1), tmp_path, resume=True)

@@ -57,7 +57,9 @@ def _import(place: str) -> object:
     """Return what is at "MODULE:CLASS". Raises CatalogError."""
     module, _, name = place.partition(":")
     try:
-        return getattr(import_module(module), name)
+        found = import_module(module)
+        if name:
+            return getattr(found, name)
     except ModuleNotFoundError as error:
         if error.name in EXTRA:
             text = f"needs the module {error.name}; install it with `pip install 'joybridge[simulator]'`"
@@ -68,6 +70,9 @@ def _import(place: str) -> object:
         raise CatalogError(f"game {place!r} {text}") from error
     except (ImportError, AttributeError, ValueError) as error:
         raise CatalogError(f"game {place!r} cannot be imported ({error}); expected MODULE:CLASS") from error
+    classes = [n for n, kind in vars(found).items() if isinstance(kind, type) and issubclass(kind, Game | BatchedGame)]
+    likely = [name for name in classes if vars(found)[name].__module__ == module] or ["CLASS"]
+    raise CatalogError(f"game {place!r} names no class; expected MODULE:CLASS, as in {module}:{likely[0]}")
 
 
 def specs(game: type[BatchedGame]) -> Iterator[pb.GameSpec]:

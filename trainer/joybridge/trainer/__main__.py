@@ -7,19 +7,22 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 
 from joybridge.contract.address import address
 from joybridge.contract.errors import JoybridgeError
 from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
-from joybridge.trainer.config import check_run, load_config, run_config
+from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config
 from joybridge.trainer.config_files import find_config
-from joybridge.trainer.wire.client import SimulatorError, wait_for
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.trainer.simulators import Simulators, last_simulators, open_simulators, remember
+from joybridge.trainer.sweep import plot, read_sweep, table
+from joybridge.trainer.video_formats import video_format
+from joybridge.trainer.wire.client import SimulatorError
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
 
@@ -48,7 +51,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     shared.add_argument(
         "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
         help="HOST:PORT or unix:PATH of a running simulator; repeat it to divide the arenas of a training among "
-        "several. Without it, this command starts a simulator and ends it",
+        "several. Without it, a run goes on with the simulators of its last training, if these answer; otherwise this "
+        "command starts a simulator and ends it",
     )  # fmt: skip
     shared.add_argument(
         "--wait", type=_seconds, default=60.0, metavar="SECONDS",
@@ -56,7 +60,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )  # fmt: skip
     shared.add_argument(
         "--game", action="append", default=[], metavar="MODULE:CLASS",
-        help="another game for the simulator that this command starts; the current folder is searched first",
+        help="another game for the simulator that this command starts; the current folder is searched first; a run "
+        "remembers its game",
     )  # fmt: skip
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
@@ -79,14 +84,25 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     evaluates.add_argument(
         "--episodes", type=_at_least(1), default=210, help="minimum number of episodes; default %(default)s"
     )
+    evaluates.add_argument(
+        "--over", metavar="KEY=VALUE,VALUE,…",
+        help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
+        "write a plot into the folder of the run",
+    )  # fmt: skip
     evaluates.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     records = commands.add_parser("record", parents=[plays, shared], help="record a video of a run's policy")
     records.set_defaults(function=_record)
-    records.add_argument("output", type=Path, help="e.g. play.mp4")
+    records.add_argument("output", type=Path, help="e.g. play.mp4 or play.gif")
     records.add_argument("--seconds", type=_seconds, default=40.0, help="length of the video; default %(default)g")
 
+    for plays_run in (evaluates, records):
+        plays_run.add_argument(
+            "overrides", nargs="*", metavar="key=value",
+            help="options and parameters of the game that differ from the training, e.g. parameters.size=0.5",
+        )  # fmt: skip
+
     options, rest = parser.parse_known_args(arguments)
-    if options.command != "train" or any(text.startswith("-") for text in rest):
+    if any(text.startswith("-") for text in rest):
         parser.parse_args(arguments)  # reports what is unknown
     else:
         options.overrides += rest  # argparse does not see key=value pairs that follow an option
@@ -126,12 +142,19 @@ def _train(options: argparse.Namespace) -> None:
     config = load_config(path, options.overrides)
     run = options.run or Path("runs") / f"{config.game}-{path.stem}-s{config.seed}"
     check_run(config, run, resume=options.resume)
+    if options.resume and config.total_timesteps > (before := run_config(run).total_timesteps):
+        _say(
+            f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
+            "and entropy coefficient now reach their ends there, so they are higher than they were"
+        )
     begin = load_checkpoint(run)[1]["timesteps"] if options.resume else 0
-    with _simulators(options) as addresses:
+    last = last_simulators(run) if options.resume else Simulators()
+    with _simulators(options, last, config) as (simulators, addresses):
         from joybridge.trainer.progress import Display
         from joybridge.trainer.train import train
 
         print(f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done", flush=True)
+        remember(run, simulators)
         try:
             with Display(config.layout, config.end, begin) as display:
                 train(config, run, addresses, resume=options.resume, report=display.report)
@@ -143,55 +166,60 @@ def _train(options: argparse.Namespace) -> None:
                         command += [f"--{name}", value]
                 _say(f"saved; continue with: {shlex.join(command)}")
             raise
+    _say_next("evaluate", str(run))
 
 
 def _evaluate(options: argparse.Namespace) -> None:
-    _check_played(options.run)
-    with _simulators(options) as addresses:
-        from joybridge.trainer.evaluate import evaluate
+    run, sweep = options.run, read_sweep(options.over) if options.over else None
+    plays = {"": options.overrides}
+    if sweep:
+        plays = {setting: [*options.overrides, setting] for setting in sweep.settings}
+    configs = [play_config(run, overrides) for overrides in plays.values()]
+    load_checkpoint(run)
+    with _simulators(options, last_simulators(run), configs[0]) as (_, addresses):
+        from joybridge.trainer.evaluate import evaluate, summary
 
-        evaluations = evaluate(
-            options.run, addresses[0], episodes=options.episodes, seed=options.seed,
-            deterministic=options.deterministic, say=_say,
-        )  # fmt: skip
-    for name, result in evaluations.items():
-        print(f"{name}: {result.episodes} episodes after {result.timesteps:,} timesteps, mean and 95 % confidence")
-        for metric, mean in result.means.items():
-            print(f"  {metric:<16} {mean:10.3f} ± {result.half_widths[metric]:.3f}")
-        if result.by_choice:
-            print("  reward by choice " + "  ".join(f"{c}: {mean:.1f}" for c, mean in result.by_choice.items()))
+        results = {
+            setting: evaluate(
+                run, addresses[0], episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
+                say=_say, overrides=overrides,
+            )
+            for setting, overrides in plays.items()
+        }  # fmt: skip
+    if not sweep:
+        print(summary(results[""]))
+    else:
+        print(table(sweep, results))
+        if find_spec("matplotlib") is None:
+            _say("no plot: the module matplotlib is missing; install it with `pip install 'joybridge[report]'`")
+        else:
+            plot(sweep, results, sweep.picture(run))
+            print(sweep.picture(run))
+    _say_next("record", str(run), "play.mp4")
     if options.json:
-        print(json.dumps({name: asdict(result) for name, result in evaluations.items()}))
+        objects = {s: {name: asdict(result) for name, result in found.items()} for s, found in results.items()}
+        print(json.dumps(objects if sweep else objects[""]))
 
 
 def _record(options: argparse.Namespace) -> None:
-    _check_played(options.run)
-    with _simulators(options) as addresses:
+    config = play_config(options.run, options.overrides)
+    video_format(options.output)
+    load_checkpoint(options.run)
+    with _simulators(options, last_simulators(options.run), config) as (_, addresses):
         from joybridge.trainer.record import record
 
         frames = record(
             options.run, addresses[0], options.output, seconds=options.seconds, seed=options.seed,
-            deterministic=options.deterministic, say=_say,
+            deterministic=options.deterministic, say=_say, overrides=options.overrides,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
 
 
-def _check_played(run: Path) -> None:
-    """Raise ConfigError or CheckpointError unless a run can be played, before anything is started."""
-    run_config(run)
-    load_checkpoint(run)
-
-
-@contextmanager
-def _simulators(options: argparse.Namespace) -> Iterator[list[str]]:
-    """Yield the addresses of simulators that answer: the given ones, or that of one that is started and ended here."""
-    if options.simulator:
-        for place in options.simulator:
-            wait_for(place, options.wait, _say)
-        yield options.simulator
-        return
-    with simulator_process(options.game) as place:
-        yield [place]
+def _simulators(
+    options: argparse.Namespace, last: Simulators, config: Config
+) -> AbstractContextManager[tuple[Simulators, Sequence[str]]]:
+    """Open the simulators that the command line names, or those of the last training."""
+    return open_simulators(Simulators(tuple(options.simulator), tuple(options.game)), last, config, options.wait, _say)
 
 
 def _end_with_parent() -> None:
@@ -208,6 +236,11 @@ def _end_with_parent() -> None:
 
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
+
+
+def _say_next(*words: str) -> None:
+    """Name the command that usually comes next."""
+    _say(f"next: {shlex.join(['joybridge', *words])}")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
 import difflib
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -14,6 +15,13 @@ from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import write_atomically
 
 MAY_CHANGE = ("stop", "checkpoint_interval", "log_interval", "evaluate_over")  # in a resumed run
+OF_THE_GAME = ("options", "parameters")  # may differ from the training when a trained policy plays
+
+# How the value of a key is written that holds several values, or values by name.
+FORMS = {
+    "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
+    "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
+}  # fmt: skip
 
 # Names of other libraries, and earlier ones of Joybridge, with the key to use instead.
 OTHER_NAMES = {
@@ -97,15 +105,7 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
 
     Keys of overrides may be dotted ("policy.learning_rate=1e-4"); values are YAML.
     """
-    data = read_yaml(path)
-    for override in overrides:
-        key, equals, text = override.partition("=")
-        if not equals or not key:
-            raise ConfigError(f"override {override!r} is not of the form key=value")
-        value = parse_yaml(text, f"override {override!r}: {text!r}")
-        for part in reversed(key.split(".")):
-            value = {part: value}
-        data = merge(data, value)
+    data = merge(read_yaml(path), _read_overrides(overrides))
     config = _validate(Config, data, "")
     for name in config.policies:
         config.policy_config(name)
@@ -120,13 +120,22 @@ def dump_config(config: Config) -> str:
 def check_run(config: Config, run: Path, *, resume: bool) -> None:
     """Raise ConfigError unless `config` can be trained in the folder `run`.
 
-    A resumed run must have been configured alike; only MAY_CHANGE may differ.
+    A resumed run must have been configured alike; only MAY_CHANGE may differ, and `total_timesteps` may grow.
     """
     if resume:
-        if changed := changes(run_config(run), config):
+        before = run_config(run)
+        changed = changes(before, config)
+        if before.total_timesteps < config.total_timesteps:
+            del changed["total_timesteps"]
+        elif "total_timesteps" in changed:
             raise ConfigError(
-                f"cannot resume {run}: {', '.join(changed)} changed "
-                f"(was {json.dumps(changed)}); use another --run for a new configuration"
+                f"cannot resume {run}: total_timesteps was {before.total_timesteps} and can only grow, got "
+                f"{config.total_timesteps}; to end earlier, set stop"
+            )
+        if changed:
+            raise ConfigError(
+                f"cannot resume {run}: {', '.join(changed)} changed (was {json.dumps(changed)}); use another --run for "
+                "a new configuration"
             )
     elif has_checkpoint(run):
         raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")
@@ -143,10 +152,44 @@ def run_config(run: Path) -> Config:
     return load_config(run / "config.yaml")
 
 
+def play_config(run: Path, overrides: Sequence[str]) -> Config:
+    """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
+
+    Only options and parameters of the game may differ from the training.
+    """
+    trained, config = run_config(run), load_config(run / "config.yaml", overrides)
+    for key in type(config).model_fields:
+        if key not in OF_THE_GAME and getattr(config, key) != getattr(trained, key):
+            raise ConfigError(
+                f"{key} belongs to the training of {run} and cannot change now; what can is written "
+                f"{' and '.join(FORMS[key] for key in OF_THE_GAME)}"
+            )
+    return config
+
+
+def game_settings(config: Config) -> dict[str, str | float]:
+    """Return the options and parameters that a configuration sets, by key: {"parameters.size": 0.5}."""
+    return {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
+
+
 def changes(before: Config, now: Config) -> dict[str, Any]:
     """Return what was in keys that have changed and may not in the middle of a run."""
     old, new = before.model_dump(), now.model_dump()
     return {key: old[key] for key in new if old[key] != new[key] and key not in MAY_CHANGE}
+
+
+def _read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return what "key=value" overrides set, as a file would. Raises ConfigError."""
+    data: dict[str, Any] = {}
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        if not equals or not key:
+            raise ConfigError(f"override {override!r} is not of the form key=value")
+        value = parse_yaml(text, f"override {override!r}: {text!r}")
+        for part in reversed(key.split(".")):
+            value = {part: value}
+        data = merge(data, value)
+    return data
 
 
 def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
@@ -154,23 +197,42 @@ def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
         return model.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
-        key = prefix + ".".join(str(part) for part in first["loc"])
+        key, value = prefix + ".".join(str(part) for part in first["loc"]), first["input"]
         if first["type"] == "extra_forbidden":
-            raise ConfigError(f"unknown key {key!r}; {_hint(key)}") from None
-        raise ConfigError(f"{key}: got {first['input']!r}; {first['msg']}") from None
+            raise ConfigError(_unknown(key, value)) from None
+        if first["type"] == "missing":
+            raise ConfigError(f"{key}: it is missing; every configuration has this key") from None
+        raise ConfigError(f"{key}: got {value!r}; {_expected(key, value, first['type']) or first['msg']}") from None
 
 
-def _hint(key: str) -> str:
-    """Return what to write instead of an unknown key."""
+def _expected(key: str, value: object, problem: str) -> str:
+    """Return what a key wants that holds a list or values by name; "" for other problems."""
+    name = key.rpartition(".")[2]
+    if problem == "list_type" and isinstance(value, str | int | float):
+        parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
+        return f"expected a list, for example {key}=[{parts}]"
+    if problem in ("dict_type", "model_type"):
+        form = FORMS.get(name) or FORMS["policies"]
+        return f"expected names and values, written {form}"
+    return ""
+
+
+def _unknown(key: str, value: object) -> str:
+    """Return what is wrong with an unknown key, and what to write instead."""
     where, _, name = key.rpartition(".")
     if name in OTHER_NAMES:
-        return f"the key is {OTHER_NAMES[name]!r}"
+        return f"unknown key {key!r}; the key is {OTHER_NAMES[name]!r}"
     in_policy = where.startswith("polic")
-    if in_policy and name in Config.model_fields:
-        return f"{name!r} is a key of the whole run, outside `{where}`"
-    known = {field: field for field in PolicyConfig.model_fields}
-    if not in_policy:
-        known = {field: f"policy.{field}" for field in known} | {field: field for field in Config.model_fields}
-    if near := difflib.get_close_matches(name, known, n=1):
-        return f"did you mean {known[near[0]]!r}?"
-    return f"known keys are {', '.join(known.values())}"
+    keys = {field: f"{where if in_policy else 'policy'}.{field}" for field in PolicyConfig.model_fields}
+    keys |= {field: field for field in Config.model_fields}
+    if near := difflib.get_close_matches(name, keys, n=1):
+        outside = f", a key of the whole run, outside `{where}`" if in_policy and near[0] in Config.model_fields else ""
+        return f"unknown key {key!r}; did you mean {keys[near[0]]!r}{outside}?"
+    if isinstance(value, Mapping) and value:  # "ppo.epochs": only the last part may say what is meant
+        inner = next(iter(value))
+        return _unknown(f"{key}.{inner}", value[inner])
+    known = [full for field, full in keys.items() if not in_policy or field in PolicyConfig.model_fields]
+    return (
+        f"unknown key {key!r}; known keys are {', '.join(known)}; those of the game are written "
+        f"{' and '.join(FORMS[key] for key in OF_THE_GAME)}"
+    )

@@ -1,7 +1,7 @@
 """Evaluation: play the policies of a run for many episodes; mean results with confidence intervals."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 from joybridge.contract.tensors import Array
 from joybridge.trainer.episodes import Episodes
 from joybridge.trainer.metrics import Row
-from joybridge.trainer.playing import Play, open_play
+from joybridge.trainer.playing import Change, Play, open_play
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
 
@@ -24,18 +24,25 @@ class Evaluation:
     means: Row
     half_widths: Row
     by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
+    changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
 
 
 def evaluate(
-    run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None]
-) -> dict[str, Evaluation]:
+    run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
+    overrides: Sequence[str] = (),
+) -> dict[str, Evaluation]:  # fmt: skip
     """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
+
+    overrides: "key=value" each, options and parameters of the game that differ from the training.
 
     Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
     often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
     the original's figures. Raises SimulatorError, CheckpointError or ConfigError.
     """
-    with open_play(run, address, seed=seed, episodes=episodes, deterministic=deterministic) as play:
+    with open_play(
+        run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides
+    ) as play:
+        say(play.heading())
         rounds = math.ceil(episodes / play.arenas)
         balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
         say(f"{play.arenas} arenas × {rounds} rounds{balanced}")
@@ -58,7 +65,23 @@ def _summarize(table: Episodes, play: Play) -> Evaluation:
         means=dict(zip(names, means.tolist(), strict=True)),
         half_widths=dict(zip(names, errors.tolist(), strict=True)),
         by_choice={choice: float(g[:, 0].mean()) for choice, g in zip(choices, groups, strict=True) if choice},
+        changed=play.changed,
     )
+
+
+def summary(evaluations: Mapping[str, Evaluation]) -> str:
+    """Return the results of all policies as lines to read."""
+    lines = []
+    for name, result in evaluations.items():
+        lines.append(
+            f"{name}: {result.episodes} episodes after {result.timesteps:,} timesteps, mean and 95 % confidence"
+        )
+        lines += [
+            f"  {metric:<16} {mean:10.3f} ± {result.half_widths[metric]:.3f}" for metric, mean in result.means.items()
+        ]
+        if result.by_choice:
+            lines.append("  reward by choice " + "  ".join(f"{c}: {mean:.1f}" for c, mean in result.by_choice.items()))
+    return "\n".join(lines)
 
 
 def _play(play: Play, rounds: int, say: Callable[[str], None]) -> dict[str, Episodes]:

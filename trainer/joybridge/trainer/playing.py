@@ -17,7 +17,7 @@ import torch
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor, make_actors
-from joybridge.trainer.config import Config, run_config
+from joybridge.trainer.config import Config, game_settings, play_config, run_config
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
@@ -27,6 +27,15 @@ from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.run_state import load_state, policy_state
 from joybridge.trainer.wire.client import Session, describe
 from joybridge.trainer.wire.sharded_session import ShardedSession, open_session
+from joybridge.v1 import bridge_pb2 as pb
+
+
+@dataclass(frozen=True)
+class Change:
+    """An option or a parameter of the game that differs from the training."""
+
+    trained: str | float
+    played: str | float
 
 
 @dataclass(frozen=True)
@@ -80,15 +89,27 @@ class Play:
     """The policies of a run in an open session."""
 
     def __init__(
-        self, config: Config, timesteps: int, choices: Sequence[str], arenas: int, session: Session | ShardedSession,
-        players: list[Player],
+        self, config: Config, changed: dict[str, Change], timesteps: int, choices: Sequence[str], arenas: int,
+        session: Session | ShardedSession, players: list[Player],
     ) -> None:  # fmt: skip
-        """Play `arenas` arenas. timesteps: how long the policies have trained. choices: see `balanced_options`."""
-        self.config, self.timesteps, self.choices = config, timesteps, choices
+        """Play `arenas` arenas.
+
+        changed: what differs from the training. timesteps: how long the policies have trained. choices: see
+        `balanced_options`.
+        """
+        self.config, self.changed, self.timesteps, self.choices = config, changed, timesteps, choices
         self.session, self.players = session, players
         self.spec = session.spec
         self.arenas = arenas
         self._acts = make_acts(self.spec, arenas)
+
+    def heading(self) -> str:
+        """Return what plays, and what differs from its training."""
+        changed = [
+            f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
+            for key, change in self.changed.items()
+        ]
+        return "; ".join([f"policy after {self.timesteps:,} timesteps", *changed])
 
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.
@@ -114,16 +135,18 @@ class Play:
 
 @contextmanager
 def open_play(
-    run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False
-) -> Iterator[Play]:
+    run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False,
+    overrides: Sequence[str] = (),
+) -> Iterator[Play]:  # fmt: skip
     """Load the newest checkpoint of a run and open a session at a simulator; the session is closed on leaving.
 
-    episodes: 0 plays one arena under the options of the run. Otherwise arenas for so many episodes at once, at most
-    `arenas_limit` per choice of the option `evaluate_over`; arenas of the same choice are side by side.
+    overrides: "key=value" each, options and parameters of the game that differ from the training. episodes: 0 plays one
+    arena under the options of the run. Otherwise arenas for so many episodes at once, at most `arenas_limit` per choice
+    of the option `evaluate_over`; arenas of the same choice are side by side.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
     torch.set_num_threads(1)  # networks this small are slower with more
-    config = run_config(run)
+    config = play_config(run, overrides)
     spec = describe(address, config.game, config.options)
     options = balanced_options(config, spec) if episodes else {"": config.options}
     arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
@@ -140,4 +163,17 @@ def open_play(
     with closing(session):
         for player in players:
             player.begin(session.steps[player.actor.behavior])
-        yield Play(config, state.timesteps, list(options), arenas, session, players)
+        changed = changed_settings(run_config(run), config, spec)
+        yield Play(config, changed, state.timesteps, list(options), arenas, session, players)
+
+
+def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:
+    """Return the options and parameters, as in "parameters.size", that differ between two configurations of a game."""
+    defaults: dict[str, str | float] = {f"options.{option.name}": option.default_choice for option in spec.options}
+    defaults |= {f"parameters.{parameter.name}": parameter.default_value for parameter in spec.parameters}
+    before, now = defaults | game_settings(trained), defaults | game_settings(played)
+    return {key: Change(before[key], now[key]) for key in now if before[key] != now[key]}
+
+
+def _text(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:g}"

@@ -1,29 +1,35 @@
-"""Recording: watch a run's policy play, as an mp4."""
+"""Recording: watch a run's policy play, as a video."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
+from typing import cast
 
 import av
 import numpy as np
 
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.playing import open_play
+from joybridge.trainer.video_formats import video_format
 
 FASTEST = 30.0  # frames per second; faster games are recorded every few decisions, at their own pace
 SLOWEST = 5.0  # for turn-based games
 
 
 def record(
-    run: Path, address: str, output: Path, *, seconds: float, seed: int, deterministic: bool, say: Callable[[str], None]
-) -> int:
+    run: Path, address: str, output: Path, *, seconds: float, seed: int, deterministic: bool,
+    say: Callable[[str], None], overrides: Sequence[str] = (),
+) -> int:  # fmt: skip
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
-    The picture is the simulator's, score included. Raises SimulatorError, CheckpointError or ConfigError.
+    The picture is the simulator's, score included. overrides: "key=value" each, options and parameters of the game that
+    differ from the training. Raises SimulatorError, CheckpointError or ConfigError.
     """
-    with open_play(run, address, seed=seed, deterministic=deterministic) as play:
+    form = video_format(output)
+    with open_play(run, address, seed=seed, deterministic=deterministic, overrides=overrides) as play:
+        say(play.heading())
         spec = play.spec
         if not spec.HasField("picture"):
             raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
@@ -32,9 +38,10 @@ def record(
         frames = round(seconds * pace / every)
         output.parent.mkdir(parents=True, exist_ok=True)
         with av.open(str(output), "w") as video:
-            stream = video.add_stream("libx264", rate=Fraction(pace / every).limit_denominator(1000))
+            rate = Fraction(pace / every).limit_denominator(1000)
+            stream = cast(av.VideoStream, video.add_stream(form.codec, rate=rate))
             stream.width, stream.height = (side // 2 * 2 for side in (spec.picture.width, spec.picture.height))
-            stream.pix_fmt = "yuv420p"  # of even sizes: an odd picture loses its last row or column
+            stream.pix_fmt = form.pixels  # yuv420p has even sizes: an odd picture loses its last row or column
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
                     even = np.ascontiguousarray(picture[: stream.height, : stream.width])

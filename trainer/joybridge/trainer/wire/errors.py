@@ -1,6 +1,7 @@
 """What goes wrong between a trainer and its simulators.
 
 SimulatorError            a simulator refused a request, failed, or broke the contract
+├── NoSuchGame            a simulator does not have the game
 └── SimulatorLost         a simulator cannot be reached or went away; training can be resumed once it is back
 """
 
@@ -10,7 +11,7 @@ import grpc
 
 from joybridge.contract.errors import JoybridgeError
 
-__all__ = ["SimulatorError", "SimulatorLost"]
+__all__ = ["NoSuchGame", "SimulatorError", "SimulatorLost"]
 
 _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
 
@@ -23,9 +24,14 @@ class SimulatorLost(SimulatorError):
     """A simulator cannot be reached or went away."""
 
 
+class NoSuchGame(SimulatorError):
+    """A simulator does not have the game."""
+
+
 def from_grpc(error: Any, address: str) -> SimulatorError:
     """Return the error to raise for a grpc.RpcError."""
     code, text = error.code(), error.details()
     if code in _LOST:
         return SimulatorLost(f"lost the simulator at {address}: {text} ({code.name})")
-    return SimulatorError(f"error from the simulator at {address}: {text} ({code.name})")
+    kind = NoSuchGame if code is grpc.StatusCode.NOT_FOUND else SimulatorError
+    return kind(f"error from the simulator at {address}: {text} ({code.name})")

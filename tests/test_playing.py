@@ -1,0 +1,120 @@
+"""A trained policy plays elsewhere: under other options and parameters, at other simulators, in every kind of file."""
+
+import json
+import re
+import sys
+
+import av
+import pytest
+
+from joybridge.trainer.__main__ import main
+from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.simulators import FILE, Simulators, last_simulators, remember
+from joybridge.trainer.train import train
+from tests.support.games import PLACES
+
+pytestmark = pytest.mark.usefixtures("signals")
+
+SMALL = PolicyConfig(frame_stack=2, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
+
+
+@pytest.fixture(scope="module")
+def run(simulator, tmp_path_factory):
+    """Return a run that has hardly begun."""
+    folder = tmp_path_factory.mktemp("playing") / "run"
+    config = Config(game="hybrid", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
+    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    return folder
+
+
+def evaluate(run, simulator, capsys, *more):
+    """Return what an evaluation prints as JSON, and its messages."""
+    assert main(["evaluate", str(run), "--episodes", "8", "--json", "--simulator", simulator, *more]) == 0
+    printed = capsys.readouterr()
+    return json.loads(printed.out.splitlines()[-1]), printed
+
+
+def test_a_policy_is_evaluated_under_other_parameters_and_options_and_says_what_differs(run, simulator, capsys):
+    before, printed = evaluate(run, simulator, capsys)
+    assert before["player"]["changed"] == {} and "trained with" not in printed.err
+    after, printed = evaluate(run, simulator, capsys, "parameters.drift=0", "--seed", "1", "options.masks=off")
+    assert after["player"]["changed"] == {
+        "options.masks": {"trained": "on", "played": "off"},
+        "parameters.drift": {"trained": 1.0, "played": 0.0},
+    }
+    assert "; options.masks=off (trained with on); parameters.drift=0 (trained with 1)\n" in printed.err
+    assert f"next: joybridge record {run} play.mp4" in printed.err
+    assert after["player"]["means"]["length"] > before["player"]["means"]["length"]  # without drift nobody leaves
+
+
+def test_what_is_set_as_in_the_training_is_no_difference(run, simulator, capsys):
+    report, _ = evaluate(run, simulator, capsys, "parameters.drift=1", "options.size=small")
+    assert report["player"]["changed"] == {}
+
+
+def test_a_parameter_is_swept_into_a_table_a_plot_and_json(run, simulator, capsys):
+    report, printed = evaluate(run, simulator, capsys, "--over", "parameters.drift=0,0.5,2")
+    assert list(report) == ["parameters.drift=0", "parameters.drift=0.5", "parameters.drift=2"]
+    lengths = [report[setting]["player"]["means"]["length"] for setting in report]
+    assert lengths == sorted(lengths, reverse=True) and lengths[0] > lengths[2]
+    alone, _ = evaluate(run, simulator, capsys, "parameters.drift=2")
+    assert alone == report["parameters.drift=2"]
+    head, *rows = printed.out.splitlines()[1:5]
+    assert head.split() == ["parameters.drift", "reward", "length", "game_length", "presses"]
+    assert [row.split()[0] for row in rows] == ["0", "0.5", "2"]
+    assert f"{lengths[2]:.3f} ± " in rows[2]
+    assert printed.out.splitlines()[5] == str(run / "over-parameters.drift.png")
+    assert (run / "over-parameters.drift.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_without_matplotlib_a_sweep_prints_its_table_and_names_the_extra(run, simulator, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    report, printed = evaluate(run, simulator, capsys, "--over", "options.masks=on,off")
+    assert list(report) == ["options.masks=on", "options.masks=off"]
+    assert "pip install 'joybridge[report]'" in printed.err
+    assert not (run / "over-options.masks.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["evaluate", "layout=bucket-3"], "layout belongs to the training of .* written options.NAME=CHOICE and para"),
+        (["evaluate", "size=0.5"], "unknown key 'size'; .* written options.NAME=CHOICE"),
+        (["evaluate", "parameters.drift=much"], "parameters.drift: got 'much'"),
+        (["evaluate", "--over", "drift=1,2"], "--over got 'drift=1,2', expected options.NAME=CHOICE,… or parameters"),
+        (["evaluate", "--over", "parameters.drift"], "as in parameters.size=0.5,1,2"),
+        (["evaluate", "--over", "parameters.drift=1,,2"], "as in parameters.size=0.5,1,2"),
+        (["evaluate", "--over", "parameters.drift=1,1"], "names a value twice"),
+        (["record", "play.avi"], "play.avi: unknown video format '.avi', expected .mp4, .mkv, .mov, .gif"),
+        (["record", "play"], "play: unknown video format ''"),
+        (["record", "play.mp4", "arenas=3"], "arenas belongs to the training"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_before_a_simulator_is_waited_for(arguments, message, run, capsys):
+    command, *rest = arguments
+    assert main([command, str(run), *rest, "--simulator", "127.0.0.1:1"]) == 1
+    errors = capsys.readouterr().err
+    assert re.search(message, errors), errors
+    assert "waiting" not in errors
+
+
+def test_a_run_is_played_at_the_simulators_of_its_training_if_these_have_the_game(run, simulator, capsys, tmp_path):
+    remember(run, Simulators((simulator,)))
+    assert main(["evaluate", str(run), "--episodes", "1"]) == 0
+    assert f"simulator: {simulator}, as in the training" in capsys.readouterr().err
+    remember(run, Simulators(("127.0.0.1:1",), (PLACES[0],)))
+    assert main(["record", str(run), str(tmp_path / "play.gif"), "--seconds", "1", "parameters.drift=0.5"]) == 0
+    errors = capsys.readouterr().err
+    assert "the simulator of the training cannot be used: no simulator at 127.0.0.1:1" in errors
+    assert "parameters.drift=0.5 (trained with 1)" in errors
+    with av.open(str(tmp_path / "play.gif")) as video:
+        assert len([*video.decode(video=0)]) == 10
+    remember(run, Simulators())
+    assert not (run / FILE).exists() and last_simulators(run) == Simulators()
+
+
+def test_a_damaged_memory_of_simulators_is_named(run, capsys):
+    (run / FILE).write_text("[1]")
+    assert main(["evaluate", str(run)]) == 1
+    assert f"{run / FILE} cannot be read" in capsys.readouterr().err
+    (run / FILE).unlink()
