@@ -1,5 +1,7 @@
 """The command `joybridge` lists its commands, runs them, and names the extra that a command needs."""
 
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -48,3 +50,12 @@ def test_a_simulator_whose_games_are_not_installed_is_not_started(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     with pytest.raises(SimulatorLost, match=r"pip install 'joybridge\[simulator\]'"), simulator_process():
         pass
+
+
+def test_a_command_whose_output_nobody_reads_any_more_ends_quietly():
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer) as output:
+        command = [sys.executable, "-m", "joybridge", "check", "--list"]
+        result = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, check=False)
+    assert (result.returncode, result.stderr) == (-signal.SIGPIPE, "")

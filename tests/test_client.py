@@ -93,7 +93,7 @@ def test_a_wait_for_a_simulator_ends_and_names_the_command_that_starts_one():
     said: list[str] = []
     with pytest.raises(SimulatorLost, match="start one there with `joybridge serve --address"):
         wait_for("127.0.0.1:1", 0.0, said.append)
-    assert said == ["waiting up to 0 s for a simulator at 127.0.0.1:1 …"]
+    assert said == ["waiting up to 0 s for a simulator at 127.0.0.1:1 (nothing listens there) …"]
 
 
 def run_alone(script: str) -> None:

@@ -52,6 +52,12 @@ def test_what_is_set_as_in_the_training_is_no_difference(run, simulator, capsys)
     assert report["player"]["changed"] == {}
 
 
+def test_an_option_that_changes_the_sensors_is_refused_with_what_does_not_fit(run, simulator, capsys):
+    assert main(["evaluate", str(run), "options.size=large", "--simulator", simulator]) == 1
+    wanted = "the sensors had 20 numbers, now 32 (2 frames of place 2, count 1, image 10, lamps 3)"
+    assert f"error: player: the trained network does not fit: {wanted}\n" in capsys.readouterr().err
+
+
 def test_a_parameter_is_swept_into_a_table_a_plot_and_json(run, simulator, capsys):
     report, printed = evaluate(run, simulator, capsys, "--over", "parameters.drift=0,0.5,2")
     assert list(report) == ["parameters.drift=0", "parameters.drift=0.5", "parameters.drift=2"]

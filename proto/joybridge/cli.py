@@ -4,6 +4,7 @@ A command is a line in COMMANDS. Its module is imported only when the command is
 needs nothing that learns, and the other way round.
 """
 
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -55,6 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run() -> NoReturn:
     """Run the command line as a process of its own and exit."""
+    if sys.argv[1:2] not in (["serve"], ["train"]) and hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # ends quietly once the reader of its output has, as in `| head`
     status = main()
     if sys.argv[1:2] == ["check"]:
         from joybridge.conformance.process import leave

@@ -8,7 +8,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +19,13 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
 from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config
 from joybridge.trainer.config_files import find_config
-from joybridge.trainer.simulators import Simulators, last_simulators, open_simulators, remember
+from joybridge.trainer.simulators import (
+    Simulators,
+    choose_simulators,
+    last_simulators,
+    open_simulators,
+    remember,
+)
 from joybridge.trainer.sweep import plot, read_sweep, table
 from joybridge.trainer.video_formats import video_format
 from joybridge.trainer.wire.client import SimulatorError
@@ -148,8 +154,8 @@ def _train(options: argparse.Namespace) -> None:
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
     begin = load_checkpoint(run)[1]["timesteps"] if options.resume else 0
-    last = last_simulators(run) if options.resume else Simulators()
-    with _simulators(options, last, config) as (simulators, addresses):
+    simulators = _choose_simulators(options, last_simulators(run) if options.resume else Simulators(), config)
+    with open_simulators(simulators, options.wait, _say) as addresses:
         from joybridge.trainer.progress import Display
         from joybridge.trainer.train import train
 
@@ -176,7 +182,8 @@ def _evaluate(options: argparse.Namespace) -> None:
         plays = {setting: [*options.overrides, setting] for setting in sweep.settings}
     configs = [play_config(run, overrides) for overrides in plays.values()]
     load_checkpoint(run)
-    with _simulators(options, last_simulators(run), configs[0]) as (_, addresses):
+    simulators = _choose_simulators(options, last_simulators(run), configs[0])
+    with open_simulators(simulators, options.wait, _say) as addresses:
         from joybridge.trainer.evaluate import evaluate, summary
 
         results = {
@@ -205,7 +212,8 @@ def _record(options: argparse.Namespace) -> None:
     config = play_config(options.run, options.overrides)
     video_format(options.output)
     load_checkpoint(options.run)
-    with _simulators(options, last_simulators(options.run), config) as (_, addresses):
+    simulators = _choose_simulators(options, last_simulators(options.run), config)
+    with open_simulators(simulators, options.wait, _say) as addresses:
         from joybridge.trainer.record import record
 
         frames = record(
@@ -215,11 +223,9 @@ def _record(options: argparse.Namespace) -> None:
     print(f"{options.output}: {frames} frames")
 
 
-def _simulators(
-    options: argparse.Namespace, last: Simulators, config: Config
-) -> AbstractContextManager[tuple[Simulators, Sequence[str]]]:
-    """Open the simulators that the command line names, or those of the last training."""
-    return open_simulators(Simulators(tuple(options.simulator), tuple(options.game)), last, config, options.wait, _say)
+def _choose_simulators(options: argparse.Namespace, last: Simulators, config: Config) -> Simulators:
+    """Return the simulators that the command line names, or those of the last training."""
+    return choose_simulators(Simulators(tuple(options.simulator), tuple(options.game)), last, config, _say)
 
 
 def _end_with_parent() -> None:

@@ -7,6 +7,7 @@ from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.errors import CheckpointError, ConfigError
+from joybridge.trainer.fit import misfits
 from joybridge.trainer.layouts import Role, list_roles
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.ppo.fast.kernels import Head, sample
@@ -62,11 +63,9 @@ class Actor:
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned. Raises CheckpointError where it does not fit."""
-        try:
-            self.network.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in state.items()})
-        except RuntimeError as error:
-            text = f"{self.name}: the checkpoint's network does not fit this game, layout or version: {error}"
-            raise CheckpointError(text) from error
+        if differences := misfits(state, self.state(), self.encoder.sensors, self.config.frame_stack):
+            raise CheckpointError(f"{self.name}: the trained network does not fit: {'; '.join(differences)}")
+        self.network.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in state.items()})
 
 
 def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> list[Actor]:

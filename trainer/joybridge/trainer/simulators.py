@@ -1,7 +1,7 @@
 """Which simulators a command uses: the given ones, those of the run's last training, or one that it starts."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -47,39 +47,38 @@ def last_simulators(run: Path) -> Simulators:
         raise ConfigError(f"{path} cannot be read ({error}); delete it, and name the simulator or the game") from error
 
 
-@contextmanager
-def open_simulators(
-    wanted: Simulators, last: Simulators, config: Config, wait: float, say: Callable[[str], None]
-) -> Iterator[tuple[Simulators, Sequence[str]]]:
-    """Yield which simulators are used, and addresses at which they answer.
+def choose_simulators(wanted: Simulators, last: Simulators, config: Config, say: Callable[[str], None]) -> Simulators:
+    """Return the wanted simulators or games; if none are, those of the last training.
 
-    They are the wanted ones. If none are, they are those of the last training; where these do not answer or do not have
-    the game, a simulator is started. It ends with the block. wait: seconds to wait for the wanted ones. Raises
-    SimulatorError.
+    Simulators of the last training that do not answer, or do not have the game, are left out.
     """
-    if wanted.addresses:
-        for address in wanted.addresses:
-            wait_for(address, wait, say)
-        yield wanted, wanted.addresses
-    elif not wanted.games and last.addresses and _usable(last.addresses, config, say):
-        say(f"simulator: {', '.join(last.addresses)}, as in the training; --simulator names another")
-        yield last, last.addresses
-    else:
-        own = Simulators(games=wanted.games or last.games)
-        with simulator_process(own.games) as address:
-            try:
-                yield own, [address]
-            except NoSuchGame as error:
-                raise NoSuchGame(f"{error}; if another server has the game, name it with --simulator") from error
-
-
-def _usable(addresses: Sequence[str], config: Config, say: Callable[[str], None]) -> bool:
-    """Return whether all simulators answer and have the game."""
+    if wanted != Simulators():
+        return wanted
     try:
-        for address in addresses:
+        for address in last.addresses:
             wait_for(address, LAST_SECONDS, lambda text: None)
             describe(address, config.game, config.options)
     except SimulatorError as error:
         say(f"the simulator of the training cannot be used: {error}; starting one")
-        return False
-    return True
+        return Simulators(games=last.games)
+    if last.addresses:
+        say(f"simulator: {', '.join(last.addresses)}, as in the training; --simulator names another")
+    return last
+
+
+@contextmanager
+def open_simulators(simulators: Simulators, wait: float, say: Callable[[str], None]) -> Iterator[list[str]]:
+    """Yield addresses at which simulators answer; one that is started here ends with the block.
+
+    wait: seconds to wait for the simulators of others. Raises SimulatorError.
+    """
+    if simulators.addresses:
+        for address in simulators.addresses:
+            wait_for(address, wait, say)
+        yield list(simulators.addresses)
+        return
+    with simulator_process(simulators.games) as address:
+        try:
+            yield [address]
+        except NoSuchGame as error:
+            raise NoSuchGame(f"{error}; if another server has the game, name it with --simulator") from error

@@ -17,6 +17,7 @@ from joybridge.contract.tensors import Array, Format, TensorError
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
+from joybridge.trainer.wire.reachability import why_unreachable
 from joybridge.trainer.wire.stream import Stream
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
@@ -38,11 +39,11 @@ def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
         try:
             EVENT_LOOP.run(_connect, address, min(1.0, seconds))
         except TimeoutError:
-            say(f"waiting up to {seconds:g} s for a simulator at {address} …")
+            say(f"waiting up to {seconds:g} s for a simulator at {address} ({why_unreachable(address)}) …")
             EVENT_LOOP.run(_connect, address, max(0.0, seconds - 1.0))
     except TimeoutError:
         raise SimulatorLost(
-            f"no simulator at {address} after {seconds:g} s; start one there with "
+            f"no simulator at {address} after {seconds:g} s: {why_unreachable(address)}; start one there with "
             f"`joybridge serve --address {address}`, or check the address"
         ) from None
 

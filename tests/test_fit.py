@@ -1,0 +1,40 @@
+"""What does not fit between a trained network and a game is named in the words of the game and the configuration."""
+
+import numpy as np
+import pytest
+
+from joybridge.simulator import sensor
+from joybridge.trainer.fit import misfits
+from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.ppo.networks import Network
+
+SENSORS = [sensor("hand", [3]), sensor("target", [1])]
+
+
+def network(observation=8, continuous=2, branches=(2,), hidden=(8, 6), shared=False):
+    made = Network(observation, ActionSpace(continuous, branches), list(hidden), shared, seed=0)
+    return {name: tensor.numpy() for name, tensor in made.state_dict().items()}
+
+
+def test_a_network_of_the_same_shape_fits():
+    assert misfits(network(), network(), SENSORS, 2) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "difference"),
+    [
+        ({"observation": 20}, "the sensors had 20 numbers, now 8 (2 frames of hand 3, target 1)"),
+        ({"hidden": (8,)}, "hidden_sizes was [8], now [8, 6]"),
+        ({"hidden": (4, 4)}, "hidden_sizes was [4, 4], now [8, 6]"),
+        ({"shared": True}, "shared_body was true, now false"),
+        ({"continuous": 1}, "the network had 1 Gaussians and 2 outputs of branches for actions, now 2 Gaussians and 2 "
+                            "outputs of branches: the layout or the device differs"),
+    ],
+)  # fmt: skip
+def test_each_difference_has_a_phrase(before, difference):
+    assert misfits(network(**before), network(), SENSORS, 2) == [difference]
+
+
+def test_an_unknown_network_is_one_of_another_version():
+    later = network() | {"memory.weight": np.zeros((2, 2), np.float32)}
+    assert misfits(later, network(), SENSORS, 2) == ["it is a network of another version of joybridge"]

@@ -1,0 +1,55 @@
+"""Why the saved network of a policy does not fit a game or a configuration, in their own words."""
+
+from collections.abc import Mapping, Sequence
+
+from joybridge.contract.limits import element_count
+from joybridge.contract.tensors import Array
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def misfits(
+    saved: Mapping[str, Array], now: Mapping[str, Array], sensors: Sequence[pb.Sensor], frame_stack: int
+) -> list[str]:
+    """Return what differs between two networks, given by their parameters; nothing if one fits into the other.
+
+    saved: of a checkpoint. now: of the game and configuration at hand, whose policy sees `frame_stack` frames of
+    `sensors`.
+    """
+    differences = []
+    before, after = _layers(saved), _layers(now)
+    if before[:1] != after[:1]:
+        parts = ", ".join(f"{sensor.name} {element_count(sensor)}" for sensor in sensors)
+        frames = f"{frame_stack} frames of {parts}" if frame_stack > 1 else parts
+        differences.append(f"the sensors had {_numbers(before[:1])} numbers, now {_numbers(after[:1])} ({frames})")
+    if before[1:] != after[1:]:
+        differences.append(f"hidden_sizes was {before[1:]}, now {after[1:]}")
+    shared = ["critic.head.weight" not in network for network in (saved, now)]
+    if shared[0] != shared[1]:
+        differences.append(f"shared_body was {str(shared[0]).lower()}, now {str(shared[1]).lower()}")
+    actions = [_actions(network, body) for network, body in zip((saved, now), shared, strict=True)]
+    if actions[0] != actions[1]:
+        differences.append(
+            f"the network had {actions[0]} for actions, now {actions[1]}: the layout or the device differs"
+        )
+    if not differences and {name: a.shape for name, a in saved.items()} != {name: a.shape for name, a in now.items()}:
+        differences.append("it is a network of another version of joybridge")
+    return differences
+
+
+def _layers(network: Mapping[str, Array]) -> list[int]:
+    """Return the inputs of the network and the units of each hidden layer of its actor."""
+    weights: list[Array] = []
+    while (name := f"actor.hidden.{len(weights)}.weight") in network:
+        weights.append(network[name])
+    return [*(weight.shape[-1] for weight in weights[:1]), *(len(weight) for weight in weights)]
+
+
+def _numbers(inputs: Sequence[int]) -> str:
+    return str(inputs[0]) if inputs else "no"
+
+
+def _actions(network: Mapping[str, Array], shared: bool) -> str:
+    """Return the sizes of the actor's outputs."""
+    gaussians = len(network.get("mean_bias", ()))
+    logits = len(network.get("actor.head.weight", ())) - gaussians - shared
+    return f"{gaussians} Gaussians and {logits} outputs of branches"

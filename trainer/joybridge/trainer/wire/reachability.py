@@ -1,0 +1,28 @@
+"""Why no simulator answers at an address, as far as a plain connection tells."""
+
+import socket
+from pathlib import Path
+
+CONNECT_SECONDS = 1.0
+
+__all__ = ["why_unreachable"]
+
+
+def why_unreachable(address: str) -> str:
+    """Return what is in the way at HOST:PORT or unix:PATH, a part of a sentence."""
+    if address.startswith("unix:"):
+        path = Path(address.removeprefix("unix:"))
+        return "it does not answer as a simulator" if path.exists() else "there is no such socket"
+    host, _, port = address.rpartition(":")
+    host = host.strip("[]")
+    try:
+        socket.create_connection((host, int(port)), CONNECT_SECONDS).close()
+    except socket.gaierror:
+        return f"the host name {host!r} is unknown here"
+    except ConnectionRefusedError:
+        return "nothing listens there"
+    except TimeoutError:
+        return "the host does not answer"
+    except OSError as error:
+        return str(error.strerror or error).lower()
+    return "what listens there does not answer as a simulator"
