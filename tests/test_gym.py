@@ -21,7 +21,7 @@ from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 import joybridge.gym
 from joybridge.contract.codec import ActArrays
 from joybridge.games import BUILT_IN
-from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv, sample_mask
+from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv, sample_allowed
 from joybridge.gym.registration import GAMES, environment_id
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.errors import ConfigError
@@ -33,7 +33,7 @@ from tests.support.gym_games import Brief, Chase
 with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of games that it imports of its own
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-PLACES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase")]
+PLACES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase", "Gallery")]
 IDS = {environment_id(game): game for game in BUILT_IN}
 CHECKED = ["joybridge/ShootingBirds-v0", "joybridge/BeastlyRivals-v0", "joybridge/Orchard-v0"]
 LAYOUTS = ["bucket-11", "hybrid", "threshold-0.5"]
@@ -155,8 +155,7 @@ def test_reward_weights_replace_the_defaults(make):
 
 def test_an_episode_that_ends_is_followed_by_the_next_in_the_same_step(make):
     envs = make(BridgeVectorEnv, "brief", 6, frame_stack=3, seed=2)
-    observations, infos = envs.reset()
-    assert infos == {}
+    observations, _ = envs.reset()
     press = {"continuous": np.zeros((6, 1)), "discrete": np.tile([1, 0], (6, 1))}
     ages = np.zeros(6, int)
     seen = set()
@@ -198,27 +197,6 @@ def test_wrappers_of_gymnasium_work(make):
     assert len(envs.length_queue) > 4
 
 
-def test_stable_baselines3_gets_the_final_observations(make):
-    from tools.sb3_example import BridgeVecEnv  # which loads torch
-
-    envs, other = (make(BridgeVectorEnv, "brief", 4, layout="bucket-11") for _ in range(2))
-    adapted = BridgeVecEnv(other)
-    adapted.seed(6)
-    assert np.array_equal(adapted.reset(), envs.reset(seed=6)[0])
-    for _ in range(6):
-        actions = envs.action_space.sample()
-        observations, rewards, terminated, truncated, infos = envs.step(actions)
-        returned: Any = adapted.step(actions)
-        for array, wanted in zip(returned, (observations, rewards, terminated | truncated), strict=False):
-            assert np.array_equal(array, np.asarray(wanted, array.dtype))
-        for lane, info in enumerate(returned[3]):
-            if terminated[lane] or truncated[lane]:
-                assert np.array_equal(info["terminal_observation"], infos["final_obs"][lane])
-                assert info["TimeLimit.truncated"] == truncated[lane]
-            else:
-                assert info == {}
-
-
 def test_the_same_seed_gives_the_same_episodes(make):
     envs, others = (make(BridgeVectorEnv, "shooting_birds", 2, seed=seed) for seed in (4, 5))
     first = envs.reset()[0]
@@ -251,17 +229,33 @@ def test_parameters_change_at_a_reset(make):
         envs.reset(options={"reset_mask": np.ones(2, bool)})
 
 
-def test_pictures_of_all_arenas_come_with_each_step(make):
+def test_arenas_are_drawn_from_the_first_render_until_the_next_reset(make, monkeypatch):
+    drawn: list[Any] = []
+    monkeypatch.setattr(Session, "step_and_draw", count_draws(drawn))
     envs = make(BridgeVectorEnv, "brief", 3, render_mode="rgb_array", seed=1)
-    assert envs.render() is None and envs.metadata["render_fps"] == pytest.approx(10.0)
-    envs.reset()
-    assert envs.render() is None
-    observations = envs.step(envs.action_space.sample())[0]
-    pictures = envs.render()
-    assert isinstance(pictures, tuple) and [picture.shape for picture in pictures] == [(4, 6, 3)] * 3
-    assert [int(picture[0, 0, 0]) for picture in pictures] == observations[:, 6].tolist()
-    envs.reset()
-    assert envs.render() is None
+    assert envs.metadata["render_fps"] == pytest.approx(10.0)
+    for episodes in range(2):
+        envs.reset()
+        envs.step(envs.action_space.sample())
+        assert len(drawn) == 2 * episodes  # nobody has asked for a picture since the reset
+        pictures = envs.render()
+        assert [picture.shape for picture in pictures] == [(4, 6, 3)] * 3 and not np.any(pictures)
+        for _ in range(2):
+            observations = envs.step(envs.action_space.sample())[0]
+            pictures = envs.render()
+            assert isinstance(pictures, tuple)
+            assert [int(picture[0, 0, 0]) for picture in pictures] == observations[:, 6].tolist()
+    assert len(drawn) == 4
+
+
+def count_draws(drawn):
+    step_and_draw = Session.step_and_draw
+
+    def counted(session, acts, draw):
+        drawn.append(draw)
+        return step_and_draw(session, acts, draw)
+
+    return counted
 
 
 def test_infos_hold_the_masks_and_which_lanes_decide(make):
@@ -283,34 +277,117 @@ def test_infos_hold_the_masks_and_which_lanes_decide(make):
     assert terminated.all() and infos["final_info"] == {}
 
 
+@pytest.mark.parametrize("game", ["archer", "marble"])
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_mask_has_one_form_and_sampling_obeys_it(make, layout):
-    env = make(BridgeEnv, "archer", layout=layout, seed=2)
-    envs = make(BridgeVectorEnv, "archer", 1, layout=layout, seed=2)
+def test_a_mask_has_one_form_and_sampling_obeys_it(make, game, layout):
+    env = make(BridgeEnv, game, layout=layout, seed=2)
+    envs = make(BridgeVectorEnv, game, 3, layout=layout, seed=2)
     (_, info), (_, infos) = env.reset(), envs.reset()
     forbidden = 0
-    for _ in range(200):
-        if layout == "threshold-0.5":
-            assert "action_mask" not in info
-            action = env.action_space.sample()
-        else:
-            mask = info["action_mask"]
-            assert mask.dtype == bool and np.array_equal(mask, infos["action_mask"][0])
-            forbidden += int((~mask).sum())
-            action = env.action_space.sample(mask=sample_mask(env.action_space, mask))
-        batch = {kind: part[None] for kind, part in action.items()} if isinstance(action, dict) else action[None]
+    for _ in range(130):  # more than an episode
+        mask, masks = info["action_mask"], infos["action_mask"]
+        assert mask.dtype == masks.dtype == bool and masks.shape == (3, len(mask)) and infos["_action_mask"].all()
+        assert info["deciding"] is True and infos["deciding"].tolist() == [True] * 3
+        forbidden += int((~mask).sum())
+        action = sample_allowed(env.action_space, mask)
+        actions = sample_allowed(envs.action_space, masks)
+        assert action in env.action_space and actions in envs.action_space
         *_, terminated, truncated, info = env.step(action)
-        *_, infos = envs.step(batch)
+        *_, infos = envs.step(actions)
         if terminated or truncated:
             _, info = env.reset()
-    assert forbidden > 0 or layout == "threshold-0.5"
+    assert (forbidden > 0) == (game == "archer" and layout != "threshold-0.5")
 
 
-def test_a_forbidden_choice_raises_the_reason(make):
-    envs = make(BridgeVectorEnv, "turns", 1)
-    envs.reset()
-    with pytest.raises(SimulatorError, match="branch 'card' got 'ace' in lane 0, which its mask forbids"):
-        envs.step(np.zeros((2, 1), int))
+def test_sampling_is_uniform_over_what_is_allowed_and_repeats_with_the_seed_of_the_space():
+    mask = np.tile([True, False, True, False, True, True, True], (1000, 1))
+    first, again = (sample_allowed(batch_space(MultiDiscrete([3, 4], seed=1), 1000), mask) for _ in range(2))
+    for column, allowed in zip(first.T, ([0, 2], [1, 2, 3]), strict=True):
+        choices, counts = np.unique(column, return_counts=True)
+        assert choices.tolist() == allowed and counts.min() > 0.85 * 1000 / len(allowed)
+    assert np.array_equal(first, again)
+
+
+@pytest.mark.parametrize("layout", ["bucket-11", "hybrid"])
+def test_a_forbidden_choice_is_an_error_that_leaves_the_environment_usable(make, layout):
+    envs = make(BridgeVectorEnv, "archer", 2, layout=layout, seed=2)
+    other = make(BridgeVectorEnv, "archer", 2, layout=layout, seed=2)
+    (observations, infos), (others, _) = envs.reset(), other.reset()
+    loose = sample_allowed(envs.action_space, infos["action_mask"])
+    allowed = {kind: part.copy() for kind, part in loose.items()} if layout == "hybrid" else loose.copy()
+    (loose["discrete"] if layout == "hybrid" else loose)[1, -1] = 2
+    with pytest.raises(
+        ValueError, match=r"branch 'string' got 'loose' in lane 1, which its mask forbids .*action_mask"
+    ):
+        envs.step(loose)
+    assert np.array_equal(envs.step(allowed)[0], other.step(allowed)[0])
+    assert np.array_equal(observations, others)
+
+
+def test_a_forbidden_choice_may_be_replaced_by_the_first_allowed_one(make):
+    envs, others = (make(BridgeVectorEnv, "turns", 2, forbidden=way) for way in ("first_allowed", "error"))
+    (_, infos), _ = envs.reset(), others.reset()
+    replaced = 0
+    for _ in range(20):  # more than two episodes
+        cards = envs.action_space.sample()
+        allowed = infos["action_mask"][np.arange(4), cards[:, 0]]
+        replaced += int((~allowed).sum())
+        instead = np.where(allowed, cards[:, 0], infos["action_mask"].argmax(axis=1))
+        *played, infos = envs.step(cards)
+        for mine, wanted in zip(played, others.step(instead[:, None])[:4], strict=True):
+            assert np.array_equal(mine, wanted)
+    assert replaced > 0
+
+
+def test_an_agents_forbidden_choice_names_the_agent_and_can_be_corrected(make):
+    env = make(BridgeParallelEnv, "turns")
+    env.reset()
+    with pytest.raises(ValueError, match=r"actions\['player_0'\]: branch 'card' got 'ace' in lane 0, which its mask"):
+        env.step({"player_0": [0]})
+    assert env.step({"player_0": [1]})[4]["player_1"]["deciding"] is True
+
+
+@pytest.mark.parametrize("frame_stack", [1, 3])
+def test_sensors_keep_their_shapes_on_request(make, frame_stack):
+    flat, shaped = (
+        make(BridgeVectorEnv, "brief", 4, frame_stack=frame_stack, flatten=flatten, seed=3) for flatten in (True, False)
+    )
+    frames = () if frame_stack == 1 else (frame_stack,)
+    spaces = shaped.single_observation_space
+    assert {name: space.shape for name, space in spaces.items()} == {"clock": (*frames, 1), "noise": (*frames, 2, 1)}
+    observations, arrays = shaped.reset()[0], flat.reset()[0]
+    ended = 0
+    for _ in range(12):
+        assert observations in shaped.observation_space
+        parts = [observations[name].reshape(4, frame_stack, -1) for name in ("clock", "noise")]
+        assert np.array_equal(np.concatenate(parts, axis=2).reshape(4, -1), arrays)
+        actions = flat.action_space.sample()
+        observations, *_, infos = shaped.step(actions)
+        arrays, *_, expected = flat.step(actions)
+        for lane in np.flatnonzero(infos.get("_final_obs", [])):
+            final = infos["final_obs"][lane]
+            assert final in spaces
+            parts = [final[name].reshape(frame_stack, -1) for name in ("clock", "noise")]
+            assert np.array_equal(np.concatenate(parts, axis=1).ravel(), expected["final_obs"][lane])
+            ended += 1
+    assert ended > 4
+
+
+def test_sensors_keep_their_dtypes_on_request(make):
+    env = make(BridgeEnv, "gallery", flatten=False, frame_stack=2)
+    spaces = env.observation_space
+    assert spaces["image"] == Box(0, 255, (2, 36, 40, 1), np.uint8)
+    assert spaces["count"] == Box(np.array([[-7], [-7]]), np.array([[2**31 - 1]] * 2), dtype=np.int32)
+    assert spaces["lamp"] == Box(0, 1, (2, 2), np.bool_)
+    check_env(env, skip_render_check=True)
+    observation = env.reset(seed=1)[0]
+    assert {name: part.dtype for name, part in observation.items()} == {
+        "image": np.uint8,
+        "count": np.int32,
+        "lamp": bool,
+    }
+    assert observation["image"][1].max() == 255 and not observation["image"][0].any()
+    assert observation["count"][1] == 2**24 + 1  # which float32 does not have
 
 
 # ------------------------------------------------------------------------------------------- one arena
@@ -329,8 +406,8 @@ def test_check_env_passes(simulator, name, layout):
 def test_one_arena_plays_the_same_as_in_a_vector_environment(make):
     env = make(BridgeEnv, "brief", layout="bucket-11", seed=3)
     envs = make(BridgeVectorEnv, "brief", 1, layout="bucket-11", seed=3)
-    observation, info = env.reset()
-    assert np.array_equal(envs.reset()[0][0], observation) and info == {}
+    observation = env.reset()[0]
+    assert np.array_equal(envs.reset()[0][0], observation)
     for _ in range(20):
         action = env.action_space.sample()
         observation, reward, terminated, truncated, info = env.step(action)
@@ -338,7 +415,8 @@ def test_one_arena_plays_the_same_as_in_a_vector_environment(make):
         assert (reward, terminated, truncated) == tuple(values[0] for values in others[1:4])
         if terminated or truncated:
             assert np.array_equal(observation, others[4]["final_obs"][0])
-            assert info == {name: others[4]["final_info"][name][0] for name in ("length", "presses")}
+            metrics = {name: others[4]["final_info"][name][0] for name in ("length", "presses")}
+            assert {name: info[name] for name in info if name not in ("action_mask", "deciding")} == metrics
             with pytest.raises(ResetNeeded, match="call reset"):
                 env.step(action)
             observation = env.reset()[0]  # the next episode has begun already
@@ -394,15 +472,17 @@ def test_each_agent_of_each_behavior_has_its_own_actions_and_rewards(make):
         "runner_0": 2,
         "runner_1": 2,
     }
-    assert infos == {agent: {} for agent in env.possible_agents} and not env.render().any()
+    choices = {agent: len(info["action_mask"]) for agent, info in infos.items()}
+    assert choices == {"hunter": 0, "runner_0": 5, "runner_1": 5} and not env.render().any()
     moves = {"hunter": [0.5], "runner_0": [2, 1], "runner_1": [0, 0]}
     for count in range(1, 21):
         observations, rewards, terminated, truncated, infos = env.step(moves)
         assert rewards == {"hunter": -5.0 + 0.5 * count, "runner_0": 1.0 - 1.0, "runner_1": -10.0}
         assert observations["runner_0"][1] == pytest.approx(begun["runner_0"][1] + count, abs=1e-5)
         assert set(terminated.values()) == {count == 20} and not any(truncated.values())
-    assert env.agents == [] and infos["hunter"] == {}
-    assert infos["runner_1"] == {"place": observations["runner_1"][1]}
+        assert (env.render() == count % 20).all()
+    assert env.agents == [] and "place" not in infos["hunter"]
+    assert infos["runner_1"]["place"] == observations["runner_1"][1]
     with pytest.raises(ResetNeeded):
         env.step({})
     again = env.reset()[0]
@@ -415,25 +495,19 @@ def test_agents_take_turns(make):
     while env.agents:
         (agent,) = (agent for agent in env.agents if infos[agent]["deciding"])
         space = env.action_space(agent)
-        move = space.sample(mask=sample_mask(space, infos[agent]["action_mask"]))
+        move = sample_allowed(space, infos[agent]["action_mask"])
         with pytest.raises(ValueError, match=f"actions has none of agent '{agent}'"):
             env.step({})
         *_, infos = env.step({agent: move})  # those that wait may be left out
-    assert infos == {"player_0": {}, "player_1": {}}
+    assert infos.keys() == {"player_0", "player_1"}
 
 
-PARALLEL = [
-    ("shooting_birds", "multiagent"),
-    ("beastly_rivals", "multiagent"),
-    ("chase", "multiagent"),
-    ("chase", "hybrid"),
-]
-
-
-@pytest.mark.parametrize(("game", "layout"), PARALLEL)
+@pytest.mark.parametrize("layout", ["hybrid", "multiagent"])
+@pytest.mark.parametrize("game", [*BUILT_IN, "chase"])
 def test_pettingzoos_tests_pass(make, game, layout):
-    parallel_api_test(make(BridgeParallelEnv, game, layout=layout))
-    parallel_seed_test(lambda: make(BridgeParallelEnv, game, layout=layout))
+    settings = {"layout": layout, "forbidden": "first_allowed"}  # PettingZoo's tests look for masks in observations
+    parallel_api_test(make(BridgeParallelEnv, game, **settings), num_cycles=200)
+    parallel_seed_test(lambda: make(BridgeParallelEnv, game, **settings), num_cycles=100)
 
 
 def test_the_same_seed_plays_the_same_game(make):
@@ -454,6 +528,7 @@ def test_the_built_in_games_are_registered():
 import os
 import sys
 from pathlib import Path
+from typing import Any
 import gymnasium
 one = gymnasium.make("joybridge.gym:joybridge/ShootingBirds-v0")
 many = gymnasium.make_vec("joybridge/BeastlyRivals-v0", num_envs=4, layout="hybrid")
@@ -645,6 +720,7 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
         (BridgeEnv, "turns", {}, r"has 2 agents \(player_0, player_1\).*use joybridge.gym.BridgePar"),
         (BridgeEnv, "brief", {"layout": "hybrids"}, "unknown layout 'hybrids', expected hybrid,"),
         (BridgeEnv, "brief", {"frame_stack": 0}, "frame_stack is 0, expected at least 1"),
+        (BridgeEnv, "brief", {"forbidden": "ignore"}, "forbidden is 'ignore', expected one of error, first_allowed"),
         (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
         (BridgeVectorEnv, "brief", {"arenas": 0}, "arenas is 0, expected an integer of at least 1"),
         (BridgeEnv, "brief", {"render_mode": "human"}, "render_mode is 'human', expected None or 'rgb_array'"),

@@ -50,6 +50,7 @@ def test_the_packages_docstring_lists_every_public_name():
 PROMISED = [
     *(f"joybridge.contract.{name}" for name in ("address", "codec", "errors", "limits", "spec", "tensors", "versions")),
     "joybridge.gym",
+    "joybridge.gym.sb3",
     "joybridge.simulator",
     "joybridge.simulator.render",
     "joybridge.trainer.wire.client",

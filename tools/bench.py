@@ -31,7 +31,7 @@ from gymnasium.vector import AsyncVectorEnv
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
-from joybridge.gym import BridgeEnv, BridgeVectorEnv
+from joybridge.gym import BridgeEnv
 from joybridge.simulator.catalog import load_games
 from joybridge.trainer.config import load_config
 from joybridge.trainer.layouts import make_layouts
@@ -329,14 +329,20 @@ def _megabytes(process: int) -> float:
 
 def bench_peers() -> Figures:
     """Timesteps per second of others on Shooting Birds bucket-11, and of ours beside them in the same session."""
-    from tools.sb3_example import make_model
+    from stable_baselines3 import PPO
+
+    from joybridge.gym.sb3 import BridgeVecEnv
 
     figures = bench_train(450_000)
     ours = figures["shooting_birds/bucket-11, timesteps/s"]["median"]
     figures = {"Joybridge, trained, timesteps/s": figures["shooting_birds/bucket-11, timesteps/s"]}
     for arenas in (15, 75):
-        envs = BridgeVectorEnv("shooting_birds", arenas, layout="bucket-11")
-        model = make_model(envs, 0)
+        envs = BridgeVecEnv("shooting_birds", arenas, layout="bucket-11")
+        model = PPO(  # with the settings of configs/shooting_birds/bucket-11.yaml; the critic has a network of its own
+            "MlpPolicy", envs, seed=0, device="cpu",
+            n_steps=59, batch_size=256, n_epochs=4, learning_rate=3.25e-4, ent_coef=0.05,
+            policy_kwargs={"net_arch": [100, 100], "activation_fn": torch.nn.SiLU},
+        )  # fmt: skip
         rates: list[float] = []
         for window in range(4):
             begin = time.perf_counter()

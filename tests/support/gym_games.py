@@ -133,3 +133,37 @@ class Chase(Game):
 
     def draw(self):
         return np.full((2, 3, 3), self.count, np.uint8)
+
+
+class Gallery(Game):
+    """A sensor of each dtype."""
+
+    name = "gallery"
+    description = "Every kind of sensor."
+
+    @classmethod
+    def describe(cls, options):
+        player = behavior(
+            "player",
+            sensors=[
+                sensor("image", [36, 40, 1], dtype="uint8"),
+                sensor("count", [1], low=-7, dtype="int32"),
+                sensor("lamp", [2], dtype="bool"),
+            ],
+            branches=[button("press")],
+        )
+        return spec(cls, [player])
+
+    def reset(self):
+        self.count = 2**24
+        return transition(self.observe())
+
+    def step(self, action):
+        end = self.count > 2**24 + 5
+        return termination(self.observe()) if end else transition(self.observe())
+
+    def observe(self):
+        self.count += 1
+        image = self.rng.integers(0, 255, (36, 40, 1))
+        image[0, 0, 0] = 255
+        return {"image": image, "count": [self.count], "lamp": [True, False]}

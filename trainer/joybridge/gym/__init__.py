@@ -14,18 +14,27 @@ Defaults. Arguments have the names, meanings and defaults of the keys of a train
 
 Observations. A frame is the sensors in the order of the spec, flattened side by side, float32. An observation is the
 last `frame_stack` frames, oldest first, with zeros before the first frame of an episode. A reward is the weighted sum
-of the reward channels. Training uses the same code.
+of the reward channels. Training uses the same code. With `flatten=False` an observation is a dict with the array of
+each sensor in its own dtype and shape; with more than one frame, the first axis is that of the frames.
 
 Actions. The layout defines the action space: a MultiDiscrete, a Box from -1 to 1, or for both a Dict with the Box as
 "continuous" and the MultiDiscrete as "discrete". Continuous actions outside of the Box act like the nearest bound.
 
-Infos. At the end of an episode the info holds the metrics of the episode by name. Before, it may hold:
+Infos. Every info holds, about the next step:
 
-    "action_mask"   which choices are allowed in the next step, where the game masks any: bool [choices], the choices of
-                    all branches side by side; [num_envs, choices] in BridgeVectorEnv. `sample_mask` turns it into what
-                    `action_space.sample` takes. A forbidden choice raises SimulatorError and closes the session.
-    "deciding"      which lanes act in the next step, where some wait for other agents. Actions of waiting lanes are
-                    ignored.
+    "action_mask"   which choices are allowed: bool [choices], the choices of all branches side by side;
+                    [num_envs, choices] in BridgeVectorEnv. `sample_allowed` draws a random action that obeys it.
+    "deciding"      whether the lane acts: a bool, or bool [num_envs]. False if it waits for other agents; its action is
+                    then ignored.
+
+At the end of an episode the info also holds the metrics of the episode by name.
+
+Masks. A forbidden choice raises ActionError and is not played. With `forbidden="first_allowed"`, the first allowed
+choice of its branch is played instead. Continuous actions, as those of threshold-T, are never an error: where they
+would make a forbidden choice, they make the first allowed one. Training does the same.
+
+Pictures. With `render_mode="rgb_array"`, `render` returns the picture after the last step. The simulator draws in a
+step, so steps are drawn from the first call of `render` until the next reset, and the first picture is black.
 
 Errors. Arguments that cannot be used raise ConfigError, actions that cannot be used ActionError; both are ValueErrors.
 SimulatorError is raised if the simulator refuses or fails, and SimulatorLost if it cannot be reached. All of them are
@@ -39,9 +48,9 @@ from joybridge.gym import registration
 from joybridge.gym.parallel_env import BridgeParallelEnv
 from joybridge.gym.player import ActionError
 from joybridge.gym.single_env import BridgeEnv
-from joybridge.gym.spaces import sample_mask
+from joybridge.gym.spaces import sample_allowed
 from joybridge.gym.vector_env import BridgeVectorEnv
 
-__all__ = ["ActionError", "BridgeEnv", "BridgeParallelEnv", "BridgeVectorEnv", "sample_mask"]
+__all__ = ["ActionError", "BridgeEnv", "BridgeParallelEnv", "BridgeVectorEnv", "sample_allowed"]
 
 registration.register_games()

@@ -12,10 +12,10 @@ from joybridge.contract.codec import lane_count
 from joybridge.contract.limits import MAX_PICTURES
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
-from joybridge.gym.games import Game, Games, choose_game
-from joybridge.gym.player import Player
+from joybridge.gym.player import FORBIDDEN, Player
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import list_roles, make_acts
+from joybridge.trainer.own_games import Game, Games, choose_game
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
 
@@ -32,11 +32,13 @@ class Bridge:
         arenas: int,
         layout: str,
         frame_stack: int,
+        flatten: bool,
         seed: int,
         options: Mapping[str, str] | None,
         parameters: Mapping[str, float] | None,
         sensors: Any,
         reward_weights: Any,
+        forbidden: str,
         games: Games,
         simulator: str | None,
         render_mode: str | None,
@@ -52,6 +54,8 @@ class Bridge:
             raise ConfigError(f"arenas is {arenas!r}, expected an integer of at least 1")
         if frame_stack < 1:
             raise ConfigError(f"frame_stack is {frame_stack}, expected at least 1")
+        if forbidden not in FORBIDDEN:
+            raise ConfigError(f"forbidden is {forbidden!r}, expected one of {', '.join(FORBIDDEN)}")
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
         seed = _check_seed(seed)
@@ -63,10 +67,12 @@ class Bridge:
             )
             self.spec = self.session.spec
             self.players = self._make_players(
-                layout, frame_stack, sensors, reward_weights or {}, single=single, split=split
-            )
-            self.drawn = self._choose_drawn(render_mode)
-            self.pictures: list[Array] = []  # of all arenas after the last step
+                layout, sensors, reward_weights or {}, single=single, split=split,
+                frame_stack=frame_stack, flatten=flatten, forbidden=forbidden,
+            )  # fmt: skip
+            self._drawable = self._choose_drawn(render_mode)
+            self._drawing = False  # whether `render` has been called since the last reset
+            self._pictures: list[Array] = []  # of all arenas after the last step
             self.fresh = True  # the current episodes have not been played yet
             self.playing = False
             # Called by `close`, when the environment is garbage collected, or when the interpreter exits; only once.
@@ -75,14 +81,14 @@ class Bridge:
     def _make_players(
         self,
         layout: str,
-        frame_stack: int,
         sensors: Any,
         reward_weights: Mapping[str, Any],
         *,
         single: bool,
         split: bool,
+        **settings: Any,
     ) -> dict[str, Player]:
-        """Return the players by name. Raises ConfigError."""
+        """Return the players by name; `settings` are the same for all of them. Raises ConfigError."""
         seats = {}
         for role in list_roles(layout, self.spec):
             agents = self.spec.behaviors[role.behavior].agents_per_arena if split else 1
@@ -106,7 +112,7 @@ class Bridge:
             behavior = self.spec.behaviors[role.behavior]
             players[name] = Player(
                 "" if single else name, role, behavior, lanes=lane_count(behavior, self.session.arenas), lane=lane,
-                frame_stack=frame_stack, sensors=sensors.get(name), reward_weights=reward_weights.get(name, {}),
+                sensors=sensors.get(name), reward_weights=reward_weights.get(name, {}), **settings,
             )  # fmt: skip
         return players
 
@@ -132,8 +138,8 @@ class Bridge:
         if seed is not None or parameters or not self.fresh:
             chosen = choose_parameters(self.spec.parameters, parameters, self.spec.name)
             self.session.reset(seed, chosen)
-            self.pictures = []
-        self.fresh, self.playing = False, True
+            self._pictures = []
+        self.fresh, self.playing, self._drawing = False, True, False
         for player in self.players.values():
             player.begin(self.session.steps[player.index])
         return seed
@@ -149,20 +155,26 @@ class Bridge:
                 act.choices[:, column] = mask.argmax(axis=1)  # the first choice that is allowed
         for player, actions in moves:
             player.write(actions, acts[player.index])
-        if self.drawn:
-            steps, self.pictures = self.session.step_and_draw(acts, self.drawn)
+        if self._drawing:
+            steps, self._pictures = self.session.step_and_draw(acts, self._drawable)
         else:
-            steps = self.session.step(acts)
+            steps, self._pictures = self.session.step(acts), []
         for player in self.players.values():
             player.push(steps[player.index])
         self.fresh = all((step.terminated | step.truncated).all() for step in steps)
 
-    def picture(self) -> Array | None:
-        """Return the picture of the only arena after the last step, black before the first; None if not drawn."""
-        if not self.drawn:
+    def render(self) -> list[Array] | None:
+        """Return the pictures of all arenas after the last step; black if it was not drawn, None without render_mode.
+
+        A simulator draws in a step, and drawing is slow. So it draws from the first call until the next reset only.
+        """
+        if not self._drawable:
             return None
+        self._drawing = True
+        if self._pictures:
+            return [picture.copy() for picture in self._pictures]
         size = (self.spec.picture.height, self.spec.picture.width, 3)
-        return self.pictures[0].copy() if self.pictures else np.zeros(size, np.uint8)
+        return [np.zeros(size, np.uint8) for _ in self._drawable]
 
     def _require_open(self) -> None:
         if not self.close.alive:

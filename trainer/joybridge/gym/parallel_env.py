@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gymnasium.spaces import Box, Dict, MultiDiscrete
+from gymnasium.spaces import Box, Dict
 from pettingzoo import ParallelEnv
 
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one
-from joybridge.gym.games import Game, Games
 from joybridge.gym.player import ActionError
+from joybridge.gym.spaces import ActionSpaces
+from joybridge.trainer.own_games import Game, Games
 
 
 class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
@@ -28,11 +29,13 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         *,
         layout: str = "hybrid",
         frame_stack: int = 3,
+        flatten: bool = True,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
         parameters: Mapping[str, float] | None = None,
         sensors: Mapping[str, Sequence[str]] | None = None,
         reward_weights: Mapping[str, Mapping[str, float]] | None = None,
+        forbidden: str = "error",
         games: Games = (),
         simulator: str | None = None,
         render_mode: str | None = None,
@@ -42,9 +45,9 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         sensors and reward_weights are by agent: {agent: [sensor, ...]} and {agent: {channel: weight}}.
         """
         self._bridge = Bridge(
-            game, arenas=1, layout=layout, frame_stack=frame_stack, seed=seed, options=options,
-            parameters=parameters, sensors=sensors, reward_weights=reward_weights, games=games, simulator=simulator,
-            render_mode=render_mode, single=False, split=True,
+            game, arenas=1, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
+            parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
+            simulator=simulator, render_mode=render_mode, single=False, split=True,
         )  # fmt: skip
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
@@ -52,17 +55,17 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         self.possible_agents = list(self._bridge.players)
         self.agents: list[str] = []
 
-    def observation_space(self, agent: str) -> Box:
+    def observation_space(self, agent: str) -> Box | Dict:
         """Return the space of an agent's observations."""
         return self._bridge.players[agent].observation_space
 
-    def action_space(self, agent: str) -> Box | MultiDiscrete | Dict:
+    def action_space(self, agent: str) -> ActionSpaces:
         """Return the space of an agent's actions."""
         return self._bridge.players[agent].action_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Begin an episode; return observations and infos by agent.
 
         Arguments and errors are those of BridgeVectorEnv.reset, but unknown options are ignored, as PettingZoo's tests
@@ -76,11 +79,11 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
 
     def step(
         self, actions: Mapping[str, Any]
-    ) -> tuple[dict[str, Array], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+    ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Play one decision; return observations, rewards, terminations, truncations and infos by agent.
 
-        Agents that wait need no action. Raises ActionError for an action that is missing or does not fit the space of
-        its agent.
+        Agents that wait need no action. Raises ActionError for an action that is missing, does not fit the space of its
+        agent or is forbidden.
         """
         players = self._bridge.players
         for agent in self.agents:
@@ -96,7 +99,8 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
 
     def render(self) -> Array | None:
         """Return the picture after the last step, as BridgeEnv.render does."""
-        return self._bridge.picture()
+        pictures = self._bridge.render()
+        return pictures[0] if pictures else None
 
     def close(self) -> None:
         """End the session, and the simulator if this environment has started it."""

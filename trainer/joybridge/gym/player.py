@@ -4,33 +4,35 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Dict, MultiDiscrete
+from gymnasium.spaces import Dict
 
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
-from joybridge.gym.spaces import make_action_spaces, make_observation_space
+from joybridge.gym.observer import Observer, one_row
+from joybridge.gym.spaces import ActionSpaces, make_action_spaces
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import CLIP, Role
-from joybridge.trainer.observations import FrameStack, ObservationEncoder, final_observations
+from joybridge.trainer.observations import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
 
-Outcome = tuple[Array, float, bool, bool, dict[str, Any]]  # observation, reward, terminated, truncated, info
+FORBIDDEN = ("error", "first_allowed")  # what to do with a choice that its mask forbids
+Outcome = tuple[Any, float, bool, bool, dict[str, Any]]  # observation, reward, terminated, truncated, info
 
 
 class ActionError(JoybridgeError, ValueError):
-    """An action that is missing or outside of its space; nothing was sent, and the environment can go on."""
+    """An action that is missing, outside of its space or forbidden. Nothing was played; the environment can go on."""
 
 
 class Player:
     """One policy in all lanes of a behavior, or in one of them.
 
     step: the last timestep, of this player's lanes only. final: the last observations of the episodes that ended in
-    it, float32 [ended, frame_stack x frame].
+    it, a batch with a row for each.
     """
 
     step: StepArrays
-    final: Array
+    final: Any
 
     def __init__(
         self,
@@ -41,13 +43,16 @@ class Player:
         lanes: int,
         lane: int | None,
         frame_stack: int,
+        flatten: bool,
         sensors: Sequence[str] | None,
         reward_weights: Mapping[str, float],
+        forbidden: str,
     ) -> None:
         """Make the spaces.
 
         name: of the actions in errors begins with it, unless it is empty. lanes: number of lanes of the behavior.
-        lane: the one to play in; None: all. Raises ConfigError for an unknown sensor or reward channel.
+        lane: the one to play in; None: all. forbidden: one of FORBIDDEN. Raises ConfigError for an unknown sensor or
+        reward channel.
         """
         self.index, self.layout, self.behavior, self._lane = role.behavior, role.layout, behavior, lane
         self._where = f"actions[{name!r}]" if name else "actions"
@@ -56,42 +61,40 @@ class Player:
         if sensors is not None and not sensors:
             raise ConfigError(f"{name or role.name}: sensors is empty, expected at least one; leave it out to use all")
         self._encoder = ObservationEncoder(name or role.name, behavior, sensors, reward_weights)
-        self._stack = FrameStack(self.lanes, self._encoder.size, frame_stack)
-        self.observation_space = make_observation_space(self._encoder.sensors, frame_stack)
+        self._observer = Observer(self._encoder, behavior, self.lanes, frame_stack, flatten=flatten)
+        self.observation_space = self._observer.space
         self._parts = make_action_spaces(self.layout.space)
-        self.action_space: Box | MultiDiscrete | Dict = (
+        self.action_space: ActionSpaces = (
             Dict(self._parts) if len(self._parts) > 1 else next(iter(self._parts.values()))
         )
+        self._forbidden = forbidden
 
     def begin(self, step: StepArrays) -> None:
         """Take the first timestep of new episodes, of all lanes of the behavior."""
         self.step = step if self._lane is None else _one_lane(step, self._lane)
-        self._stack.begin(self._encoder.frames(self.step.observations))
+        self._observer.begin(self.step)
 
     def push(self, step: StepArrays) -> None:
         """Take the timestep that followed a decision, of all lanes of the behavior."""
-        self.step = step = step if self._lane is None else _one_lane(step, self._lane)
-        if len(step.ended):
-            frames = self._encoder.frames(step.final_observations or [])
-            self.final = final_observations(self._stack.now, frames, step)
-        self._stack.push(self._encoder.frames(step.observations), step)
+        self.step = step if self._lane is None else _one_lane(step, self._lane)
+        self.final = self._observer.push(self.step)
 
-    def observations(self) -> Array:
-        """Return a copy of the observations that the next decisions are based on, [lanes, frame_stack x frame]."""
-        return self._stack.now.copy()
+    def observations(self) -> Any:
+        """Return a copy of the observations that the next decisions are based on, a batch with a row for each lane."""
+        return self._observer.now()
 
     def rewards(self) -> Array:
         """Return the weighted sums of the reward channels, float64 [lanes]."""
         return self._encoder.rewards(self.step).astype(np.float64)
 
     def infos(self) -> dict[str, Array]:
-        """Return "action_mask" and "deciding" for the next decisions, [lanes, ...] each, where the game has them."""
-        infos: dict[str, Array] = {}
-        if self.step.masks is not None and self.layout.discrete:
-            infos["action_mask"] = np.concatenate(self.layout.masks(self.step.masks), axis=1)
-        if self.step.deciding is not None:
-            infos["deciding"] = self.step.deciding.copy()
-        return infos
+        """Return "action_mask" and "deciding" for the next decisions, bool [lanes, choices] and [lanes]."""
+        step, choices = self.step, sum(self.layout.space.branches)
+        mask = np.ones((self.lanes, choices), bool)
+        if step.masks is not None and choices:
+            mask = np.concatenate(self.layout.masks(step.masks), axis=1)
+        deciding = np.ones(self.lanes, bool) if step.deciding is None else step.deciding.copy()
+        return {"action_mask": mask, "deciding": deciding}
 
     def metrics(self) -> dict[str, Array]:
         """Return the metrics of the episodes that ended, [ended] each, by name."""
@@ -106,9 +109,27 @@ class Player:
         """Write the actions [lanes, ...] into this player's part of `act`. Raises ActionError."""
         continuous = self._part(actions, "continuous").astype(np.float64) * CLIP
         discrete = self._part(actions, "discrete")
-        self.layout.write(
-            continuous, discrete, ActArrays(act.axes[self._rows], act.choices[self._rows]), self.step.masks
-        )
+        rows = ActArrays(act.axes[self._rows], act.choices[self._rows])
+        self.layout.write(continuous, discrete, rows, self.step.masks)
+        if self.step.masks is not None:
+            self._obey(self.step.masks, rows.choices)
+
+    def _obey(self, masks: Sequence[Array], choices: Array) -> None:
+        """Replace choices [lanes, branches] that are forbidden, or raise ActionError."""
+        for branch, mask, column in zip(self.behavior.device.branches, masks, choices.T, strict=True):
+            forbidden = ~mask[np.arange(len(mask)), column]
+            if self.step.deciding is not None:
+                forbidden &= self.step.deciding
+            if self._forbidden == "first_allowed":
+                column[forbidden] = mask[forbidden].argmax(axis=1)
+            elif forbidden.any():
+                row = int(forbidden.argmax())
+                lane = row + (self._lane or 0)
+                raise ActionError(
+                    f"{self._where}: branch {branch.name!r} got {branch.choices[column[row]]!r} in lane {lane}, which "
+                    "its mask forbids in this step; choose what info['action_mask'] allows, or make the environment "
+                    "with forbidden='first_allowed'"
+                )
 
     def _part(self, actions: Any, kind: str) -> Array:
         """Return the continuous or the discrete actions [lanes, width], checked; 0 in lanes that wait."""
@@ -137,21 +158,24 @@ class Player:
 
     # The methods below are for players of one lane.
 
-    def first(self) -> tuple[Array, dict[str, Any]]:
+    def first(self) -> tuple[Any, dict[str, Any]]:
         """Return the observation and the info at the beginning of an episode."""
-        return self._stack.now[0].copy(), self._info()
+        return one_row(self._observer.now(), 0), self._info()
 
     def outcome(self) -> Outcome:
-        """Return what followed the decision; if the episode ended, its last observation and its metrics."""
-        step = self.step
-        terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
-        observation, info = (self._stack.now[0].copy(), self._info())
+        """Return what followed the decision; if the episode ended, with its last observation and its metrics."""
+        step, info = self.step, self._info()
         if len(step.ended):
-            observation, info = self.final[0], {name: float(column[0]) for name, column in self.metrics().items()}
-        return observation, float(self.rewards()[0]), terminated, truncated, info
+            observation = one_row(self.final, 0)
+            info |= {name: float(column[0]) for name, column in self.metrics().items()}
+        else:
+            observation = one_row(self._observer.now(), 0)
+        return observation, float(self.rewards()[0]), bool(step.terminated[0]), bool(step.truncated[0]), info
 
     def _info(self) -> dict[str, Any]:
-        return {name: rows[0] for name, rows in self.infos().items()}
+        """Return the infos of the only lane: the mask is an array, and `deciding` a bool."""
+        infos = self.infos()
+        return {"action_mask": infos["action_mask"][0], "deciding": bool(infos["deciding"][0])}
 
 
 def _one_lane(step: StepArrays, lane: int) -> StepArrays:

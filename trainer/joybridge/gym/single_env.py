@@ -7,8 +7,8 @@ import gymnasium
 
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one, only_parameters
-from joybridge.gym.games import Game, Games
 from joybridge.gym.player import Outcome
+from joybridge.trainer.own_games import Game, Games
 
 
 class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
@@ -22,20 +22,22 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
         *,
         layout: str = "hybrid",
         frame_stack: int = 3,
+        flatten: bool = True,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
         parameters: Mapping[str, float] | None = None,
         sensors: Sequence[str] | None = None,
         reward_weights: Mapping[str, float] | None = None,
+        forbidden: str = "error",
         games: Games = (),
         simulator: str | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Open a session with a simulator; arguments and errors are those of BridgeVectorEnv."""
         self._bridge = Bridge(
-            game, arenas=1, layout=layout, frame_stack=frame_stack, seed=seed, options=options,
-            parameters=parameters, sensors=sensors, reward_weights=reward_weights, games=games, simulator=simulator,
-            render_mode=render_mode, single=True, split=True,
+            game, arenas=1, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
+            parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
+            simulator=simulator, render_mode=render_mode, single=True, split=True,
         )  # fmt: skip
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
@@ -44,14 +46,14 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
         self.observation_space = self._player.observation_space
         self.action_space = self._player.action_space
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; return observation and info. Arguments and errors are those of BridgeVectorEnv.reset."""
         seed = self._bridge.reset(seed, only_parameters(options))
         super().reset(seed=seed)
         return self._player.first()
 
     def step(self, action: Any) -> Outcome:
-        """Play one decision. Raises ActionError for an action that does not fit the action space."""
+        """Play one decision. Raises ActionError for an action that does not fit the action space or is forbidden."""
         self._bridge.play([(self._player, batch_of_one(action))])
         outcome = self._player.outcome()
         self._bridge.playing = not (outcome[2] or outcome[3])
@@ -60,10 +62,12 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
     def render(self) -> Array | None:
         """Return the picture after the last step, uint8 [height, width, 3]; None without `render_mode`.
 
-        The simulator draws in a step: before the first step the picture is black, and after the last step of an
-        episode it shows the beginning of the next one.
+        Drawing is slow, and the simulator draws in a step. So steps are drawn from the first call of `render` until the
+        next reset: an episode that is not rendered costs nothing, and the picture of the first call is black. After the
+        last step of an episode the picture shows the beginning of the next one.
         """
-        return self._bridge.picture()
+        pictures = self._bridge.render()
+        return pictures[0] if pictures else None
 
     def close(self) -> None:
         """End the session, and the simulator if this environment has started it."""

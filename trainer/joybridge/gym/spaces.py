@@ -1,15 +1,18 @@
-"""Observation and action spaces of a policy, and action masks in the form that sampling needs."""
+"""Observation and action spaces of a policy, and sampling from an action space under a mask."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium.spaces import Box, Dict, MultiDiscrete
 
 from joybridge.contract.limits import element_count
-from joybridge.contract.tensors import Array
+from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.trainer.layouts import ActionSpace
 from joybridge.v1 import bridge_pb2 as pb
+
+ActionSpaces: TypeAlias = "Box | MultiDiscrete | Dict"
 
 _RANGES = {
     pb.DTYPE_FLOAT32: (-np.inf, np.inf),
@@ -19,20 +22,40 @@ _RANGES = {
 }
 
 
-def make_observation_space(sensors: Sequence[pb.Sensor], frame_stack: int) -> Box:
-    """Return the space of stacked observations, float32 [frame_stack x frame]."""
-    bounds = [_bounds(sensor) for sensor in sensors]
-    low, high = (np.concatenate(ends) for ends in zip(*bounds, strict=True))
+def make_observation_space(sensors: Sequence[pb.Sensor], frame_stack: int, *, flatten: bool) -> Box | Dict:
+    """Return the space of stacked observations.
+
+    flatten: float32 [frame_stack x frame]. Otherwise a Dict with the dtype and the `stacked_shape` of each sensor.
+    """
+    if flatten:
+        return _make_box(sensors, frame_stack, (-1,), np.float32)
+    return Dict({
+        sensor.name: _make_box([sensor], frame_stack, stacked_shape(sensor, frame_stack), NUMPY_TYPES[sensor.dtype])
+        for sensor in sensors
+    })  # fmt: skip
+
+
+def stacked_shape(sensor: pb.Sensor, frame_stack: int) -> tuple[int, ...]:
+    """Return the shape of a sensor's last frames: [frame_stack, *shape], or just its shape for one frame."""
+    return (*([frame_stack] if frame_stack > 1 else []), *sensor.shape)
+
+
+def _make_box(sensors: Sequence[pb.Sensor], frame_stack: int, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Box:
+    low, high = (np.concatenate(ends) for ends in zip(*map(_bounds, sensors), strict=True))
     # Frames before the first of an episode are zero; the newest frame never is one of them.
-    older = (np.tile(np.minimum(low, 0.0), frame_stack - 1), np.tile(np.maximum(high, 0.0), frame_stack - 1))
-    return Box(np.append(older[0], low), np.append(older[1], high), dtype=np.float32)
+    low = np.append(np.tile(np.minimum(low, 0.0), frame_stack - 1), low)
+    high = np.append(np.tile(np.maximum(high, 0.0), frame_stack - 1), high)
+    if np.dtype(dtype).kind in "iu":
+        ends = np.iinfo(np.dtype(dtype))
+        low, high = np.clip(low, ends.min, ends.max), np.clip(high, ends.min, ends.max)
+    return Box(low.reshape(shape).astype(dtype), high.reshape(shape).astype(dtype), dtype=dtype)
 
 
 def _bounds(sensor: pb.Sensor) -> list[Array]:
-    """Return the smallest and the largest value of each element of a sensor, float32 [elements] each."""
+    """Return the smallest and the largest value of each element of a sensor, float64 [elements] each."""
     given = (list(sensor.low), list(sensor.high))
     ends = [end or [default] for end, default in zip(given, _RANGES[sensor.dtype], strict=True)]
-    return [np.broadcast_to(np.array(end, np.float32), element_count(sensor)) for end in ends]
+    return [np.broadcast_to(np.array(end, np.float64), element_count(sensor)) for end in ends]
 
 
 def make_action_spaces(space: ActionSpace) -> dict[str, Box | MultiDiscrete]:
@@ -45,13 +68,20 @@ def make_action_spaces(space: ActionSpace) -> dict[str, Box | MultiDiscrete]:
     return parts
 
 
-def sample_mask(action_space: Box | MultiDiscrete | Dict, mask: Array) -> Any:
-    """Return a mask in the form that `action_space.sample` takes.
+def sample_allowed(action_space: ActionSpaces, action_mask: Array) -> Any:
+    """Return a random action whose choices are all allowed, drawn with the random numbers of `action_space`.
 
-    action_space: of one agent. mask: bool [choices], an info's "action_mask".
+    action_space: of one agent, or of a vector environment. action_mask: "action_mask" of its info, bool [choices] or
+    [num_envs, choices].
 
-        action = env.action_space.sample(mask=sample_mask(env.action_space, info["action_mask"]))
+        actions = sample_allowed(envs.action_space, infos["action_mask"])
     """
-    discrete = action_space["discrete"] if isinstance(action_space, Dict) else action_space
-    branches = tuple(np.split(np.asarray(mask, np.int8), np.cumsum(discrete.nvec)[:-1]))
-    return {"continuous": None, "discrete": branches} if isinstance(action_space, Dict) else branches
+    if isinstance(action_space, Dict):
+        return {kind: sample_allowed(part, action_mask) for kind, part in action_space.items()}
+    if action_space.dtype.kind == "f":
+        return action_space.sample()
+    # Gymnasium batches a MultiDiscrete as a Box of integers.
+    nvec = action_space.nvec if isinstance(action_space, MultiDiscrete) else action_space.high[0] + 1
+    lots = np.where(action_mask, action_space.np_random.random(action_mask.shape), -1.0)
+    branches = np.split(lots, np.cumsum(nvec)[:-1], axis=-1)
+    return np.stack([branch.argmax(axis=-1) for branch in branches], axis=-1).astype(action_space.dtype)

@@ -9,7 +9,8 @@ from gymnasium.vector.utils import batch_space
 
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, only_parameters
-from joybridge.gym.games import Game, Games
+from joybridge.gym.observer import one_row
+from joybridge.trainer.own_games import Game, Games
 
 
 class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
@@ -29,11 +30,13 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         *,
         layout: str = "hybrid",
         frame_stack: int = 3,
+        flatten: bool = True,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
         parameters: Mapping[str, float] | None = None,
         sensors: Sequence[str] | None = None,
         reward_weights: Mapping[str, float] | None = None,
+        forbidden: str = "error",
         games: Games = (),
         simulator: str | None = None,
         render_mode: str | None = None,
@@ -42,18 +45,20 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
 
         game: the name of a game, or a game of your own: its class or "MODULE:CLASS". layout: how the action space maps
         to the axes and buttons of the game: "hybrid", "bucket-N", "threshold-T" or "multiagent". frame_stack: frames
-        per observation. seed: of all episodes until a reset with another seed. options and parameters: of the game, by
-        name. sensors: names of those to observe; None: all. reward_weights: weights of reward channels that differ from
-        the defaults of the game. games: further games of your own to offer. simulator: HOST:PORT or unix:PATH of one
-        that is running; None: start one. render_mode: None or "rgb_array".
+        per observation. flatten: whether an observation is one array, or a dict with an array for each sensor. seed: of
+        all episodes until a reset with another seed. options and parameters: of the game, by name. sensors: names of
+        those to observe; None: all. reward_weights: weights of reward channels that differ from the defaults of the
+        game. forbidden: what a choice that its mask forbids does: "error" raises ActionError, "first_allowed" plays the
+        first choice of its branch that is allowed. games: further games of your own to offer. simulator: HOST:PORT or
+        unix:PATH of one that is running; None: start one. render_mode: None or "rgb_array".
 
         Raises ConfigError, which is a ValueError, for an argument that cannot be used; SimulatorError if the simulator
         rejects an option or parameter; SimulatorLost if it cannot be started or reached.
         """
         self._bridge = Bridge(
-            game, arenas=arenas, layout=layout, frame_stack=frame_stack, seed=seed, options=options,
-            parameters=parameters, sensors=sensors, reward_weights=reward_weights, games=games, simulator=simulator,
-            render_mode=render_mode, single=True, split=False,
+            game, arenas=arenas, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
+            parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
+            simulator=simulator, render_mode=render_mode, single=True, split=False,
         )  # fmt: skip
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
@@ -65,7 +70,7 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin new episodes in all arenas; return observations and infos.
 
         With a seed, the episodes are those of a new environment with this seed. Without, the random streams of the
@@ -76,8 +81,8 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         super().reset(seed=seed)
         return self._player.observations(), self._infos()
 
-    def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Play one decision in every arena. Raises ActionError for actions that do not fit the action space."""
+    def step(self, actions: Any) -> tuple[Any, Array, Array, Array, dict[str, Any]]:
+        """Play one decision in every arena. Raises ActionError for actions that do not fit or are forbidden."""
         self._bridge.play([(self._player, actions)])
         step, infos = self._player.step, self._infos()
         if len(step.ended):
@@ -86,11 +91,13 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         return observations, rewards, step.terminated.copy(), step.truncated.copy(), infos
 
     def render(self) -> tuple[Array, ...] | None:
-        """Return the arenas' pictures after the last step, uint8 [height, width, 3] each.
+        """Return the arenas' pictures after the last step, uint8 [height, width, 3] each; None without `render_mode`.
 
-        None before the first step after a reset, because the simulator draws in a step, and without `render_mode`.
+        Drawing is slow, and the simulator draws in a step. So steps are drawn from the first call of `render` until the
+        next reset; the pictures of the first call are black.
         """
-        return tuple(picture.copy() for picture in self._bridge.pictures) or None
+        pictures = self._bridge.render()
+        return None if pictures is None else tuple(pictures)
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the session, and the simulator if this environment has started it."""
@@ -105,8 +112,8 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         present = np.zeros(self.num_envs, bool)
         present[ended] = True
         observations = np.full(self.num_envs, None, object)
-        for lane, final in zip(ended, self._player.final, strict=True):
-            observations[lane] = final.copy()
+        for row, lane in enumerate(ended):
+            observations[lane] = one_row(self._player.final, row)
         info: dict[str, Array] = {}
         for name, column in self._player.metrics().items():
             values = np.zeros(self.num_envs, np.float32)

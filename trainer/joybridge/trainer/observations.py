@@ -8,6 +8,7 @@ before the first frame of an episode. Frames of lanes that wait are not pushed.
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.limits import element_count
@@ -70,11 +71,11 @@ def final_observations(now: Array, frames: Array, step: StepArrays) -> Array:
 
 
 class FrameStack:
-    """The present observations of some lanes, `now`, float32 [lanes, frame_stack x frame]."""
+    """The present observations of some lanes, `now`, [lanes, frame_stack x frame]."""
 
-    def __init__(self, lanes: int, frame: int, frame_stack: int) -> None:
+    def __init__(self, lanes: int, frame: int, frame_stack: int, dtype: npt.DTypeLike = np.float32) -> None:
         """Begin with zeros. frame: numbers per frame."""
-        self.now = np.zeros((lanes, frame * frame_stack), np.float32)
+        self.now = np.zeros((lanes, frame * frame_stack), dtype)
         self._spare = np.zeros_like(self.now)
         self._frame = frame
 

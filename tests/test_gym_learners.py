@@ -1,0 +1,130 @@
+"""Other learners play through `joybridge.gym`: Stable-Baselines3, sb3-contrib and the loop of tools/ppo_loop.py."""
+
+import importlib
+import sys
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.vec_env import VecMonitor
+
+from joybridge.games import BUILT_IN
+from joybridge.gym import BridgeEnv, BridgeVectorEnv
+from joybridge.gym.sb3 import BridgeVecEnv
+from joybridge.trainer.wire.launch import simulator_process
+from tools import ppo_loop
+
+with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
+    from sb3_contrib import MaskablePPO
+
+SUITABLE = sorted(set(BUILT_IN) - {"ferry", "noughts"})  # one agent
+SHORT: dict[str, Any] = {"n_steps": 8, "batch_size": 32, "n_epochs": 1, "device": "cpu", "seed": 1}
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    with simulator_process(["tests.support.gym_games:Brief", "tests.support.gym_games:Gallery"]) as address:
+        yield address
+
+
+@pytest.fixture
+def make(simulator):
+    """Make environments at the shared simulator and close them."""
+    made = []
+
+    def make(*arguments, kind=BridgeVecEnv, **settings):
+        made.append(kind(*arguments, simulator=simulator, **settings))
+        return made[-1]
+
+    yield make
+    for environment in made:
+        environment.close()
+
+
+def test_the_infos_of_an_end_hold_the_final_observation_and_the_metrics(make):
+    envs = make("brief", 4, kind=BridgeVectorEnv, layout="bucket-11")
+    adapted = make("brief", 4, layout="bucket-11")
+    envs.action_space.seed(3)
+    adapted.seed(6)
+    assert np.array_equal(adapted.reset(), envs.reset(seed=6)[0])
+    for _ in range(6):
+        actions = envs.action_space.sample()
+        observations, rewards, terminated, truncated, infos = envs.step(actions)
+        returned: Any = adapted.step(actions)
+        for array, wanted in zip(returned, (observations, rewards, terminated | truncated), strict=False):
+            assert np.array_equal(array, np.asarray(wanted, array.dtype))
+        for lane, info in enumerate(returned[3]):
+            if terminated[lane] or truncated[lane]:
+                assert np.array_equal(info["terminal_observation"], infos["final_obs"][lane])
+                assert info["TimeLimit.truncated"] == truncated[lane]
+                assert {name: info[name] for name in ("length", "presses")} == {
+                    name: infos["final_info"][name][lane] for name in ("length", "presses")
+                }
+            else:
+                assert info == {}
+
+
+@pytest.mark.parametrize("game", SUITABLE)
+def test_ppo_plays_every_game_with_one_agent(make, game):
+    envs = VecMonitor(make(game, 4, layout="bucket-5", forbidden="first_allowed"))
+    model = PPO("MlpPolicy", envs, **SHORT)
+    before = model.policy.action_net.state_dict()["weight"].clone()
+    model.learn(64)
+    assert not torch.equal(model.policy.action_net.state_dict()["weight"], before)
+
+
+def test_maskable_ppo_never_makes_a_forbidden_choice(make):
+    envs = make("archer", 4, layout="bucket-5")  # in which a forbidden choice is an error
+    assert envs.has_attr("action_masks") and envs.action_masks is not None
+    MaskablePPO("MlpPolicy", envs, **SHORT).learn(96)
+    masks = envs.env_method("action_masks")
+    assert np.array_equal(np.stack(masks), envs.action_masks()) and not envs.action_masks().all()
+
+
+def test_sensors_in_their_shapes_feed_a_policy_of_several_inputs(make):
+    envs = make("gallery", 2, flatten=False, frame_stack=1)
+    PPO("MultiInputPolicy", envs, **(SHORT | {"batch_size": 16})).learn(16)
+
+
+def test_one_arena_passes_the_checks_of_stable_baselines3(make):
+    check_env(make("orchard", kind=BridgeEnv))
+
+
+def test_actions_of_both_kinds_are_refused_with_the_next_move(make):
+    with pytest.raises(ValueError, match=r"no actions that are continuous and discrete at once; choose .*bucket-5"):
+        make("archer", 2)
+
+
+def test_pictures_are_drawn_once_they_are_asked_for(make):
+    envs = make("orchard", 2, render_mode="rgb_array")
+    envs.reset()
+    assert not envs.render().any()
+    envs.step(np.zeros((2, 2), int))
+    assert envs.render().any()
+
+
+def test_without_stable_baselines3_a_sentence_says_how_to_install_it(monkeypatch):
+    monkeypatch.delitem(sys.modules, "joybridge.gym.sb3")
+    monkeypatch.setitem(sys.modules, "stable_baselines3.common.vec_env", None)
+    with pytest.raises(ModuleNotFoundError, match=r"joybridge\.gym\.sb3 needs .*`pip install stable-baselines3`"):
+        importlib.import_module("joybridge.gym.sb3")
+
+
+@pytest.mark.parametrize("game", sorted(set(BUILT_IN) - {"ferry"}))  # one behavior
+def test_the_loop_in_plain_pytorch_plays_every_game_of_one_behavior(make, monkeypatch, game):
+    monkeypatch.setattr(ppo_loop, "STEPS", 12)
+    envs = make(game, 4, kind=BridgeVectorEnv, frame_stack=1)  # in which a forbidden choice is an error
+    played = 0
+    step = envs.step
+
+    def counted(actions):
+        nonlocal played
+        played += 1
+        return step(actions)
+
+    monkeypatch.setattr(envs, "step", counted)
+    assert len(list(ppo_loop.train(envs, 2 * 12 * envs.num_envs))) == 2 and played == 2 * 12
