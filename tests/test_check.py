@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from joybridge.conformance import subject
 from joybridge.conformance.__main__ import main
 from joybridge.conformance.client import Client
 from joybridge.conformance.expectations import Violation
@@ -261,6 +262,18 @@ class NoList(Service):
 
     def ListGames(self, request, context):
         raise NotImplementedError
+
+
+def test_sessions_that_the_clock_ends_at_different_steps_are_compared_as_far_as_both_go(correct, monkeypatch):
+    clock = iter([0.0, *[1.0] * 4, 9.0, 0.0, *[1.0] * 7, 9.0, 0.0, 1.0, 9.0])  # 5, 8 and 2 decisions
+    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
+    with Client(correct, SECONDS) as client:
+        game = subject.Subject(client, Gauntlet.name)
+        for decisions in (5, 8, 2):
+            assert len(game.record_long(300).steps) == decisions + 1
+    clock = iter([0.0, *[1.0] * 4, 9.0, 0.0, 1.0, 9.0])
+    (result,) = run_checks(correct, checks=select(names=["same_seed_gives_the_same_bytes_in_a_long_session"]))
+    assert result.outcome == PASSED, result
 
 
 def test_without_a_list_of_games_the_server_is_checked_and_a_named_game_too():

@@ -24,6 +24,9 @@ COMMANDS = {
     "list": Command("joybridge.simulator.__main__", "simulator", "list the games and their options"),
     "new": Command("joybridge.simulator.__main__", "simulator", "write a small game of your own to start from"),
     "check": Command("joybridge.conformance.__main__", "", "test a server, in any language, against the contract"),
+    "doctor": Command(
+        "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
+    ),
     "train": Command("joybridge.trainer.__main__", "train", "train a configuration"),
     "evaluate": Command("joybridge.trainer.__main__", "train", "measure how well the policy of a run plays"),
     "record": Command("joybridge.trainer.__main__", "train", "record a video of the policy of a run"),
@@ -59,7 +62,7 @@ def run() -> NoReturn:
     if sys.argv[1:2] not in (["serve"], ["train"]) and hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # ends quietly once the reader of its output has, as in `| head`
     status = main()
-    if sys.argv[1:2] == ["check"]:
+    if sys.argv[1:2] in (["check"], ["doctor"]):
         from joybridge.conformance.process import leave
 
         leave(status)

@@ -63,6 +63,19 @@ def expect_deciding(view: StepView) -> None:
         expect_tensor(view.message.deciding, pb.DTYPE_BOOL, (view.lanes,), f"deciding of {view.where}")
 
 
+def expect_valid(view: StepView) -> None:
+    """Raise Violation unless observations, rewards, flags, masks and deciding are well-formed and within bounds."""
+    expect_observations(view.message.observations, view, view.lanes, "observations")
+    expect_finite(view)
+    expect_in_bounds(view)
+    expect_tensor(view.message.rewards, pb.DTYPE_FLOAT32, (view.lanes, len(view.behavior.channels)), "rewards")
+    expect_tensor(view.message.terminated, pb.DTYPE_BOOL, (view.lanes,), "terminated")
+    expect_tensor(view.message.truncated, pb.DTYPE_BOOL, (view.lanes,), "truncated")
+    expect(view.rewards is None or np.isfinite(view.rewards).all(), f"rewards {view.rewards}", "finite numbers")
+    expect_masks(view)
+    expect_deciding(view)
+
+
 def expect_no_ends(view: StepView) -> None:
     """Raise Violation if a step reports the end of an episode."""
     expect(not view.ended.any(), f"ended lanes {np.flatnonzero(view.ended).tolist()} of {view.where}", "none")

@@ -6,9 +6,10 @@ import torch
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.config_fit import fitting_roles
 from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.fit import misfits
-from joybridge.trainer.layouts import Role, list_roles
+from joybridge.trainer.layouts import Role
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.ppo.fast.kernels import Head, sample
 from joybridge.trainer.ppo.networks import Network
@@ -72,11 +73,7 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
     """Return untrained policies for all behaviors of a spec. Raises ConfigError."""
     if accelerator == "cuda" and not torch.cuda.is_available():
         raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
-    roles = list_roles(config.layout, spec)
-    names = [role.name for role in roles]
-    for name in config.policies:
-        if name not in names:
-            raise ConfigError(f"policies: there is no policy {name!r}; this game and layout have {', '.join(names)}")
+    roles = fitting_roles(config, spec)
     children = np.random.SeedSequence(config.seed).spawn(len(roles))
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in children]
     return [

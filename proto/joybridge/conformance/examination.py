@@ -1,0 +1,213 @@
+"""What `joybridge doctor` looks at, in the order of repair: what comes first is needed by what follows.
+
+A Look is a function that returns what it saw in one sentence, or raises Violation.
+"""
+
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from grpc_health.v1 import health_pb2
+
+from joybridge.conformance.client import SERVICE, Client, Status, Stream
+from joybridge.conformance.expectations import TimedOut, Violation, expect
+from joybridge.conformance.recording import Player, Recording, act_request, valid_act
+from joybridge.conformance.step_expectations import expect_valid
+from joybridge.conformance.subject import Subject
+from joybridge.contract.limits import element_count, request_bytes
+from joybridge.contract.spec import SpecError, check_spec
+from joybridge.contract.versions import mismatch, own_version
+from joybridge.v1 import bridge_pb2 as pb
+
+SECONDS = 4.5  # for everything
+CONNECT_SECONDS = 2.0
+CHECKED = 10  # steps of a game whose content is checked
+TIMED = 100  # steps of a game that are timed, or as many as fit into TIMED_SECONDS
+TIMED_SECONDS = 0.3
+
+Look = Callable[[], str]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one look has found."""
+
+    about: str  # "port", "calls", "versions", "health", "spec", "config", "steps", "latency" or "sizes"
+    ok: bool | None  # None: it could not be examined
+    text: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a game is played: the keys of a configuration, or the defaults."""
+
+    options: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    arenas: int = 2
+    check: Callable[[pb.GameSpec], str] | None = None  # returns what the configuration has; raises Violation
+
+
+def examine(address: str, games: Sequence[str] = (), settings: Settings | None = None) -> Iterator[Finding]:
+    """Yield findings about the server, then about each game, by default all. Ends early if nothing can follow."""
+    settings = settings or Settings()
+    until = time.monotonic() + SECONDS
+    port = _look("port", lambda: _port(address))
+    yield port
+    if not port.ok:
+        return
+    with Client(address, SECONDS) as client:
+
+        def look(about: str, run: Look) -> Finding:
+            client.seconds = round(max(until - time.monotonic(), 0.1), 1)
+            return _look(about, run)
+
+        listed: list[pb.GameSummary] = []
+        calls = look("calls", lambda: _calls(client, listed))
+        yield calls
+        if not calls.ok:
+            return
+        yield look("versions", lambda: _versions(client))
+        yield look("health", lambda: _health(client))
+        for game in games or [summary.name for summary in listed]:
+            if time.monotonic() < until:
+                yield from _game(Subject(client, game, settings.options), settings, look)
+            else:
+                yield Finding("steps", None, f"{game}: no time was left for this game; name it with --game")
+
+
+def _look(about: str, run: Look) -> Finding:
+    try:
+        return Finding(about, True, run())
+    except TimedOut as error:
+        text = f"{error.got}: the server hangs, is busy or compiles the game; look at its log, and try again"
+        return Finding(about, False, text)
+    except Violation as error:
+        return Finding(about, False, " ".join(f"{error.got}; expected {error.expected}".split()))  # one line
+
+
+def _port(address: str) -> str:
+    begin = time.perf_counter()
+    try:
+        if address.startswith("unix:"):
+            with socket.socket(socket.AF_UNIX) as probe:
+                probe.settimeout(CONNECT_SECONDS)
+                probe.connect(address.removeprefix("unix:"))
+        else:
+            host, _, port = address.rpartition(":")
+            socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
+    except socket.gaierror as error:
+        raise Violation(f"the name in {address} has no address ({error.strerror})", "a name or number") from error
+    except TimeoutError as error:
+        text = f"{address} did not answer within {CONNECT_SECONDS:g} s"
+        raise Violation(text, "a connection: is the host up, and is there a firewall?") from error
+    except OSError as error:
+        raise Violation(f"nothing listens at {address} ({error.strerror})", "a server; start one") from error
+    return f"{address} accepts connections, after {1000 * (time.perf_counter() - begin):.1f} ms"
+
+
+def _calls(client: Client, listed: list[pb.GameSummary]) -> str:
+    games = client.try_list_games()
+    if isinstance(games, Status):
+        raise Violation(f"ListGames failed with {games}", f"a server of {SERVICE}; another program may listen there")
+    expect(games, "ListGames returns no games", "at least one")
+    listed += games
+    return f"ListGames returns {len(games)} games: {', '.join(game.name for game in games)}"
+
+
+def _versions(client: Client) -> str:
+    own = own_version()
+    server = client.call(f"/{SERVICE}/ListGames", pb.ListGamesRequest(version=own), pb.ListGamesResponse)
+    if isinstance(server, Status):
+        raise Violation(f"ListGames with the version of this client failed with {server}", "a response")
+    text = mismatch(own, server.version)
+    expect(not text, text, f"revision {own.revision} or newer")
+    theirs = server.version
+    return f"the server is {theirs.product}, revision {theirs.revision}; this is {own.product}, revision {own.revision}"
+
+
+def _health(client: Client) -> str:
+    for service in ("", SERVICE):
+        request = health_pb2.HealthCheckRequest(service=service)
+        answer = client.call("/grpc.health.v1.Health/Check", request, health_pb2.HealthCheckResponse)
+        serving = not isinstance(answer, Status) and answer.status == health_pb2.HealthCheckResponse.SERVING
+        expect(serving, f"the health of service {service!r} is {str(answer).strip()}", "SERVING")
+    return "SERVING"
+
+
+def _game(subject: Subject, settings: Settings, look: Callable[[str, Look], Finding]) -> Iterator[Finding]:
+    """Yield findings about one game. Ends early if nothing can follow."""
+    played: list[Player] = []
+    with ExitStack() as stack:
+        looks: dict[str, Look] = {
+            "spec": lambda: _spec(subject),
+            "config": lambda: settings.check(subject.spec) if settings.check else "",
+            "steps": lambda: _steps(subject, settings, stack.enter_context(Stream(subject.client)), played),
+            "latency": lambda: _latency(played[0]),
+            "sizes": lambda: _sizes(played[0]),
+        }
+        for about, run in looks.items():
+            if about != "config" or settings.check:
+                finding = look(about, run)
+                yield replace(finding, text=f"{subject.game}: {finding.text}")
+                if not finding.ok:
+                    return
+
+
+def _spec(subject: Subject) -> str:
+    spec = subject.spec
+    try:
+        check_spec(spec)
+    except SpecError as error:
+        raise Violation(str(error), "a spec within the bounds of bridge.proto") from error
+    behaviors = [
+        f"{behavior.name} observes {sum(map(element_count, behavior.sensors))} numbers from "
+        f"{len(behavior.sensors)} sensors and has {len(behavior.device.axes)} axes and "
+        f"{len(behavior.device.branches)} branches"
+        for behavior in spec.behaviors
+    ]
+    return f"{'; '.join(behaviors)}; up to {spec.max_arenas} arenas"
+
+
+def _steps(subject: Subject, settings: Settings, stream: Stream, played: list[Player]) -> str:
+    arenas = settings.arenas
+    start = subject.start(arenas, parameters=settings.parameters)
+    player = Player(stream, Recording(subject.spec, arenas), start)
+    played.append(player)
+    recording = player.recording
+    for index in range(CHECKED + 1):
+        last = "Start" if index == 0 else f"decision {index}"
+        expect(recording.end is None, f"{recording.end} in response to {last}", "a Step")
+        views = recording.views(index)
+        expect(len(views) == len(subject.spec.behaviors), f"{len(views)} behaviors in a Step", "all of the spec")
+        for view in views:
+            expect_valid(view)
+        if index < CHECKED:
+            player.decide()
+    return f"{CHECKED} steps of {arenas} arenas are valid"
+
+
+def _latency(player: Player) -> str:
+    """Play on and time each step: from the request to the response."""
+    recording = player.recording
+    times: list[float] = []  # ms
+    until = time.monotonic() + TIMED_SECONDS
+    while len(times) < TIMED and (not times or time.monotonic() < until):
+        request = act_request(valid_act(recording.views(len(recording.steps) - 1), player.generators))
+        begin = time.perf_counter()
+        player.send(request)
+        times.append(1000 * (time.perf_counter() - begin))
+        expect(recording.end is None, f"{recording.end} after {len(recording.steps)} responses", "a Step")
+    half, most = np.percentile(times, [50, 99])
+    return f"a step takes {half:.2f} ms (p50), {most:.2f} ms (p99), in {len(times)} steps of {recording.arenas} arenas"
+
+
+def _sizes(player: Player) -> str:
+    recording = player.recording
+    spec, act, step = recording.spec, recording.requests[-1], recording.steps[-1]
+    return (
+        f"for {recording.arenas} arenas an Act has {act.ByteSize()} bytes and a Step {step.ByteSize()}; the spec has "
+        f"{spec.ByteSize()}; the largest request that the server must accept has {request_bytes(spec, spec.max_arenas)}"
+    )

@@ -1,0 +1,34 @@
+"""Whether a configuration fits a game, found without torch: its layout, its policies, their sensors and rewards."""
+
+from collections.abc import Sequence
+
+from joybridge.trainer.config import Config, load_config
+from joybridge.trainer.config_files import find_config
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.layouts import Role, list_roles
+from joybridge.trainer.observations import ObservationEncoder
+from joybridge.trainer.options import balanced_options
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def find_and_load(text: str, overrides: Sequence[str] = ()) -> Config:
+    """Return the configuration in a file, or the installed one of a name, with overrides. Raises ConfigError."""
+    return load_config(find_config(text), overrides)
+
+
+def check_fit(config: Config, spec: pb.GameSpec) -> None:
+    """Raise ConfigError unless every policy can be made for a spec."""
+    balanced_options(config, spec)
+    for role in fitting_roles(config, spec):
+        policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]
+        ObservationEncoder(role.name, behavior, policy.sensors, policy.reward_weights)
+
+
+def fitting_roles(config: Config, spec: pb.GameSpec) -> list[Role]:
+    """Return the roles of all policies. Raises ConfigError for a layout or a policy that the game does not have."""
+    roles = list_roles(config.layout, spec)
+    names = [role.name for role in roles]
+    for name in config.policies:
+        if name not in names:
+            raise ConfigError(f"policies: there is no policy {name!r}; this game and layout have {', '.join(names)}")
+    return roles
