@@ -430,8 +430,19 @@ BREAKS = {
         .choices.extend(str(number) for number in range(65537 - len(s.behaviors[0].device.branches[0].choices)))
     ),
     "sensor 'image' has 9 sizes": lambda s: s.behaviors[0].sensors[2].shape.extend([1] * 7),
-    "sensor 'lamps' has 1 sizes, 16777217 elements": lambda s: (
-        s.behaviors[0].sensors[3].shape.__setitem__(0, 2**24 + 1)
+    "sensors have 16777217 elements together": lambda s: (
+        s.behaviors[0].sensors[3].shape.__setitem__(0, 2**24 - 6)  # 7 in the others
+    ),
+    "sensor 'lamps' has a list of 65537 entries": lambda s: (
+        s.behaviors[0].sensors[3].shape.__setitem__(0, 65537),
+        s.behaviors[0].sensors[3].low.extend([0.0] * 65537),
+    ),
+    "bytes, expected at most 4000000": lambda s: s.options[0].choices.extend("x" * 4_000_000 for _ in range(1)),
+    "hybrid: description is 'red\\x1b[31m', expected printable": lambda s: setattr(s, "description", "red\x1b[31m"),
+    "axes: name is 'x\\ny', expected printable": lambda s: setattr(s.behaviors[0].device.axes[0], "name", "x\ny"),
+    "option 'size': choice is '\\u202e', expected printable": lambda s: s.options[0].choices.append("\u202e"),
+    "sensor 'lamps': element is '\\t', expected printable": lambda s: (
+        s.behaviors[0].sensors[3].elements.extend(["a", "b", "\t"])
     ),
     "sensor 'lamps' has a bound that is NaN": lambda s: s.behaviors[0].sensors[3].high.append(np.nan),
     "sensor 'lamps' has a low above its high": lambda s: (

@@ -48,7 +48,10 @@ def test_the_packages_docstring_lists_every_public_name():
 
 
 PROMISED = [
-    *(f"joybridge.contract.{name}" for name in ("address", "codec", "errors", "limits", "spec", "tensors", "versions")),
+    *(
+        f"joybridge.contract.{name}"
+        for name in ("address", "codec", "credentials", "errors", "limits", "spec", "tensors", "versions")
+    ),
     "joybridge.gym",
     "joybridge.gym.sb3",
     "joybridge.simulator",

@@ -1,8 +1,10 @@
 """Addresses of simulators: how command lines take them, and the line with which a server reports its own."""
 
 import argparse
+import socket
+from ipaddress import ip_address
 
-__all__ = ["DEFAULT_ADDRESS", "READY", "address"]
+__all__ = ["DEFAULT_ADDRESS", "READY", "address", "is_local"]
 
 DEFAULT_ADDRESS = "127.0.0.1:5005"
 READY = "joybridge simulator listening on "  # a server prints this and its address as one line once it can be reached
@@ -12,7 +14,20 @@ _HIGHEST_PORT = 65535
 def address(text: str) -> str:
     """Return an address, HOST:PORT or unix:PATH, unchanged. Raises ArgumentTypeError for a malformed one."""
     host, _, port = text.rpartition(":")
-    if text.startswith("unix:") or (host and port.isdecimal() and int(port) <= _HIGHEST_PORT):
+    named = text.startswith("unix:") and text != "unix:"
+    if named or (host and host != "unix" and port.isdecimal() and int(port) <= _HIGHEST_PORT):
         return text
     wanted = f"HOST:PORT with a port from 0 to {_HIGHEST_PORT}, as in {DEFAULT_ADDRESS}, or unix:PATH"
     raise argparse.ArgumentTypeError(f"got {text!r}, expected {wanted}")
+
+
+def is_local(address: str) -> bool:
+    """Return whether only programs on this machine can connect to an address. Raises OSError for an unknown host."""
+    if address.startswith("unix:"):
+        return True
+    host = address.rpartition(":")[0].removeprefix("[").removesuffix("]")
+    try:
+        found = {str(place[0]) for *_, place in socket.getaddrinfo(host, None)}
+    except OSError as error:
+        raise OSError(f"there is no host {host!r}: {error.strerror}") from error
+    return all(ip_address(one.partition("%")[0]).is_loopback for one in found)

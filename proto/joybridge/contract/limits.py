@@ -12,10 +12,14 @@ __all__ = [
     "MAX_LANES",
     "MAX_MESSAGE",
     "MAX_NAME",
+    "MAX_PER_ELEMENT",
     "MAX_PICTURES",
+    "MAX_PICTURE_BYTES",
     "MAX_PIXELS",
     "MAX_SIZES",
+    "MAX_SPEC_BYTES",
     "element_count",
+    "max_pictures",
     "request_bytes",
     "response_bytes",
 ]
@@ -25,10 +29,13 @@ MAX_DESCRIPTION = 1000  # characters
 MAX_ENTRIES = 1000  # of a list of named things
 MAX_CHOICES = 65536  # of a branch
 MAX_SIZES = 8  # of the shape of a sensor
-MAX_ELEMENTS = 2**24  # of a sensor
+MAX_ELEMENTS = 2**24  # of all sensors of a behavior together
+MAX_PER_ELEMENT = 65536  # entries of the lists of a sensor that have one per element
+MAX_SPEC_BYTES = 4_000_000  # of a GameSpec; gRPC's clients receive 4 MiB by default
 MAX_LANES = 2**31 - 1  # of a session: lane numbers are INT32
 MAX_PIXELS = 2048  # width or height of a picture
 MAX_PICTURES = 64  # pictures one Act may ask for
+MAX_PICTURE_BYTES = 2**24  # of these pictures together; a single one of any size is allowed
 MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
 
 
@@ -40,6 +47,12 @@ def element_count(sensor: pb.Sensor) -> int:
     return count
 
 
+def max_pictures(spec: pb.GameSpec) -> int:
+    """Return how many pictures one Act may ask for, which depends on their size; 0 if the game cannot be drawn."""
+    size = 3 * spec.picture.width * spec.picture.height
+    return min(MAX_PICTURES, MAX_PICTURE_BYTES // size) if size else 0
+
+
 def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
     """Return an upper bound of the size of a PlayResponse, for message limits on both ends."""
     total = (1 << 16) + spec.ByteSize()  # names, shapes and tags, generously
@@ -48,7 +61,7 @@ def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
         row += sum(2 * element_count(s) * NUMPY_TYPES[s.dtype].itemsize for s in behavior.sensors)
         row += sum(len(branch.choices) for branch in behavior.device.branches)
         total += row * lane_count(behavior, arenas)
-    total += pictures * (64 + 3 * spec.picture.width * spec.picture.height)
+    total += min(pictures, max_pictures(spec)) * (64 + 3 * spec.picture.width * spec.picture.height)
     return min(max(total, (1 << 16) + arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
 
 

@@ -13,11 +13,14 @@ from joybridge.contract.limits import (
     MAX_ENTRIES,
     MAX_LANES,
     MAX_NAME,
+    MAX_PER_ELEMENT,
     MAX_PIXELS,
     MAX_SIZES,
+    MAX_SPEC_BYTES,
     element_count,
 )
 from joybridge.contract.tensors import NUMPY_TYPES
+from joybridge.contract.text import printable
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["SpecError", "check_spec", "choose_options", "choose_parameters"]
@@ -59,10 +62,12 @@ def choose_parameters(parameters: Sequence[pb.Parameter], chosen: Mapping[str, f
 
 def check_spec(spec: pb.GameSpec) -> None:
     """Raise SpecError for the first rule of bridge.proto that `spec` breaks."""
-    game = spec.name or "a game without a name"
+    game = printable(spec.name)[:MAX_NAME] or "a game without a name"
+    size = spec.ByteSize()
+    _require(size <= MAX_SPEC_BYTES, f"{game}: the spec has {size} bytes, expected at most {MAX_SPEC_BYTES}")
     _require(bool(spec.name), f"{game}: name is empty")
-    _check_length(spec.name, MAX_NAME, f"{game[:MAX_NAME]}: name")
-    _check_length(spec.description, MAX_DESCRIPTION, f"{game}: description")
+    _check_text(spec.name, MAX_NAME, f"{game}: name")
+    _check_text(spec.description, MAX_DESCRIPTION, f"{game}: description")
     _require(spec.decision_interval >= 1, f"{game}: decision_interval is 0, expected at least 1")
     _require(spec.max_arenas >= 1, f"{game}: max_arenas is 0, expected at least 1")
     ok = isfinite(spec.tick_seconds) and spec.tick_seconds >= 0
@@ -113,19 +118,25 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
     for channel in behavior.channels:
         ok = isfinite(channel.default_weight)
         _require(ok, f"{where}: channel {channel.name!r} has weight {channel.default_weight}, expected a finite number")
+    for sensor in behavior.sensors:  # before anything multiplies them: the product may have very many digits
+        sizes = len(sensor.shape)
+        _require(sizes <= MAX_SIZES, f"{where}: sensor {sensor.name!r} has {sizes} sizes, expected at most {MAX_SIZES}")
+    total = sum(map(element_count, behavior.sensors))
+    _require(total <= MAX_ELEMENTS, f"{where}: sensors have {total} elements together, expected {MAX_ELEMENTS} at most")
     for sensor in behavior.sensors:
         what = f"{where}: sensor {sensor.name!r}"
         size = element_count(sensor)
         _require(sensor.dtype in NUMPY_TYPES, f"{what} has no valid dtype")
         _require(size >= 1 and len(sensor.shape) >= 1, f"{what} has shape {list(sensor.shape)}, expected sizes >= 1")
         _require(len(sensor.elements) in (0, size), f"{what} names {len(sensor.elements)} elements of {size}")
-        ok = len(sensor.shape) <= MAX_SIZES and size <= MAX_ELEMENTS
+        longest = max(len(sensor.elements), len(sensor.low), len(sensor.high))
         _require(
-            ok, f"{what} has {len(sensor.shape)} sizes, {size} elements, expected {MAX_SIZES}, {MAX_ELEMENTS} at most"
+            longest <= MAX_PER_ELEMENT,
+            f"{what} has a list of {longest} entries, expected at most {MAX_PER_ELEMENT}; give one bound for all",
         )
         for element in sensor.elements:
             _require(bool(element), f"{what} has an empty name of an element")
-            _check_length(element, MAX_NAME, f"{what}: element")
+            _check_text(element, MAX_NAME, f"{what}: element")
         for bounds in (sensor.low, sensor.high):
             _require(len(bounds) in (0, 1, size), f"{what} has {len(bounds)} bounds, expected 0, 1 or {size}")
             _require(not any(map(isnan, bounds)), f"{what} has a bound that is NaN")
@@ -136,12 +147,12 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
 
 def _check_names(things: Sequence[_Named], where: str) -> None:
     names = [thing.name for thing in things]
-    _require(all(names), f"{where}: a name is empty")
-    _require(len(set(names)) == len(names), f"{where}: a name stands twice in {names}")
     _require(len(names) <= MAX_ENTRIES, f"{where}: {len(names)} entries, expected at most {MAX_ENTRIES}")
+    _require(all(names), f"{where}: a name is empty")
     for thing in things:
-        _check_length(thing.name, MAX_NAME, f"{where}: name")
-        _check_length(thing.description, MAX_DESCRIPTION, f"{where}: description of {thing.name!r}")
+        _check_text(thing.name, MAX_NAME, f"{where}: name")
+        _check_text(thing.description, MAX_DESCRIPTION, f"{where}: description of {thing.name!r}")
+    _require(len(set(names)) == len(names), f"{where}: a name stands twice in {names}")
 
 
 def _check_labels(labels: Sequence[str], fewest: int, most: int, where: str) -> None:
@@ -149,11 +160,12 @@ def _check_labels(labels: Sequence[str], fewest: int, most: int, where: str) -> 
     _require(len(set(labels)) == len(labels), f"{where} repeats a choice")
     _require(all(labels), f"{where} has an empty choice")
     for label in labels:
-        _check_length(label, MAX_NAME, f"{where}: choice")
+        _check_text(label, MAX_NAME, f"{where}: choice")
 
 
-def _check_length(text: str, most: int, where: str) -> None:
+def _check_text(text: str, most: int, where: str) -> None:
     _require(len(text) <= most, f"{where} has {len(text)} characters, expected at most {most}")
+    _require(text.isprintable(), f"{where} is {text!r}, expected printable characters only")
 
 
 def _require(condition: bool, message: str) -> None:

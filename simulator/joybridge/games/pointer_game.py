@@ -23,6 +23,7 @@ class PointerGame(BatchedGame):
     game, of the same name. Its arena records have a field "heading".
     """
 
+    in_event_loop: ClassVar[bool] = True
     arena_dtype: ClassVar[np.dtype[Any]]  # of the record of one arena
     parameters: ClassVar[list[pb.Parameter]]
     sensors: ClassVar[list[pb.Sensor]]  # without that of the locomotion

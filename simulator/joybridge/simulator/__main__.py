@@ -3,37 +3,58 @@
 import argparse
 import asyncio
 import logging
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.text import printable
 from joybridge.simulator.catalog import load_games
+from joybridge.simulator.doors import load_protection
 from joybridge.simulator.listing import listing
 from joybridge.simulator.new_game.write import write_game
-from joybridge.simulator.service import serve
+from joybridge.simulator.server import serve
+from joybridge.simulator.service import Limits
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.simulator") -> int:
     """Run a command and return its exit status: 2 for an error that the user can fix."""
     options = _parser(prog).parse_args(arguments)
-    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
     try:
         if options.command == "new":
             print(write_game(options.name, options.folder))
             return 0
         if options.game:  # the script `joybridge`, unlike `python -m`, does not search the current folder
             sys.path.insert(0, str(Path.cwd()))
-        games = load_games(options.game)
         if options.command == "list":
-            print(listing(games))
+            print(listing(load_games(options.game)))
         else:
-            asyncio.run(serve(games, options.address, options.sessions, options.with_parent))
+            _serve(options)
     except (JoybridgeError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _serve(options: argparse.Namespace) -> None:
+    protection = load_protection(options.address, options.tls_cert, options.tls_key, options.token_file)
+    idle_seconds = options.idle_seconds
+    if idle_seconds is None:
+        idle_seconds = math.inf if options.with_parent else Limits().idle_seconds
+    limits = Limits(options.sessions, options.step_seconds, options.start_seconds, idle_seconds)
+    asyncio.run(serve(load_games(options.game), options.address, limits, protection, options.with_parent))
+
+
+class _Printable(logging.Formatter):
+    """Escapes control characters, and indents all lines but the first: no text can look like another message."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return "\n  ".join(map(printable, super().format(record).split("\n")))
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
@@ -52,15 +73,14 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--address",
         type=address,
         default=DEFAULT_ADDRESS,
-        help="HOST:PORT (port 0: any free port) or unix:PATH; default %(default)s. Connections are neither encrypted "
-        "nor authenticated: listen on other interfaces only in a trusted network",
+        help="HOST:PORT (port 0: any free port) or unix:PATH; default %(default)s. An address that other machines can "
+        "reach needs --tls-cert, --tls-key and --token-file",
     )
     server.add_argument(
         "--with-parent", action="store_true", help="exit when standard input closes, i.e. with the parent process"
     )
-    server.add_argument(
-        "--sessions", type=_sessions, default=64, help="maximum number of open sessions; default %(default)s"
-    )
+    _add_protection(server.add_argument_group("protection"))
+    _add_limits(server.add_argument_group("limits", "a number of seconds may be 0: no limit"))
     commands.add_parser("list", parents=[games], help="list the games: options, parameters, sensors, actions, rewards")
     author = commands.add_parser("new", help="create a new game: a small complete one to start from")
     author.add_argument("name", help="name of the game and its files, for example my_game")
@@ -68,11 +88,54 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     return parser
 
 
+def _add_protection(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--tls-cert", type=Path, metavar="FILE", help="encrypt with this certificate (PEM, with chain)")
+    group.add_argument("--tls-key", type=Path, metavar="FILE", help="the private key of the certificate (PEM)")
+    group.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="accept only clients that know the token in this file; `openssl rand -hex 32 > FILE` makes one",
+    )
+
+
+def _add_limits(group: argparse._ArgumentGroup) -> None:
+    default = Limits()
+    group.add_argument(
+        "--sessions", type=_sessions, default=default.sessions, help="most sessions at once; default %(default)s"
+    )
+    for name, seconds, text in (
+        (
+            "--step-seconds",
+            default.step_seconds,
+            "end a session whose game takes longer for a step; default %(default)s",
+        ),
+        ("--start-seconds", default.start_seconds, "end a stream without a Start after this; default %(default)s"),
+        (
+            "--idle-seconds",
+            None,
+            f"end a session whose client is silent for longer; default {default.idle_seconds:g}, with --with-parent 0",
+        ),
+    ):
+        group.add_argument(name, type=_seconds, default=seconds, metavar="N", help=text)
+
+
 def _sessions(text: str) -> int:
     """Return a number of sessions. Raises ArgumentTypeError."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number, at least 1")
     return int(text)
+
+
+def _seconds(text: str) -> float:
+    """Return a number of seconds, infinite for 0. Raises ArgumentTypeError."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not seconds >= 0.0:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a number of seconds, at least 0")
+    return seconds or math.inf
 
 
 if __name__ == "__main__":

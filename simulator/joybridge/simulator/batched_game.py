@@ -1,5 +1,7 @@
 """`BatchedGame`, which the server runs: all arenas of a session, advanced by one call per decision.
 
+Each session plays its game in a thread of its own, so a game keeps no state outside its instances.
+
 The two games of the paper implement it directly, for speed. Other games are written as a one-arena `Game`, and
 `game_adapter.py` turns those into a BatchedGame.
 """
@@ -30,6 +32,9 @@ class BatchedGame(ABC):
     name: ClassVar[str]
     description: ClassVar[str]
     options: ClassVar[Sequence[pb.Option]] = ()
+    # True: a step takes microseconds and always ends, so the server may step the game in its event loop, where a round
+    # trip is twice as fast. Everything else that the game does, and slow steps, still run in the session's thread.
+    in_event_loop: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod

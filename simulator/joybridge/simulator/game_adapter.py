@@ -75,7 +75,8 @@ class GameAdapter(BatchedGame):
         for arena, game in enumerate(self.games):
             actions = [self._action(acts[b], b, a, arena) for b, a in self.agents]
             timesteps = self._timesteps(arena, game.step, actions[0] if len(actions) == 1 else actions)
-            self._earn(arena, timesteps)
+            with _naming(arena):
+                self._earn(arena, timesteps)
             if timesteps[0].terminated or timesteps[0].truncated:
                 ended[arena] = timesteps
                 timesteps = self._reset(arena)
@@ -124,7 +125,7 @@ class GameAdapter(BatchedGame):
         for (b, agent), timestep in zip(self.agents, timesteps, strict=True):
             behavior = self.spec.behaviors[b]
             names = [channel.name for channel in behavior.channels]
-            _require_known(arena, f"{behavior.name}: reward channel", timestep.rewards, names)
+            _require_known(f"{behavior.name}: reward channel", timestep.rewards, names)
             for name, value in timestep.rewards.items():
                 self.earned[b][arena * behavior.agents_per_arena + agent, names.index(name)] += value
 
@@ -168,7 +169,10 @@ class GameAdapter(BatchedGame):
                 if np.shape(value) != column.shape[1:]:
                     came, wanted = list(np.shape(value)), list(sensor.shape)
                     raise GameError(f"arena {arena}: {where} has shape {came}, expected {wanted}")
-                column[row] = value
+                try:
+                    column[row] = value
+                except Exception as error:  # it is no number, or too large for the dtype
+                    raise GameError(f"arena {arena}: {where}: {type(error).__name__}: {error}") from error
             _require_finite(where, column, timesteps)
             columns.append(column)
         return columns
@@ -179,11 +183,12 @@ class GameAdapter(BatchedGame):
             return None
         choices = {branch.name: len(branch.choices) for branch in behavior.device.branches}
         for arena, timestep in timesteps:
-            _require_known(arena, f"{behavior.name}: masked branch", timestep.masks, choices)
-            for name, mask in timestep.masks.items():
-                if len(mask) != choices[name] or not any(mask):
-                    came, wanted = list(mask), f"{choices[name]} booleans that are not all false"
-                    raise GameError(f"arena {arena}: {behavior.name}: mask of {name!r} is {came}, expected {wanted}")
+            with _naming(arena):
+                _require_known(f"{behavior.name}: masked branch", timestep.masks, choices)
+                for name, mask in timestep.masks.items():
+                    if len(mask) != choices[name] or not any(mask):
+                        came, wanted = list(mask), f"{choices[name]} booleans that are not all false"
+                        raise GameError(f"{behavior.name}: mask of {name!r} is {came}, expected {wanted}")
         return [
             np.array([timestep.masks.get(name, [True] * count) for _, timestep in timesteps], bool)
             for name, count in choices.items()
@@ -192,9 +197,11 @@ class GameAdapter(BatchedGame):
     @staticmethod
     def _metrics(behavior: pb.Behavior, ends: Rows) -> Array | None:
         names = [metric.name for metric in behavior.metrics]
-        for arena, timestep in ends:
-            _require_known(arena, f"{behavior.name}: metric", timestep.metrics, names)
-        metrics = np.array([[timestep.metrics.get(name, 0.0) for name in names] for _, timestep in ends], np.float32)
+        metrics = np.empty((len(ends), len(names)), np.float32)
+        for row, (arena, timestep) in enumerate(ends):
+            with _naming(arena):
+                _require_known(f"{behavior.name}: metric", timestep.metrics, names)
+                metrics[row] = [timestep.metrics.get(name, 0.0) for name in names]
         _require_finite(f"{behavior.name}: a metric of {names}", metrics, ends)
         return metrics if names else None
 
@@ -204,14 +211,16 @@ def _naming(arena: int) -> Iterator[None]:
     """Add the number of the arena to whatever its game raises; a call of exit() is an error as well."""
     try:
         yield
-    except (Exception, SystemExit) as error:
+    except GameError as error:
+        raise GameError(f"arena {arena}: {error}") from error
+    except BaseException as error:
         raise GameError(f"arena {arena}: {type(error).__name__}: {error}") from error
 
 
-def _require_known(arena: int, what: str, given: Iterable[str], known: Collection[str]) -> None:
+def _require_known(what: str, given: Iterable[str], known: Collection[str]) -> None:
     for name in given:
         if name not in known:
-            raise GameError(f"arena {arena}: {what} {name!r} is not in the spec, which has {list(known)}")
+            raise GameError(f"{what} {name!r} is not in the spec, which has {list(known)}")
 
 
 def _require_finite(what: str, rows: Array, timesteps: Rows) -> None:

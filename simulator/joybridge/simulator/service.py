@@ -1,162 +1,182 @@
-"""The gRPC server: sessions, health, reflection, limits and shutdown.
+"""The calls of joybridge.v1.SimulatorService: who may play, for how long, and where the game runs.
 
-One event loop serves all sessions. A step runs in the loop itself: handing it to a thread costs more than
-the step (measured: 330 against 160 µs per round trip of 64 lanes).
+One event loop serves all sessions, and each session has a thread for its game (see game_thread.py). Only the steps of
+games that declare `in_event_loop` run in the loop itself: handing a step to a thread and back costs more than such a
+step (measured: 330 against 160 µs per round trip of 64 lanes).
 """
 
 import asyncio
-import logging
-import signal
-import socket
-import sys
+import math
+import time
 from collections.abc import Awaitable
-from typing import Any, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import grpc
 from google.protobuf.message import DecodeError
-from grpc_health.v1 import health, health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection
+from grpc import StatusCode
 
-from joybridge.contract.address import READY
-from joybridge.contract.limits import request_bytes
 from joybridge.contract.versions import own_version
-from joybridge.simulator.catalog import Catalog, specs
+from joybridge.simulator.catalog import Catalog
+from joybridge.simulator.game_thread import GameThread
 from joybridge.simulator.session import Refusal, Session, check_version, describe
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
-log = logging.getLogger("simulator")
-
-SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
-GRACE_SECONDS = 2.0
+READING, ANSWERING, WRITING = "reading", "answering", "writing"  # what a stream is doing
+SWEEP_SECONDS = 1.0  # between two looks at the streams that wait for their clients
 Context: TypeAlias = Any  # grpc.aio.ServicerContext; gRPC has no types
+
+
+class Limits(NamedTuple):
+    """How many sessions a server has, and how long it waits. Seconds may be infinite."""
+
+    sessions: int = 64
+    step_seconds: float = 30.0  # for a game to describe itself or to answer a request
+    start_seconds: float = 10.0  # for a client to send Start after it has opened a stream
+    idle_seconds: float = 3600.0  # for a client to send its next request, or to receive a response
+
+
+class Stream:
+    """A Play stream: its session, the thread of its game, and what it is doing since when."""
+
+    def __init__(self, games: Catalog, step_seconds: float) -> None:
+        self.session = Session(games)
+        self.thread = GameThread(step_seconds)
+        self.task = cast("asyncio.Task[Any]", asyncio.current_task())
+        self.playing = False  # whether it has one of the places of the server
+        self.now(READING)
+        self.ending: Refusal | None = None  # why the server ends it
+
+    def now(self, doing: str) -> None:
+        """Note what the stream is doing from now on."""
+        self.doing = doing
+        self.since = time.monotonic()
+
+    def silent_seconds(self) -> float:
+        """Return how long the stream has been waiting for its client."""
+        return 0.0 if self.doing == ANSWERING else time.monotonic() - self.since
+
+    def end(self, reason: Refusal) -> None:
+        """End the stream with a status. A response that is being sent is sent completely before the status."""
+        self.ending = reason
+        if self.doing != WRITING:
+            self.task.cancel()
 
 
 class Service(rpc.SimulatorServiceServicer):
     """Answers the calls of joybridge.v1.SimulatorService."""
 
-    def __init__(self, games: Catalog, max_sessions: int) -> None:
-        """Serve these games to at most `max_sessions` at once."""
+    def __init__(self, games: Catalog, limits: Limits) -> None:
+        """Serve these games."""
         self.games = games
-        self.max_sessions = max_sessions
-        self.sessions: set[asyncio.Task[Any]] = set()
-        self.stopping = False
+        self.limits = limits
+        self.streams: set[Stream] = set()
+        self.describers: dict[str, GameThread] = {}  # for DescribeGame, by game
 
     async def ListGames(self, request: pb.ListGamesRequest, context: Context) -> pb.ListGamesResponse:
         """List the games of this server."""
-        await _check_version(request.version, context)
+        try:
+            check_version(request.version)
+        except Refusal as refusal:
+            await context.abort(refusal.code, str(refusal))
         games = [pb.GameSummary(name=game.name, description=game.description) for game in self.games.values()]
         return pb.ListGamesResponse(games=games, version=own_version())
 
     async def DescribeGame(self, request: pb.DescribeGameRequest, context: Context) -> pb.DescribeGameResponse:
         """Describe one game under the given options."""
-        await _check_version(request.version, context)
         try:
-            spec = describe(self.games, request.game, request.options)
+            check_version(request.version)
+            spec = await self._describe(request)
         except Refusal as refusal:
-            return cast(pb.DescribeGameResponse, await context.abort(refusal.code, str(refusal)))
+            await context.abort(refusal.code, str(refusal))
         return pb.DescribeGameResponse(spec=spec, version=own_version())
+
+    async def _describe(self, request: pb.DescribeGameRequest) -> pb.GameSpec:
+        game = self.games.get(request.game)
+        if game is None or game.in_event_loop:
+            return describe(self.games, request.game, request.options)
+        thread = self.describers.get(request.game)
+        if thread is None or not thread.is_alive():
+            thread = self.describers[request.game] = GameThread(self.limits.step_seconds)
+        try:
+            return await thread.answer(describe, self.games, request.game, request.options)
+        except TimeoutError:
+            raise self._too_slow(request.game, "describe") from None
 
     async def Play(self, requests: object, context: Context) -> None:
         """Run one session until either side ends it."""
-        if len(self.sessions) >= self.max_sessions:
-            text = f"{self.max_sessions} sessions are open already; close one or start the server with --sessions"
-            await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, text)
-        task = cast("asyncio.Task[Any]", asyncio.current_task())
-        self.sessions.add(task)
+        stream = Stream(self.games, self.limits.step_seconds)
+        self.streams.add(stream)
         try:
-            session = Session(self.games)
             while (request := await cast(Awaitable[Any], context.read())) is not grpc.aio.EOF:
-                await context.write(session.answer(request))
+                stream.now(ANSWERING)
+                response = await self._answer(stream, request)
+                stream.now(WRITING)
+                await context.write(response)
+                stream.now(READING)
+                if stream.ending is not None:
+                    raise stream.ending
         except Refusal as refusal:
             await context.abort(refusal.code, str(refusal))
         except DecodeError as error:
-            await context.abort(grpc.StatusCode.INVALID_ARGUMENT, f"not a PlayRequest: {error}")
+            await context.abort(StatusCode.INVALID_ARGUMENT, f"not a PlayRequest: {error}")
         except asyncio.CancelledError:
-            if not self.stopping:  # the client has gone, so no status can reach it
+            # Without a reason the client has gone. And while a response is being sent, no status can be.
+            if stream.ending is None or stream.doing == WRITING:
                 raise
-            await context.abort(grpc.StatusCode.UNAVAILABLE, "the simulator is shutting down")
+            await context.abort(stream.ending.code, str(stream.ending))
         finally:
-            self.sessions.discard(task)
+            self.streams.discard(stream)
+            stream.thread.end()
 
-    def end_sessions(self) -> None:
-        """End every session with UNAVAILABLE."""
-        self.stopping = True
-        for task in self.sessions:
-            task.cancel()
-
-
-async def serve(games: Catalog, address: str, max_sessions: int, with_parent: bool) -> None:
-    """Serve until SIGINT or SIGTERM or, with_parent, until standard input closes.
-
-    Prints the bound address as one line. Raises OSError if it cannot bind.
-    """
-    stop = _stop_event(with_parent)
-    server = grpc.aio.server(options=_options(games))
-    service = Service(games, max_sessions)
-    rpc.add_SimulatorServiceServicer_to_server(service, server)
-    healthy = health.aio.HealthServicer()
-    health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
-    reflection.enable_server_reflection([SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME], server)
-    if _taken(address):
-        raise OSError(f"cannot listen on {address}: another server listens there")
-    try:
-        port = server.add_insecure_port(address)
-    except RuntimeError as error:
-        raise OSError(f"cannot listen on {address}: it is in use or not an address of this machine") from error
-    await server.start()
-    for name in ("", SERVICE):
-        await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
-    bound = address if address.startswith("unix:") else f"{address.rsplit(':', 1)[0]}:{port}"
-    print(f"{READY}{bound}", flush=True)
-    await stop.wait()
-    if service.sessions and not with_parent:  # the program that started this one shut it down
-        log.info("shutting down: %d open sessions end with UNAVAILABLE", len(service.sessions))
-    await healthy.enter_graceful_shutdown()
-    service.end_sessions()
-    await server.stop(GRACE_SECONDS)
-
-
-async def _check_version(client: pb.Version, context: Context) -> None:
-    try:
-        check_version(client)
-    except Refusal as refusal:
-        await context.abort(refusal.code, str(refusal))
-
-
-def _stop_event(with_parent: bool) -> asyncio.Event:
-    """Return the event that ends the server: SIGINT, SIGTERM or, with_parent, the end of standard input."""
-    stop, loop = asyncio.Event(), asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
-    if with_parent:
+    async def _answer(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:
+        session = stream.session
+        if session.is_brief(request):
+            return session.answer(request)
+        if not stream.playing:
+            self._take_place(stream)
+        game = self.games.get(request.start.game)
+        if game is not None and game.in_event_loop:
+            stream.thread.seconds = math.inf  # its steps always end, but the first ones compile its rules
         try:
-            loop.add_reader(sys.stdin, stop.set)  # readable only when it closes, because nothing is written to it
-        except (PermissionError, ValueError) as error:
-            raise OSError("--with-parent watches standard input, which must be a pipe or a terminal") from error
-    return stop
+            return await stream.thread.answer(session.answer, request)
+        except TimeoutError:
+            spec, steps = session.spec, session.steps
+            raise self._too_slow(spec.name or request.start.game, f"step {steps}", session.arenas) from None
 
+    def _take_place(self, stream: Stream) -> None:
+        """Give the stream one of the places of the server. Raises Refusal if all are taken."""
+        silent = [other.silent_seconds() for other in self.streams if other.playing]
+        if len(silent) >= self.limits.sessions:
+            idle = f"{len(silent)} sessions are open already, one of them idle for {max(silent):.0f} s"
+            text = f"{idle}; close one or start the server with --sessions"
+            raise Refusal(StatusCode.RESOURCE_EXHAUSTED, text)
+        stream.playing = True
 
-def _taken(address: str) -> bool:
-    """Return whether a server listens on a unix socket: gRPC would replace its path without an error."""
-    if not address.startswith("unix:"):
-        return False
-    with socket.socket(socket.AF_UNIX) as probe:
-        try:
-            probe.connect(address.removeprefix("unix:"))
-        except OSError:  # no file there, or one that a killed server left
-            return False
-    return True
+    def _too_slow(self, game: str, moment: str, arenas: int = 0) -> Refusal:
+        where = f" of {arenas} arenas" if arenas else ""
+        text = (
+            f"{game} failed in {moment}{where}: no result after {self.limits.step_seconds:g} s; its stack is in the "
+            "server's log; a game that needs more time is served with --step-seconds"
+        )
+        return Refusal(StatusCode.INTERNAL, text)
 
+    async def end_silent_streams(self) -> None:
+        """End the streams whose clients are silent for too long, until this is cancelled."""
+        while True:
+            await asyncio.sleep(SWEEP_SECONDS)
+            for stream in list(self.streams):
+                limit = self.limits.idle_seconds if stream.playing else self.limits.start_seconds
+                if stream.silent_seconds() > limit and stream.ending is None:
+                    wanted = "request (see --idle-seconds)" if stream.playing else "start (see --start-seconds)"
+                    stream.end(Refusal(StatusCode.DEADLINE_EXCEEDED, f"no {wanted} for {limit:g} s; open a new stream"))
+                    if stream.doing == WRITING:  # the client does not read, so no status can reach it
+                        stream.task.cancel()
 
-def _options(games: Catalog) -> list[tuple[str, int]]:
-    """Return gRPC's options: the largest message that a spec allows, and pings that detect lost clients."""
-    largest = max(request_bytes(spec, spec.max_arenas) for game in games.values() for spec in specs(game))
-    return [
-        ("grpc.max_receive_message_length", largest),
-        ("grpc.max_send_message_length", -1),  # no limit: the checks of requests bound the size of responses
-        ("grpc.keepalive_time_ms", 30_000),
-        ("grpc.keepalive_timeout_ms", 20_000),
-        ("grpc.http2.min_recv_ping_interval_without_data_ms", 10_000),
-        ("grpc.so_reuseport", 0),  # otherwise two servers could listen on one port and share its connections
-    ]
+    def end_streams(self) -> int:
+        """End every stream with UNAVAILABLE, and return how many of them were sessions."""
+        for stream in list(self.streams):
+            stream.end(Refusal(StatusCode.UNAVAILABLE, "the simulator is shutting down"))
+        for thread in self.describers.values():
+            thread.end()
+        return sum(stream.playing for stream in self.streams)

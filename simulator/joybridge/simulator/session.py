@@ -15,9 +15,10 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
 from joybridge.contract.errors import JoybridgeError
-from joybridge.contract.limits import MAX_PICTURES
+from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import SpecError, check_spec, choose_options, choose_parameters
 from joybridge.contract.tensors import Array, TensorError, fill
+from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.simulator.batched_game import BatchedGame, GameError
 from joybridge.simulator.catalog import Catalog
@@ -27,15 +28,19 @@ log = logging.getLogger("simulator")
 
 EMPTY = "an empty PlayRequest, or a request that this server does not know; send start, act, reset or save"
 HEAD, TAIL = 400, 200  # characters of a long text that are kept: gRPC gives a status 8 KiB, a character up to 12 bytes
+BRIEF_SECONDS = 0.01  # of a step; handing a request to a thread and back costs less than 2 % of this
 
 
 class Refusal(JoybridgeError):
     """An error that ends the session with a gRPC status. The text names what was received and expected, and the fix."""
 
     def __init__(self, code: grpc.StatusCode, text: str) -> None:
-        text = text.encode(errors="backslashreplace").decode()  # a lone surrogate cannot be encoded
-        super().__init__(text if len(text) <= HEAD + TAIL else f"{text[:HEAD]} … {text[-TAIL:]}")
+        super().__init__(_cut(printable(_cut(text))))
         self.code = code
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= HEAD + TAIL else f"{text[:HEAD]} … {text[-TAIL:]}"
 
 
 @contextmanager
@@ -74,7 +79,7 @@ def describe(games: Catalog, name: str, options: Mapping[str, str]) -> pb.GameSp
     try:
         spec = games[name].describe(chosen)
         check_spec(spec)
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         raise failure(name, "describe", error) from error
     return spec
 
@@ -90,7 +95,13 @@ class Session:
         self.codecs: list[Codec] = []
         self.origin = b""  # hash of the fields of Start; a snapshot contains it
         self.previous: list[StepArrays] = []  # the last step, which the next Act answers
+        self.arenas = 0
         self.steps = 0
+        self.brief = False  # whether the next step takes so little time that the event loop may wait for it
+
+    def is_brief(self, request: pb.PlayRequest) -> bool:
+        """Return whether the answer takes so little time that the event loop may wait for it."""
+        return self.brief and request.HasField("act") and not request.act.draw
 
     def answer(self, request: pb.PlayRequest) -> pb.PlayResponse:
         """Return the response to one request. Raises Refusal; the session must then end."""
@@ -104,7 +115,7 @@ class Session:
             return getattr(self, f"_{kind}")(getattr(request, kind))  # type: ignore[no-any-return]
         except Refusal:
             raise
-        except (Exception, SystemExit) as error:  # a bug or an exit() in a game must not end the server
+        except BaseException as error:  # whatever a game raises, exit() included, must not end the server
             raise failure(self.spec.name, f"step {self.steps}", error) from error
 
     def _start(self, start: pb.Start) -> pb.PlayResponse:
@@ -117,6 +128,7 @@ class Session:
         with checking():
             options = choose_options(spec.options, start.options, spec.name)
             parameters = choose_parameters(spec.parameters, start.parameters, spec.name)
+        self.arenas = start.arenas
         game = self.games[start.game](options, parameters, start.arenas, start.first_arena, start.seed)
         parameters = {parameter.name: parameter.default_value for parameter in spec.parameters} | parameters
         how = [spec.name, options, parameters, start.arenas, start.first_arena, start.seed]
@@ -140,6 +152,7 @@ class Session:
         begin = time.perf_counter()
         self.previous = self.game.step(acts)
         seconds = time.perf_counter() - begin
+        self.brief = self.game.in_event_loop and seconds < BRIEF_SECONDS
         response = pb.PlayResponse(step=pb.Step(simulate_seconds=seconds))
         self._fill(response.step)
         for arena in act.draw:
@@ -186,11 +199,11 @@ class Session:
             raise Refusal(
                 grpc.StatusCode.FAILED_PRECONDITION, f"{self.spec.name} cannot be drawn; leave act.draw empty"
             )
-        arenas = len(self.previous[0].rewards) // self.spec.behaviors[0].agents_per_arena
-        if len(act.draw) > MAX_PICTURES or max(act.draw) >= arenas:
+        most = max_pictures(self.spec)
+        if len(act.draw) > most or max(act.draw) >= self.arenas:
             raise TensorError(
                 f"act.draw asks for {len(act.draw)} pictures up to arena {max(act.draw)}, "
-                f"expected at most {MAX_PICTURES} of arenas 0..{arenas - 1}"
+                f"expected at most {most} of arenas 0..{self.arenas - 1}"
             )
 
     def _draw(self, arena: int) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from joybridge.contract.codec import lane_count
-from joybridge.contract.limits import MAX_PICTURES
+from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
 from joybridge.gym.player import FORBIDDEN, Player
@@ -122,8 +122,8 @@ class Bridge:
             return range(0)
         if not self.spec.HasField("picture"):
             raise ConfigError(f"{self.spec.name} cannot be drawn: its spec has no picture; leave out render_mode")
-        if self.session.arenas > MAX_PICTURES:
-            raise ConfigError(f"render_mode: {self.session.arenas} arenas, at most {MAX_PICTURES} can be drawn")
+        if self.session.arenas > (most := max_pictures(self.spec)):
+            raise ConfigError(f"render_mode: {self.session.arenas} arenas, at most {most} can be drawn")
         return range(self.session.arenas)
 
     def metadata(self, known: Mapping[str, Any]) -> dict[str, Any]:

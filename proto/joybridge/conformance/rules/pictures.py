@@ -7,9 +7,8 @@ from joybridge.conformance.recording import act_request, step_bytes
 from joybridge.conformance.registry import check
 from joybridge.conformance.step_expectations import expect_tensor
 from joybridge.conformance.subject import FAILED_PRECONDITION, INVALID_ARGUMENT, Subject
+from joybridge.contract.limits import MAX_PICTURES, max_pictures
 from joybridge.v1 import bridge_pb2 as pb
-
-MOST = 64  # pictures of one Act
 
 
 @check("Step")
@@ -56,16 +55,17 @@ def drawing_does_not_change_the_episode(subject: Subject) -> None:
 
 @check("Act")
 def most_pictures_are_accepted(subject: Subject) -> None:
-    """An Act draws at most 64 pictures."""
-    got = len(_draw(subject, [0, 1] * (MOST // 2)))
-    expect(got == MOST, f"{got} pictures", MOST)
+    """An Act draws at most 64 pictures, of at most 2^24 bytes together."""
+    most = max_pictures(subject.spec)
+    got = len(_draw(subject, ([0, 1] * most)[:most]))
+    expect(got == most, f"{got} pictures", most)
 
 
 @check("Act")
 def too_many_pictures_are_refused(subject: Subject) -> None:
     """An Act draws at most 64 pictures."""
     _size(subject)
-    subject.expect_refused(*_requests(subject, [0] * (MOST + 1)), words=["draw", "picture"])
+    subject.expect_refused(*_requests(subject, [0] * (MAX_PICTURES + 1)), words=["draw", "picture"])
 
 
 @check("Act")

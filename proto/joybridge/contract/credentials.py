@@ -1,0 +1,105 @@
+"""What a client needs to call a protected server: the certificate to trust, and a token. See SECURITY in bridge.proto.
+
+credentials = load_credentials(tls_ca=Path("server.pem"), token_file=Path("token"))
+with credentials.channel("games.example:5005") as channel:
+    stub = SimulatorServiceStub(channel)
+    stub.ListGames(ListGamesRequest(), metadata=credentials.metadata)
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import grpc
+
+from joybridge.contract.errors import JoybridgeError
+
+__all__ = [
+    "AUTHORIZATION",
+    "NO_COMPRESSION",
+    "Credentials",
+    "CredentialsError",
+    "add_credentials_arguments",
+    "bearer",
+    "load_credentials",
+    "read_token",
+]
+
+AUTHORIZATION = "authorization"  # the metadata key of the token
+# Both ends refuse compressed messages: a megabyte of gzip can hold a gigabyte, which gRPC unpacks before it looks at
+# the limit of a message.
+NO_COMPRESSION = ("grpc.compression_enabled_algorithms_bitset", 1)
+_SHORTEST, _LONGEST = 16, 1000  # characters of a token
+
+
+class CredentialsError(JoybridgeError):
+    """The file of a token or certificate cannot be used. The message names the file, never its content."""
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """How a client calls a server: with TLS, a token, both or neither."""
+
+    certificates: bytes = b""  # PEM: the server's own certificate or its authority's; empty: no TLS
+    token: str = field(default="", repr=False)
+
+    @property
+    def metadata(self) -> tuple[tuple[str, str], ...]:
+        """The metadata of every call; empty without a token."""
+        return ((AUTHORIZATION, bearer(self.token)),) if self.token else ()
+
+    def channel(self, address: str, options: Sequence[tuple[str, Any]] = ()) -> Any:
+        """Return a grpc.Channel to a server."""
+        return self._channel(grpc, address, options)
+
+    def aio_channel(self, address: str, options: Sequence[tuple[str, Any]] = ()) -> Any:
+        """Return a grpc.aio.Channel to a server."""
+        return self._channel(grpc.aio, address, options)
+
+    def _channel(self, library: Any, address: str, options: Sequence[tuple[str, Any]]) -> Any:
+        options = [NO_COMPRESSION, *options]
+        if not self.certificates:
+            return library.insecure_channel(address, options)
+        return library.secure_channel(address, grpc.ssl_channel_credentials(self.certificates), options)
+
+
+def add_credentials_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options --tls-ca and --token-file of a client."""
+    parser.add_argument(
+        "--tls-ca",
+        type=Path,
+        metavar="FILE",
+        help="connect with TLS, and trust the server certificates that this PEM file holds or has signed",
+    )
+    parser.add_argument("--token-file", type=Path, metavar="FILE", help="the file of the server's token")
+
+
+def load_credentials(tls_ca: Path | None = None, token_file: Path | None = None) -> Credentials:
+    """Read the files of a client. Raises CredentialsError."""
+    return Credentials(_read(tls_ca) if tls_ca else b"", read_token(token_file) if token_file else "")
+
+
+def read_token(path: Path) -> str:
+    """Return the token in a file, without the end of its line. Raises CredentialsError, which never shows the token."""
+    token = _read(path).strip()
+    if not _SHORTEST <= len(token) <= _LONGEST or not all(33 <= byte <= 126 for byte in token):
+        raise CredentialsError(
+            f"{path} holds no token, expected one line of {_SHORTEST} to {_LONGEST} ASCII characters without spaces; "
+            f"make one with `openssl rand -hex 32 > {path}`"
+        )
+    return token.decode()
+
+
+def bearer(token: str) -> str:
+    """Return the value of the metadata key `authorization` for a token."""
+    return f"Bearer {token}"
+
+
+def _read(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(1 << 20)
+    except OSError as error:
+        raise CredentialsError(f"cannot read {path}: {error.strerror}") from error

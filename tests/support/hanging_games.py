@@ -1,0 +1,82 @@
+"""Games that take too long, or raise what is not an error, in the part that the option `how` names."""
+
+import asyncio
+import time
+
+import numpy as np
+
+from joybridge.simulator import BatchedGame, Game, behavior, button, option, quiet_step, sensor, spec, transition
+
+FOREVER = 3600.0
+RAISED = {
+    "cancelled": asyncio.CancelledError,
+    "generator exit": GeneratorExit,
+    "interrupt": KeyboardInterrupt,
+    "exit": SystemExit,
+}
+HOW = option("how", ["none", "describe", "loop", "sleep", "draw", *RAISED])
+
+
+class Hangs(Game):
+    name = "hangs"
+    description = "Never return."
+    options = (HOW, option("armed", ["no", "yes"]))  # "no": loading the game describes it under every single option
+
+    @classmethod
+    def describe(cls, options):
+        if options == {"how": "describe", "armed": "yes"}:
+            time.sleep(FOREVER)
+        return spec(
+            cls, [behavior("player", sensors=[sensor("light", [1])], branches=[button("press")])], picture=(2, 2)
+        )
+
+    def reset(self):
+        return transition({"light": [0.0]})
+
+    def step(self, action):
+        match self.option["how"]:
+            case "loop":
+                while True:
+                    pass
+            case "sleep":
+                time.sleep(FOREVER)
+            case how if how in RAISED:
+                raise RAISED[how]
+        return transition({"light": [0.0]})
+
+    def draw(self):
+        if self.option["how"] == "draw":
+            time.sleep(FOREVER)
+        return np.zeros((2, 2, 3), np.uint8)
+
+
+class HangsAtOnce(BatchedGame):
+    """The same for a game over all arenas at once."""
+
+    name = "hangs_at_once"
+    description = "Never return, in all arenas at once."
+    options = (HOW,)
+
+    @classmethod
+    def describe(cls, options):
+        player = behavior("player", sensors=[sensor("sight", [2])], branches=[button("press")])
+        return spec(cls, [player], max_arenas=8)
+
+    def __init__(self, options, parameters, arenas, first_arena, seed):
+        self.how, self.arenas = options["how"], arenas
+
+    def reset(self, seed, parameters):
+        pass
+
+    def observe(self):
+        return [quiet_step([np.zeros((self.arenas, 2), np.float32)], 1)]
+
+    def step(self, acts):
+        if self.how == "sleep":
+            time.sleep(FOREVER)
+        if self.how in RAISED:
+            raise RAISED[self.how]
+        return self.observe()
+
+
+PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hangs, HangsAtOnce)]

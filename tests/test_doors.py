@@ -1,0 +1,232 @@
+"""Who may call a server: addresses, TLS, the token, malformed and compressed messages."""
+
+import argparse
+import shutil
+import stat
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import grpc
+import pytest
+from grpc import StatusCode
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from hypothesis import given
+from hypothesis import strategies as st
+
+from joybridge.contract.address import address, is_local
+from joybridge.contract.credentials import Credentials, CredentialsError, load_credentials, read_token
+from joybridge.contract.text import printable
+from joybridge.simulator.doors import DoorError, Protection, load_protection
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.v1 import bridge_pb2_grpc as rpc
+from tests.support.servers import Server, end, refuses_to_start, server
+from tests.support.wire import PLAY, SECONDS, Stream, start
+
+TOKEN = "0123456789abcdef-a-secret"
+
+
+class Guarded(NamedTuple):
+    """A server with TLS and a token, and the files of its clients."""
+
+    server: Server
+    certificate: Path
+    token: Path
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> tuple[Path, Path, Path]:
+    """Return the files of a certificate for localhost, of its key, and of a token."""
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl makes the certificate")
+    folder = tmp_path_factory.mktemp("doors")
+    certificate, key, token = folder / "server.pem", folder / "server.key", folder / "token"
+    command = ["openssl", "req", "-x509", "-nodes", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
+    command += ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
+    subprocess.run([*command, "-keyout", str(key), "-out", str(certificate)], check=True, capture_output=True)
+    token.write_text(TOKEN + "\n")
+    return certificate, key, token
+
+
+@pytest.fixture(scope="module")
+def guarded(files) -> Iterator[Guarded]:
+    certificate, key, token = files
+    arguments = ["--tls-cert", str(certificate), "--tls-key", str(key), "--token-file", str(token)]
+    with server("--address", "127.0.0.1:0", *arguments, stderr=subprocess.PIPE) as process:
+        yield Guarded(process, certificate, token)
+        process.terminate()
+        status, text = end(process)
+    assert status == 0 and TOKEN not in text and "Traceback" not in text
+
+
+# ---------------------------------------------------------------------------------------------------- addresses
+
+
+@pytest.mark.parametrize("place", ["127.0.0.1:0", "127.8.9.1:5005", "[::1]:0", "localhost:0", "unix:s"])
+def test_addresses_of_this_machine_alone_need_no_protection(place):
+    assert is_local(place)
+    assert load_protection(place, None, None, None) == Protection()
+
+
+@pytest.mark.parametrize("place", ["0.0.0.0:0", "[::]:5005", "192.0.2.1:5005", "0:5005"])
+def test_other_addresses_are_refused_without_both_tls_and_a_token(place, files):
+    certificate, key, token = files
+    for given_files in ((None, None, None), (certificate, key, None), (None, None, token)):
+        with pytest.raises(DoorError, match="needs --tls-cert, --tls-key and --token-file"):
+            load_protection(place, *given_files)
+    protection = load_protection(place, certificate, key, token)
+    assert protection.token == TOKEN and TOKEN not in repr(protection)
+
+
+def test_a_server_that_strangers_could_reach_does_not_start():
+    text = refuses_to_start("--address", "0.0.0.0:0")
+    assert text == (
+        "error: 0.0.0.0:0 can be reached from other machines, which needs --tls-cert, --tls-key and --token-file; give "
+        "them, or listen on 127.0.0.1 or unix:PATH"
+    )
+
+
+def test_a_certificate_without_its_key_is_refused(files):
+    with pytest.raises(DoorError, match="TLS needs both --tls-cert and --tls-key"):
+        load_protection("127.0.0.1:0", files[0], None, None)
+
+
+def test_a_host_that_does_not_exist_is_named():
+    with pytest.raises(OSError, match=r"there is no host 'nowhere\.invalid'"):
+        is_local("nowhere.invalid:5005")
+
+
+@pytest.mark.parametrize("text", ["unix:", "unix:5", "host", "host:", ":5005", "host:65536", "host:-1"])
+def test_malformed_addresses_are_refused(text):
+    if text == "unix:5":
+        assert address(text) == text  # a path
+    else:
+        with pytest.raises(argparse.ArgumentTypeError, match="expected HOST:PORT"):
+            address(text)
+
+
+def test_a_unix_socket_is_for_its_owner_alone(tmp_path_factory):
+    path = tmp_path_factory.mktemp("s") / "s"
+    with server("--address", f"unix:{path}", umask=0):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+# ------------------------------------------------------------------------------------------------- the token
+
+
+@pytest.mark.parametrize(
+    "content", ["", "short", "two words that are long enough", "x" * 1001, "ü" * 20, "a" * 20 + "\nb"]
+)
+def test_what_is_no_token_is_refused_without_being_shown(tmp_path, content):
+    path = tmp_path / "token"
+    path.write_text(content)
+    with pytest.raises(CredentialsError) as caught:
+        read_token(path)
+    assert str(path) in str(caught.value) and (not content or content not in str(caught.value))
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    with pytest.raises(CredentialsError, match=r"cannot read .*missing: No such file"):
+        load_credentials(tls_ca=tmp_path / "missing")
+
+
+def call_all(credentials: Credentials, place: str) -> list[StatusCode]:
+    """Return the statuses of ListGames, DescribeGame, reflection's stream, Play and health."""
+    with credentials.channel(place) as channel:
+        metadata = credentials.metadata
+        stub = rpc.SimulatorServiceStub(channel)
+        reflect = channel.stream_stream("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo")
+        play = channel.stream_stream(PLAY, pb.PlayRequest.SerializeToString, pb.PlayResponse.FromString)
+        health = health_pb2_grpc.HealthStub(channel)
+        calls = [
+            lambda: stub.ListGames(pb.ListGamesRequest(), metadata=metadata, timeout=SECONDS),
+            lambda: stub.DescribeGame(pb.DescribeGameRequest(game="archer"), metadata=metadata, timeout=SECONDS),
+            lambda: list(reflect(iter([]), metadata=metadata, timeout=SECONDS)),
+            lambda: list(play(iter([start("archer")]), metadata=metadata, timeout=SECONDS)),
+            lambda: health.Check(health_pb2.HealthCheckRequest(), timeout=SECONDS),
+        ]
+        return [status_of(call) for call in calls]
+
+
+def status_of(call) -> StatusCode:
+    try:
+        call()
+    except grpc.RpcError as error:
+        return StatusCode.INTERNAL if TOKEN in error.details() else error.code()
+    return StatusCode.OK
+
+
+def test_every_call_but_health_needs_the_token(guarded):
+    place = guarded.server.address
+    right = load_credentials(guarded.certificate, guarded.token)
+    assert call_all(right, place) == [StatusCode.OK] * 5
+    for token in ("", TOKEN[:-1], TOKEN + "x", TOKEN.upper()):
+        wrong = Credentials(right.certificates, token)
+        assert call_all(wrong, place) == [StatusCode.UNAUTHENTICATED] * 4 + [StatusCode.OK]
+    assert TOKEN not in repr(right)
+
+
+def test_a_server_with_tls_speaks_to_no_client_without(guarded):
+    with grpc.insecure_channel(guarded.server.address) as channel, pytest.raises(grpc.RpcError) as caught:
+        rpc.SimulatorServiceStub(channel).ListGames(pb.ListGamesRequest(), timeout=SECONDS)
+    assert caught.value.code() == StatusCode.UNAVAILABLE
+
+
+# --------------------------------------------------------------------------------------------------- messages
+
+UNARY = {
+    "/joybridge.v1.SimulatorService/ListGames": pb.ListGamesRequest,
+    "/joybridge.v1.SimulatorService/DescribeGame": pb.DescribeGameRequest,
+    "/grpc.health.v1.Health/Check": health_pb2.HealthCheckRequest,
+}
+MALFORMED = [b"\xff", b"\x0a\x7f", b"\x0a\x03\x0a\x01\xff", b"\x0a\xff\xff\xff\xff\x7f", b"\x0b" * 200]
+
+
+@pytest.mark.parametrize("method", UNARY)
+def test_bytes_that_are_no_message_are_refused_by_every_unary_call(simulator, method):
+    with grpc.insecure_channel(simulator) as channel:
+        for data in MALFORMED:
+            with pytest.raises(grpc.RpcError) as caught:
+                channel.unary_unary(method)(data, timeout=SECONDS)
+            assert caught.value.code() == StatusCode.INVALID_ARGUMENT
+            assert caught.value.details().startswith("the request is not a message of this method: ")
+
+
+@pytest.mark.parametrize(
+    "method", ["/grpc.health.v1.Health/Watch", "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"]
+)
+def test_bytes_that_are_no_message_are_refused_by_the_companions(simulator, method):
+    with grpc.insecure_channel(simulator) as channel:
+        for data in MALFORMED:
+            with pytest.raises(grpc.RpcError) as caught:
+                list(channel.stream_stream(method)(iter([data]), timeout=SECONDS))
+            assert caught.value.code() == StatusCode.INVALID_ARGUMENT
+
+
+@pytest.mark.parametrize("algorithm", [grpc.Compression.Gzip, grpc.Compression.Deflate])
+def test_compressed_messages_are_refused_before_they_are_unpacked(simulator, algorithm):
+    with Stream(simulator, compression=algorithm) as stream:
+        code, text = stream.refusal(start("x" * 50_000_000))
+    assert code == StatusCode.UNIMPLEMENTED and "is disabled" in text
+
+
+# ----------------------------------------------------------------------------------------------------- text
+
+
+@given(st.text())
+def test_printable_text_has_no_control_characters_and_is_left_alone_if_it_had_none(text):
+    assert printable(text).isprintable()
+    if text.isprintable():
+        assert printable(text) == text
+
+
+def test_control_characters_are_shown_as_python_writes_them():
+    assert printable("a\x1b]0;owned\r\nb\u202e\udcff") == "a\\x1b]0;owned\\r\\nb\\u202e\\udcff"
+
+
+@pytest.mark.parametrize("name", ["hybrid\x1b[2J", "a\nerror: run `curl …`"])
+def test_control_characters_of_a_client_do_not_come_back(simulator, name):
+    with Stream(simulator) as stream:
+        code, text = stream.refusal(start("hybrid", version=pb.Version(product=name, revision=99)))
+    assert code == StatusCode.FAILED_PRECONDITION and text.isprintable()

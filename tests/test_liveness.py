@@ -1,0 +1,126 @@
+"""A game that hangs, or a client that is silent, costs its own session and nothing else."""
+
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+
+import grpc
+import numpy as np
+import pytest
+from grpc import StatusCode
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+
+from joybridge.contract.tensors import pack
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.v1 import bridge_pb2_grpc as rpc
+from tests.support.environment import without_coverage
+from tests.support.hanging_games import PLACES, RAISED
+from tests.support.servers import Server, end, games, server
+from tests.support.wire import SECONDS, Player, Stream, act, refused, start
+
+LIMITS = ["--step-seconds", "1", "--start-seconds", "1", "--idle-seconds", "2"]
+
+
+@pytest.fixture(scope="module")
+def hasty() -> Iterator[Server]:
+    """Yield a server that waits for nobody long."""
+    arguments = ["--address", "127.0.0.1:0", *LIMITS, *games(*PLACES)]
+    with server(*arguments, stderr=subprocess.DEVNULL) as process:
+        yield process
+
+
+def press(draw=()):
+    return act(pb.BehaviorAct(choices=pack(np.ones((2, 1), np.int32))), draw=draw)
+
+
+@pytest.mark.parametrize(("game", "how"), [("hangs", "loop"), ("hangs", "draw"), ("hangs_at_once", "sleep")])
+def test_a_game_that_hangs_disturbs_nobody_and_loses_its_session_after_the_limit(hasty, game, how):
+    with (
+        grpc.insecure_channel(hasty.address) as channel,
+        Player(hasty.address, "shooting_birds") as player,
+        Stream(hasty.address) as stream,
+    ):
+        player.play(3)
+        stream.ask(start(game, options={"how": how}))
+        refusals = []
+        waiting = threading.Thread(
+            target=lambda: refusals.append(stream.refusal(press(draw=[0] if how == "draw" else [])))
+        )
+        waiting.start()
+        health, simulator = health_pb2_grpc.HealthStub(channel), rpc.SimulatorServiceStub(channel)
+        for _ in range(10):
+            health.Check(health_pb2.HealthCheckRequest(), timeout=SECONDS)
+            simulator.ListGames(pb.ListGamesRequest(), timeout=SECONDS)
+            simulator.DescribeGame(pb.DescribeGameRequest(game=game), timeout=SECONDS)
+            player.play(1)
+        assert not refusals  # all of this while the game hung
+        waiting.join(SECONDS)
+    ((code, text),) = refusals
+    assert code == StatusCode.INTERNAL
+    assert text.startswith(
+        f"{game} failed in step 1 of 2 arenas: no result after 1 s; its stack is in the server's log"
+    )
+
+
+def test_a_game_whose_description_hangs_delays_the_descriptions_of_no_other_game(hasty):
+    options = {"how": "describe", "armed": "yes"}
+    with grpc.insecure_channel(hasty.address) as channel:
+        stub = rpc.SimulatorServiceStub(channel)
+        hanging = stub.DescribeGame.future(pb.DescribeGameRequest(game="hangs", options=options), timeout=SECONDS)
+        stub.DescribeGame(pb.DescribeGameRequest(game="hangs_at_once"), timeout=SECONDS)
+        assert not hanging.done()
+        assert hanging.code() == StatusCode.INTERNAL
+        assert hanging.details().startswith("hangs failed in describe: no result after 1 s")
+    code, text = refused(hasty.address, start("hangs", options=options))
+    assert code == StatusCode.INTERNAL and text.startswith("hangs failed in step 0: no result after 1 s")
+
+
+@pytest.mark.parametrize("game", ["hangs", "hangs_at_once"])
+@pytest.mark.parametrize("how", RAISED)
+def test_a_game_that_raises_what_is_no_error_ends_its_session_only(hasty, game, how):
+    with Player(hasty.address, "shooting_birds") as player:
+        code, text = refused(hasty.address, start(game, options={"how": how}), press())
+        player.play(1)
+    assert code == StatusCode.INTERNAL and text.startswith(f"{game} failed in step 1: ")
+    assert RAISED[how].__name__ in text
+
+
+def test_a_stream_without_a_start_is_ended_and_takes_no_place():
+    arguments = ["--address", "127.0.0.1:0", "--sessions", "1", *LIMITS]
+    with server(*arguments, stderr=subprocess.DEVNULL) as process, Stream(process.address) as silent:
+        with Player(process.address, "shooting_birds") as player:
+            player.play(1)
+        code, text = silent.end()
+    assert code == StatusCode.DEADLINE_EXCEEDED
+    assert text == "no start (see --start-seconds) for 1 s; open a new stream"
+
+
+def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(hasty):
+    with Player(hasty.address, "shooting_birds") as player, Player(hasty.address, "shooting_birds") as silent:
+        ended = threading.Event()
+        silent.stream.responses.add_callback(ended.set)
+        while not ended.is_set():
+            player.play(1)
+            time.sleep(0.05)
+        assert silent.stream.end() == (
+            StatusCode.DEADLINE_EXCEEDED, "no request (see --idle-seconds) for 2 s; open a new stream",
+        )  # fmt: skip
+        player.play(1)
+
+
+@pytest.mark.parametrize("how", ["loop", "sleep"])
+def test_a_signal_ends_a_server_whose_game_hangs_and_the_log_says_where(how):
+    arguments = ["--address", "127.0.0.1:0", *games(*PLACES)]
+    with server(*arguments, stderr=subprocess.PIPE, env=without_coverage()) as process:
+        with Stream(process.address) as stream:
+            stream.ask(start("hangs", options={"how": how}))
+            stream.requests.put(press())
+            with Player(process.address, "shooting_birds") as player:
+                player.play(1)
+            process.terminate()
+            assert stream.end() == (StatusCode.UNAVAILABLE, "the simulator is shutting down")
+        status, text = end(process)
+    assert status == 0
+    assert "the server ends although a game is still working" in text
+    assert "hanging_games.py" in text and "in step" in text
