@@ -36,8 +36,10 @@ from tools.paper.statistics import (
     pooled,
     sample,
     steadier,
+    variance_p,
+    welch_p,
 )
-from tools.paper.tables import last_ten, place
+from tools.paper.tables import agreement, last_ten, place
 
 EARLY = 10 * MARK  # 3 M
 
@@ -465,6 +467,24 @@ def test_several_complete_runs_are_summarized_by_their_mean_and_range(tmp_path):
     assert "| Shooting Birds bucket-11 | 2 | 115.0 (100.0 to 130.0) | 137.6 ± 5.6 | 0 of 2 |" in page_text(
         tmp_path, read_results(tmp_path)
     )
+
+
+def test_p_values_are_those_of_the_t_and_f_distributions():
+    # 1, 2, 3, 4, 5 and 3, 7, 11: t = 4 / sqrt(0.5 + 16/3), 2.382 degrees of freedom; F = 2.5/16 of (4, 2).
+    a, b = sample([1.0, 2.0, 3.0, 4.0, 5.0]), sample([3.0, 7.0, 11.0])
+    assert welch_p(a, b) == pytest.approx(0.22035, abs=1e-4) == welch_p(b, a)
+    assert variance_p(a, b) == pytest.approx(0.12207, abs=1e-4) == variance_p(b, a)
+
+
+def test_means_and_variances_are_compared_where_there_are_three_complete_runs(tmp_path):
+    for seed, reward in enumerate((95.5, 105.4, 100.8, 97.2)):
+        write_run(tmp_path, "30M", f"beastly_rivals/bucket-11-s{seed}", [reward] * 100)
+    for seed in range(2):
+        write_run(tmp_path, "30M", f"beastly_rivals/bucket-3-s{seed}", [100.0] * 100)
+    (line,) = agreement(read_results(tmp_path)).splitlines()[2:]
+    cells = line.strip("| ").split(" | ")
+    assert cells[:7] == ["Beastly Rivals Onslaught bucket-11", "4", "99.7", "4.4", "10", "103.9", "1.7"]
+    assert float(cells[7]) > 0.05 > float(cells[8].strip("*"))
 
 
 def test_the_table_in_the_readme_is_replaced_between_its_markers(results):

@@ -35,6 +35,9 @@ two standard deviations. Hours are wall-clock times on a shared machine."""
 EACH_RUN = """\
 Each complete run, compared with the same two standard deviations (*place*). *Last ten marks* is the mean reward of the
 last 3 M timesteps."""
+AGREEMENT = """\
+The mean reward of the last 3 M timesteps (*last ten marks*) of experiments with three or more complete runs. The means
+are compared by Welch's t test, the variances by a two-sided F test. **Bold**: the two differ at the 5 % level."""
 FIGURES = """\
 A line shows the mean of our runs. It is interrupted where some runs end. Timesteps and hours have logarithmic scales.
 Our hours in figure 14 are computed for 30 M timesteps from the speed of short runs (those in `alone/`), which were made
@@ -99,6 +102,7 @@ def page_text(folder: Path, results: Results) -> str:
         INTRODUCTION,
         "## Complete runs", COMPLETE_RUNS, tables.complete_experiments(results),
         EACH_RUN, tables.complete_runs(results),
+        AGREEMENT, tables.agreement(results),
         "## The figures of the paper", FIGURES,
         *(f"![{caption}](figures/{name})\n\n{caption}" for name, caption in CAPTIONS.items()),
         "## The paper's claims", RULES, tables.claims(judged),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import mean, stdev
 
 import numpy as np
-from scipy.stats import bootstrap, trim_mean
+from scipy.stats import bootstrap, trim_mean, ttest_ind_from_stats
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
@@ -45,6 +45,19 @@ def differ(ours: Sample, theirs: Sample) -> bool:
     both = pooled(ours, theirs)
     error = both.std * math.sqrt(1 / ours.runs + 1 / theirs.runs)
     return abs(ours.mean - theirs.mean) > error * _critical_t(both.freedom)
+
+
+def welch_p(a: Sample, b: Sample) -> float:
+    """Return the p value of Welch's t test of two means."""
+    result = ttest_ind_from_stats(a.mean, a.std, a.runs, b.mean, b.std, b.runs, equal_var=False)
+    return float(result.pvalue)
+
+
+def variance_p(a: Sample, b: Sample) -> float:
+    """Return the two-sided p value of an F test of two variances."""
+    ratio = a.std**2 / b.std**2
+    tails = f_distribution.sf(ratio, a.freedom, b.freedom), f_distribution.cdf(ratio, a.freedom, b.freedom)
+    return 2 * float(min(tails))
 
 
 def margin(a: Sample, b: Sample) -> float:

@@ -7,10 +7,22 @@ from tools.paper.claims import Behavior, Judged
 from tools.paper.figures import TITLES
 from tools.paper.original import TIMESTEPS_PER_STEP, original_ends, original_point, paper_figures
 from tools.paper.runs import COMPLETE, MARK, Experiment, Results, Run, main_policy
-from tools.paper.statistics import FAILS, HOLDS, UNDECIDED, differ, interquartile_mean, interval, sample
+from tools.paper.statistics import (
+    FAILS,
+    HOLDS,
+    SIGNIFICANCE,
+    UNDECIDED,
+    differ,
+    interquartile_mean,
+    interval,
+    sample,
+    variance_p,
+    welch_p,
+)
 
 MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # timesteps in the columns of `by_marks`
 LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
+ENOUGH = 3  # complete runs of an experiment whose mean and variance are tested
 COURSES = ("lap_radius",)  # figures over time, which only a plot can show
 INSIDE = "inside"
 NONE = "There is no complete run yet."
@@ -52,6 +64,27 @@ def complete_runs(results: Results) -> str:
                 f"{run.hours:.2f}", f"{mean(ends.hours):.1f}" if ends else "",
             ))  # fmt: skip
     return _table(heads, rows) if rows else NONE
+
+
+def agreement(results: Results) -> str:
+    """Return a table that compares our complete runs with the original's, of experiments with enough of ours."""
+    heads = ("experiment", "our runs", "mean", "sd", "original's runs", "mean", "sd", "p of means", "p of variances")
+    rows = []
+    for experiment in results.values():
+        ends = original_ends(experiment.game, experiment.layout, experiment.policy)
+        if ends and len(experiment.complete) >= ENOUGH:
+            ours, theirs = sample([last_ten(run) for run in experiment.complete]), sample(ends.last_ten)
+            rows.append((
+                f"{TITLES[experiment.game]} {experiment.name}",
+                f"{ours.runs}", f"{ours.mean:.1f}", f"{ours.std:.1f}",
+                f"{theirs.runs}", f"{theirs.mean:.1f}", f"{theirs.std:.1f}",
+                _p(welch_p(ours, theirs)), _p(variance_p(ours, theirs)),
+            ))  # fmt: skip
+    return _table(heads, rows) if rows else f"No experiment has {ENOUGH} complete runs yet."
+
+
+def _p(value: float) -> str:
+    return f"**{value:.3f}**" if value < SIGNIFICANCE else f"{value:.2f}"
 
 
 def last_ten(run: Run) -> float:
