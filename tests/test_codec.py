@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joybridge.contract.codec import ActArrays, Codec, StepArrays, lane_count, pack_act
+from joybridge.contract.codec import ActArrays, Codec, StepArrays, lane_count, pack, pack_act
 from joybridge.contract.limits import MAX_MESSAGE, element_count, request_bytes, response_bytes
 from joybridge.contract.spec import SpecError, check_spec, choose_options, choose_parameters
-from joybridge.contract.tensors import NUMPY_TYPES, TensorError, pack
+from joybridge.contract.tensors import NUMPY_TYPES, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import Hybrid
 from tests.support.wire import pack_step

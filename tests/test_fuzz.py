@@ -16,9 +16,8 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from joybridge.contract.codec import ActArrays, lane_count, pack_act
+from joybridge.contract.codec import ActArrays, lane_count, pack, pack_act
 from joybridge.contract.spec import choose_options
-from joybridge.contract.tensors import pack
 from joybridge.simulator.catalog import load_games
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import PLACES

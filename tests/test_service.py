@@ -15,9 +15,8 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
-from joybridge.contract.codec import Codec
+from joybridge.contract.codec import Codec, Format, pack
 from joybridge.contract.spec import check_spec
-from joybridge.contract.tensors import Format, pack
 from joybridge.contract.versions import REVISION
 from joybridge.games import BUILT_IN
 from joybridge.simulator.catalog import CatalogError, load_games

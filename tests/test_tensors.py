@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from joybridge.contract.tensors import NUMPY_TYPES, Format, TensorError, dtype_of, pack
+from joybridge.contract.codec import Format, dtype_of, pack
+from joybridge.contract.tensors import NUMPY_TYPES, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 
 SHAPES = arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=5)

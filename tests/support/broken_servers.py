@@ -14,8 +14,8 @@ import numpy as np
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from joybridge.contract.codec import StepArrays
-from joybridge.contract.tensors import NUMPY_TYPES, pack
+from joybridge.contract.codec import StepArrays, pack
+from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.contract.versions import own_version
 from joybridge.simulator import (
     BatchedGame,

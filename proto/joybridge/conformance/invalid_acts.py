@@ -8,7 +8,8 @@ import numpy as np
 from joybridge.conformance.expectations import skip_unless
 from joybridge.conformance.recording import act_request
 from joybridge.conformance.subject import Subject
-from joybridge.contract.tensors import NUMPY_TYPES, Array, pack
+from joybridge.contract.codec import pack
+from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.v1 import bridge_pb2 as pb
 
 DTYPES = {"axes": pb.DTYPE_FLOAT32, "choices": pb.DTYPE_INT32}  # of the fields of BehaviorAct

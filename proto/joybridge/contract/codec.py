@@ -1,19 +1,26 @@
-"""Actions and steps as arrays, and their conversion to messages and back.
+"""Conversion between arrays and messages: of a tensor, of actions and of a step.
 
-`ActArrays` and `StepArrays` are one BehaviorAct and one BehaviorStep as arrays. A `Codec` unpacks the messages
-of one behavior and checks every rule of the contract about them. Packing checks nothing.
+`ActArrays` and `StepArrays` are one BehaviorAct and one BehaviorStep as arrays. A `Format` unpacks the tensors of one
+field, a `Codec` the messages of one behavior. Both check every rule of the contract about them, so code that uses the
+result checks nothing of this. Packing checks nothing.
 """
 
+import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from joybridge.contract.tensors import Array, Format, TensorError, fill
+from joybridge.contract.tensors import NUMPY_TYPES, Array, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 
-__all__ = ["ActArrays", "Codec", "StepArrays", "fill_act", "fill_step", "lane_count", "pack_act"]
+__all__ = [
+    "ActArrays", "Codec", "Format", "StepArrays",
+    "dtype_of", "fill", "fill_act", "fill_step", "lane_count", "pack", "pack_act",
+]  # fmt: skip
 
+_DTYPES = {numpy_type: dtype for dtype, numpy_type in NUMPY_TYPES.items()}
 _NO_LANES = np.empty(0, np.int32)
 
 
@@ -77,6 +84,66 @@ def fill_step(message: pb.BehaviorStep, step: StepArrays) -> None:
             fill(message.ended.final_observations.add(), observation)
         if step.metrics is not None:
             fill(message.ended.metrics, step.metrics)
+
+
+def dtype_of(array: Array) -> "pb.Dtype":
+    """Return the wire dtype of an array. Raises TensorError for a dtype that the contract does not have."""
+    try:
+        return _DTYPES[array.dtype.newbyteorder("<") if sys.byteorder == "big" else array.dtype]
+    except KeyError:
+        known = ", ".join(str(t) for t in _DTYPES)
+        raise TensorError(f"an array of {array.dtype} cannot be sent; convert it to one of {known}") from None
+
+
+def fill(tensor: pb.Tensor, array: Array) -> None:
+    """Put `array` into an empty tensor. Raises TensorError for a dtype that the contract does not have."""
+    dtype = dtype_of(array)
+    tensor.dtype = dtype
+    tensor.shape.extend(array.shape)
+    tensor.data = array.astype(NUMPY_TYPES[dtype], copy=False).tobytes()
+
+
+def pack(array: Array) -> pb.Tensor:
+    """Return `array` as a Tensor. Raises TensorError for a dtype that the contract does not have."""
+    tensor = pb.Tensor()
+    fill(tensor, array)
+    return tensor
+
+
+class Format:
+    """The dtype and shape that the tensors of one field must have. It is made once per session."""
+
+    def __init__(self, dtype: "pb.Dtype", shape: tuple[int, ...], field: str) -> None:
+        """Require `dtype` and `shape`. Errors name `field`."""
+        self.dtype, self.shape, self.field = dtype, shape, field
+        self.sizes = list(shape)
+        self.numpy_type = NUMPY_TYPES[dtype]
+        self.bytes = math.prod(shape) * self.numpy_type.itemsize
+
+    def unpack(self, tensor: pb.Tensor) -> Array:
+        """Return the array in `tensor`, read-only, after checking it.
+
+        Raises TensorError if dtype, shape or byte length differ, if a float is NaN or infinite, or if a
+        boolean is neither 0 nor 1.
+        """
+        if tensor.dtype != self.dtype:
+            came, wanted = _dtype_name(tensor.dtype), _dtype_name(self.dtype)
+            raise TensorError(f"{self.field}: dtype is {came}, expected {wanted}")
+        if tensor.shape != self.sizes:
+            raise TensorError(f"{self.field}: shape is {_cut(list(tensor.shape))}, expected {self.sizes}")
+        data = tensor.data
+        if len(data) != self.bytes:
+            raise TensorError(
+                f"{self.field}: {len(data)} bytes of data, expected {self.bytes} for shape {self.sizes}"
+            )  # fmt: skip
+        if self.dtype == pb.DTYPE_BOOL and (others := data.translate(None, b"\0\1")):
+            raise TensorError(f"{self.field}: a boolean is {max(others)}, expected 0 or 1")
+        array: Array = np.ndarray(self.shape, self.numpy_type, data)
+        # A finite sum of squares means that all values are finite. It is faster than testing each value.
+        if self.dtype == pb.DTYPE_FLOAT32 and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+            index = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise TensorError(f"{self.field}: value {array[tuple(index)]} at {index}, expected finite numbers")
+        return array
 
 
 class Codec:
@@ -206,3 +273,11 @@ class Codec:
             for lane in np.flatnonzero(~mask.any(axis=1)):
                 raise TensorError(f"{form.field}: lane {lane} allows no choice, expected at least one")
         return masks
+
+
+def _dtype_name(dtype: "pb.Dtype") -> str:
+    return pb.Dtype.Name(dtype) if dtype in pb.Dtype.values() else f"unknown ({dtype})"
+
+
+def _cut(shape: list[int]) -> str:
+    return str(shape) if len(shape) <= 8 else f"{len(shape)} sizes long"

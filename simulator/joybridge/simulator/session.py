@@ -13,11 +13,11 @@ from contextlib import contextmanager
 import grpc
 import numpy as np
 
-from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
+from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill, fill_step
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import SpecError, check_spec, choose_options, choose_parameters
-from joybridge.contract.tensors import Array, TensorError, fill
+from joybridge.contract.tensors import Array, TensorError
 from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.simulator.batched_game import BatchedGame, GameError

@@ -43,26 +43,21 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
 
     Raises SimulatorError.
     """
-    for group in groups:
-        act(group, policies, profiler)
-    for step in range(steps):
+    for step in range(steps + 1):  # the first round only acts, the last one only stores
         for group in groups:
-            with profiler.measure_wait(group.session):
-                outcome = group.session.receive()
-            with profiler.measure("act"):
-                for policy in policies:
-                    policy.store(outcome, group.index)
-            if step + 1 < steps:
-                act(group, policies, profiler)
-        yield
-
-
-def act(group: Group, policies: Sequence[Policy], profiler: Profiler) -> None:
-    """Sample the actions of a group and send them, without waiting for the step. Raises SimulatorError."""
-    with profiler.measure("act"):
-        for policy in policies:
-            policy.act(group.session.steps, group.acts, group.index)
-        group.session.send(group.acts)
+            if step > 0:
+                with profiler.measure_wait(group.session):
+                    outcome = group.session.receive()
+                with profiler.measure("act"):
+                    for policy in policies:
+                        policy.store(outcome, group.index)
+            if step < steps:
+                with profiler.measure("act"):
+                    for policy in policies:
+                        policy.act(group.session.steps, group.acts, group.index)
+                    group.session.send(group.acts)
+        if step > 0:
+            yield
 
 
 def group_bounds(config: Config) -> list[int]:

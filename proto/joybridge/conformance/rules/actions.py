@@ -13,7 +13,7 @@ from joybridge.conformance.invalid_acts import (
 from joybridge.conformance.recording import act_request, step_bytes
 from joybridge.conformance.registry import check
 from joybridge.conformance.subject import Subject
-from joybridge.contract.tensors import pack
+from joybridge.contract.codec import pack
 from joybridge.v1 import bridge_pb2 as pb
 
 

@@ -10,10 +10,9 @@ from typing import Any, Self, TypeVar, TypeVarTuple
 
 import grpc
 
-from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_act
-from joybridge.contract.limits import MAX_PICTURES, response_bytes
+from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.spec import SpecError, check_spec
-from joybridge.contract.tensors import Array, Format, TensorError
+from joybridge.contract.tensors import Array
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
@@ -95,23 +94,15 @@ class Session:
         self.arenas = arenas
         self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
-        self._codecs = [Codec(behavior, arenas) for behavior in self.spec.behaviors]
         self._failure: SimulatorError | None = None  # why the session has ended
-        pictures = MAX_PICTURES if self.spec.HasField("picture") else 0
-        self._stream = Stream(address, response_bytes(self.spec, arenas, pictures))
+        self._stream = Stream(address, self.spec, arenas)
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
             version=own_version(),
         )  # fmt: skip
         try:
-            response = self._run(self._stream.open, pb.PlayRequest(start=start))
-            started = self._require(response, "started").started
-            if started.spec != self.spec:
-                raise SimulatorError(
-                    f"the simulator at {address} sent two different specs of {game}, for DescribeGame and for Start"
-                )
-            self.steps = self._unpack(started.step)
+            self.steps = self._run(self._stream.open, start).steps
         except BaseException:
             self.close()
             raise
@@ -121,40 +112,30 @@ class Session:
 
         Raises SimulatorError.
         """
-        self._run(self._stream.send, _act_request(acts))
+        self._run(self._stream.send, acts)
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
-        return self._take(self._run(self._stream.receive))
+        self.steps, self.simulate_seconds, _ = self._run(self._stream.receive)
+        return self.steps
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one timestep and return the step. Raises SimulatorError."""
-        return self._take(self._exchange(_act_request(acts)))
+        return self.step_and_draw(acts, ())[0]
 
     def step_and_draw(self, acts: Sequence[ActArrays], draw: Sequence[int]) -> tuple[list[StepArrays], list[Array]]:
         """Like `step`; also return pictures of some arenas, uint8 [height, width, 3] each. Raises SimulatorError."""
-        response = self._exchange(_act_request(acts, draw))
-        self._take(response)
-        shape = (self.spec.picture.height, self.spec.picture.width, 3)
-        picture = Format(pb.DTYPE_UINT8, shape, "step.pictures")
-        pictures = response.step.pictures
-        if len(pictures) != len(draw):
-            raise SimulatorError(f"the simulator at {self.address} sent {len(pictures)} pictures, expected {len(draw)}")
-        try:
-            return self.steps, [picture.unpack(tensor) for tensor in pictures]
-        except TensorError as error:
-            raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
+        self.steps, self.simulate_seconds, pictures = self._run(self._stream.step, acts, draw)
+        return self.steps, pictures
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes in all arenas and return their first observations. Raises SimulatorError."""
-        request = pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))
-        self.steps = self._unpack(self._require(self._exchange(request), "step").step)
+        self.steps = self._run(self._stream.reset, pb.Reset(seed=seed, parameters=parameters or {})).steps
         return self.steps
 
     def save(self) -> dict[str, bytes]:
         """Return a snapshot of all arenas. Raises SimulatorError if the game does not support snapshots."""
-        response = self._exchange(pb.PlayRequest(save=pb.Save()))
-        return dict(self._require(response, "snapshot").snapshot.parts)
+        return self._run(self._stream.save)
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas. May be called again, and by finalizers."""
@@ -169,9 +150,6 @@ class Session:
     ) -> None:
         self.close()
 
-    def _exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
-        return self._run(self._stream.exchange, request)
-
     def _run(self, function: Callable[[*Arguments], Coroutine[Any, Any, T]], *args: *Arguments) -> T:
         """Run a method of the stream. An error or an interrupt ends the session; later calls raise that error again."""
         if self._failure is not None:
@@ -184,36 +162,6 @@ class Session:
         except KeyboardInterrupt:
             self._failure = SimulatorLost(f"the session at {self.address} was interrupted")
             raise
-
-    def _require(self, response: pb.PlayResponse, wanted: str) -> pb.PlayResponse:
-        """Return the response if it is of the wanted kind. Raises SimulatorError."""
-        received = response.WhichOneof("response")
-        if received != wanted:
-            raise SimulatorError(f"the simulator at {self.address} answered with {received}, expected {wanted}")
-        return response
-
-    def _take(self, response: pb.PlayResponse) -> list[StepArrays]:
-        """Keep the step after an action and return it."""
-        step = self._require(response, "step").step
-        self.simulate_seconds = step.simulate_seconds
-        self.steps = self._unpack(step)
-        return self.steps
-
-    def _unpack(self, step: pb.Step) -> list[StepArrays]:
-        messages, codecs = step.behaviors, self._codecs
-        try:
-            if len(messages) != len(codecs):
-                raise TensorError(f"step.behaviors has {len(messages)} entries, expected {len(codecs)}")
-            return [codec.unpack_step(message) for codec, message in zip(codecs, messages, strict=True)]
-        except TensorError as error:
-            raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
-
-
-def _act_request(acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
-    request = pb.PlayRequest(act=pb.Act(draw=draw))
-    for act in acts:
-        fill_act(request.act.behaviors.add(), act)
-    return request
 
 
 async def _connect(address: str, seconds: float) -> None:
