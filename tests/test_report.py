@@ -470,7 +470,7 @@ def test_several_complete_runs_are_summarized_by_their_mean_and_range(tmp_path):
 
 
 def test_p_values_are_those_of_the_t_and_f_distributions():
-    # 1, 2, 3, 4, 5 and 3, 7, 11: t = 4 / sqrt(0.5 + 16/3), 2.382 degrees of freedom; F = 6.4 of (2, 4), whose tail is (1 + F/2)^-2.
+    # t = 4 / sqrt(0.5 + 16/3) with 2.382 degrees of freedom; F = 6.4 with (2, 4), whose tail is (1 + F/2)^-2
     a, b = sample([1.0, 2.0, 3.0, 4.0, 5.0]), sample([3.0, 7.0, 11.0])
     assert welch_p(a, b) == pytest.approx(0.21924, abs=1e-5) == welch_p(b, a)
     assert variance_p(a, b) == pytest.approx(2 / 4.2**2) == variance_p(b, a)
@@ -483,7 +483,7 @@ def test_means_and_variances_are_compared_where_there_are_three_complete_runs(tm
         write_run(tmp_path, "30M", f"beastly_rivals/bucket-3-s{seed}", [100.0] * 100)
     (line,) = agreement(read_results(tmp_path)).splitlines()[2:]
     cells = line.strip("| ").split(" | ")
-    assert cells[:7] == ["Beastly Rivals Onslaught bucket-11", "4", "99.7", "4.4", "10", "103.9", "1.7"]
+    assert cells[:7] == ["Beastly Rivals bucket-11", "4", "99.7", "4.4", "10", "103.9", "1.7"]
     assert float(cells[7]) > 0.05 > float(cells[8].strip("*"))
 
 
