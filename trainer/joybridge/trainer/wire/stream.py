@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import grpc
 
 from joybridge.contract.codec import ActArrays, Codec, Format, StepArrays, fill_act
-from joybridge.contract.limits import MAX_PICTURES, response_bytes
+from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.tensors import Array, TensorError
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.v1 import bridge_pb2 as pb
@@ -36,9 +36,8 @@ class Stream:
         self._codecs = [Codec(behavior, arenas) for behavior in spec.behaviors]
         picture = spec.picture
         self._picture = Format(pb.DTYPE_UINT8, (picture.height, picture.width, 3), "step.pictures")
-        pictures = MAX_PICTURES if spec.HasField("picture") else 0
         self._options = [
-            ("grpc.max_receive_message_length", response_bytes(spec, arenas, pictures)),
+            ("grpc.max_receive_message_length", response_bytes(spec, arenas, max_pictures(spec))),
             ("grpc.max_send_message_length", -1),
             *KEEPALIVE,
         ]
