@@ -202,6 +202,7 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     simulator.expect("shooting_birds: ", "joybridge", "list")
     simulator.run("joybridge", "new", "my_game")
     simulator.expect("my_game: ", "joybridge", "list", "--game", "my_game:MyGame")
+    simulator.expect("12 pictures of my_game", "joybridge", "look", "my_game:MyGame", "look.png")
     with simulator.server() as address:
         done("joybridge[simulator]")
 

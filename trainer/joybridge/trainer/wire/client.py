@@ -21,7 +21,7 @@ from joybridge.trainer.wire.stream import Stream
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
-__all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "wait_for"]
+__all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
 
 CALL_SECONDS = 30.0  # deadline of DescribeGame
 
@@ -45,6 +45,15 @@ def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
             f"no simulator at {address} after {seconds:g} s: {why_unreachable(address)}; start one there with "
             f"`joybridge serve --address {address}`, or check the address"
         ) from None
+
+
+def list_games(address: str) -> list[str]:
+    """Return the names of a simulator's games. Raises SimulatorError."""
+    try:
+        response = EVENT_LOOP.run(_list_games, address)
+    except grpc.RpcError as error:
+        raise from_grpc(error, address) from error
+    return [game.name for game in response.games]
 
 
 def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec:
@@ -167,6 +176,14 @@ class Session:
 async def _connect(address: str, seconds: float) -> None:
     async with grpc.aio.insecure_channel(address) as channel:
         await asyncio.wait_for(channel.channel_ready(), seconds)
+
+
+async def _list_games(address: str) -> pb.ListGamesResponse:
+    async with grpc.aio.insecure_channel(address) as channel:
+        response: pb.ListGamesResponse = await rpc.SimulatorServiceStub(channel).ListGames(
+            pb.ListGamesRequest(version=own_version()), timeout=CALL_SECONDS
+        )
+        return response
 
 
 async def _describe(address: str, request: pb.DescribeGameRequest) -> pb.DescribeGameResponse:
