@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 
 from joybridge import cli
+from joybridge.contract.address import READY
 from joybridge.trainer.wire.errors import SimulatorLost
 from joybridge.trainer.wire.launch import simulator_process
+from tests.support.environment import without_coverage
+from tests.support.wire import SECONDS
 
 
 @pytest.mark.parametrize("arguments", [[], ["-h"], ["--help"]])
@@ -59,3 +62,38 @@ def test_a_command_whose_output_nobody_reads_any_more_ends_quietly():
         command = [sys.executable, "-m", "joybridge", "check", "--list"]
         result = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, check=False)
     assert (result.returncode, result.stderr) == (-signal.SIGPIPE, "")
+
+
+INTERRUPTED = """
+import os, signal, sys
+from joybridge import cli
+from joybridge.contract.address import READY
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "joybridge.simulator.catalog":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupting())
+cli.main(["list"])
+"""
+
+
+def test_an_interrupt_while_a_command_is_imported_ends_it_without_a_traceback():
+    result = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False, env=without_coverage()
+    )
+    assert (result.returncode, result.stdout, result.stderr) == (-signal.SIGINT, "", "")
+
+
+def test_a_server_works_and_ends_with_standard_error_closed():
+    command = [sys.executable, "-m", "joybridge", "serve", "--address", "127.0.0.1:0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=without_coverage(), preexec_fn=lambda: os.close(2)
+    ) as process:
+        assert process.stdout is not None and process.stdout.readline().startswith(READY)
+        process.terminate()
+        try:
+            assert process.wait(SECONDS) == 0
+        finally:
+            process.kill()

@@ -4,10 +4,14 @@ A command is a line in COMMANDS. Its module is imported only when the command is
 needs nothing that learns, and the other way round.
 """
 
+import os
 import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 
@@ -45,8 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     command = COMMANDS[name]
     try:
-        module = import_module(command.module)
+        with _quiet_interrupts():
+            module = import_module(command.module)
         return int(module.main([name, *rest], prog="joybridge"))
+    except KeyboardInterrupt:  # a command that has something to end handles its interrupts
+        return 128 + signal.SIGINT
     except ModuleNotFoundError as error:  # some modules are imported only when the command runs
         if (error.name or "").startswith("joybridge") or not command.extra:
             raise
@@ -58,8 +65,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
 
 
+@contextmanager
+def _quiet_interrupts() -> Iterator[None]:
+    """End the process at an interrupt, without a traceback: imports of large libraries cannot be interrupted."""
+    usual = signal.getsignal(signal.SIGINT)
+    if usual is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+
+
+def open_streams() -> None:
+    """Replace standard streams that are closed, so that nothing fails that writes to them."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115 - it stays open
+
+
 def run() -> NoReturn:
     """Run the command line as a process of its own and exit."""
+    open_streams()
     if sys.argv[1:2] not in (["serve"], ["train"]) and hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # ends quietly once the reader of its output has, as in `| head`
     status = main()

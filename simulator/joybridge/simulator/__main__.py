@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from joybridge.cli import open_streams
 from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
@@ -21,6 +22,7 @@ from joybridge.simulator.service import Limits
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.simulator") -> int:
     """Run a command and return its exit status: 2 for an error that the user can fix."""
+    open_streams()
     options = _parser(prog).parse_args(arguments)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s %(message)s"))

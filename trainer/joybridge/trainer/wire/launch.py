@@ -16,7 +16,7 @@ __all__ = ["simulator_process"]
 ENDING_SECONDS = 5.0
 # -P: a folder joybridge/ or a file tools.py in the current folder is not imported in place of the installed modules.
 # -u: what games print appears at once.
-COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge.simulator", "serve"]
+COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge", "serve"]
 
 
 @contextmanager

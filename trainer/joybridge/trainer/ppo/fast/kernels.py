@@ -24,8 +24,11 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """Compile a function at its first call and keep the machine code in a cache on disk."""
-    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+    """Compile a function at its first call and keep the machine code in a cache on disk, where that can be written."""
+    try:
+        return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+    except RuntimeError:
+        return numba.njit(error_model="numpy")(function)  # type: ignore[no-any-return]
 
 
 class Head(NamedTuple):
