@@ -21,7 +21,7 @@ from joybridge.conformance.rules import CHECKS, FAMILIES, sessions
 from joybridge.conformance.runner import MOST_TIMEOUTS, SERVER, Unreachable, run_checks
 from joybridge.conformance.selection import SelectionError, select
 from joybridge.games import BUILT_IN
-from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, Leaks, Service, serving
+from tests.support.broken_servers import BROKEN, PROTECTED, BrokenServer, Gauntlet, Leaks, Service, serving
 
 ROOT = Path(__file__).parents[1]
 GAMES = [*BUILT_IN, "hybrid", "duel", "ends"]
@@ -84,7 +84,10 @@ def test_the_server_passes_every_check_with_every_game_from_end_to_end(simulator
     for game in GAMES:
         assert [r["check"] for r in report["results"] if r["game"] == game] == per_game
         assert f"{game}  act_before_start_is_refused: passed" in lines
-    assert {r["check"] for r in report["results"] if r["outcome"] == PASSED} == {check.name for check in CHECKS}
+    passed = {r["check"] for r in report["results"] if r["outcome"] == PASSED}
+    with_token = {"calls_with_another_token_are_unauthenticated", "calls_without_the_token_are_unauthenticated",
+                  "health_needs_no_token"}  # fmt: skip
+    assert passed == {check.name for check in CHECKS} - with_token
     suites = ElementTree.parse(junit).getroot()
     assert [suite.get("name") for suite in suites] == [SERVER, *GAMES]
     assert sum(int(suite.get("tests", "")) for suite in suites) == len(report["results"])
@@ -94,6 +97,9 @@ def test_a_game_with_all_features_passes_every_check_but_those_for_missing_featu
     results = list(run_checks(correct, seconds=SECONDS))
     assert not failed(results) | failed(results, WARNING)
     assert failed(results, NOT_APPLICABLE) == {
+        "calls_with_another_token_are_unauthenticated",
+        "calls_without_the_token_are_unauthenticated",
+        "health_needs_no_token",
         "draw_is_refused_without_pictures",
         "save_is_refused_without_snapshots",
         "start_from_a_snapshot_is_refused_without_snapshots",
@@ -106,8 +112,18 @@ def test_a_broken_server_fails_exactly_the_right_checks_of_their_families(name):
     found = broken.checks | broken.warned
     checks = select(families=sorted({check.family for check in CHECKS if check.name in found}))
     with serving(broken) as address:
-        results = list(run_checks(address, seconds=SECONDS, checks=checks))
+        results = list(run_checks(address, seconds=SECONDS, checks=checks, credentials=broken.credentials))
     assert (failed(results), failed(results, WARNING)) == (broken.checks, broken.warned)
+
+
+def test_a_protected_server_passes_with_its_token_and_is_not_checked_without(tmp_path, capsys):
+    (tmp_path / "token").write_text(PROTECTED.credentials.token)
+    arguments = ["--token-file", str(tmp_path / "token"), "--family", "security", "--family", "health_and_reflection"]
+    with serving(PROTECTED) as address:
+        status, report, _ = run(capsys, address, *arguments)
+        assert (status, report["passed"]) == (0, len(report["results"]))
+        assert main(["check", address]) == 2
+    assert "wants another token, or one at all; see --token-file" in capsys.readouterr().err
 
 
 def test_a_server_that_keeps_lost_sessions_is_found_and_so_is_what_follows_from_it(monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 
 from joybridge.conformance import doctor, examination
 from joybridge.conformance.doctor import main
-from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, Service, serving
+from tests.support.broken_servers import BROKEN, PROTECTED, BrokenServer, Gauntlet, Service, serving
 
 
 @pytest.fixture(autouse=True)
@@ -115,6 +115,12 @@ class Sleeps(Gauntlet):
     ("broken", "status", "about", "text"),
     [
         (BrokenServer(set(), service=NoList), 2, "calls", "ListGames failed with UNKNOWN"),
+        (
+            PROTECTED,
+            2,
+            "calls",
+            "expected a response: give the server's token with --token-file",
+        ),
         (BROKEN["StatesNoVersion"], 1, "versions", "has revision none; update the simulator"),
         (BROKEN["HealthOfTheServerOnly"], 1, "health", "NOT_FOUND"),
         (BROKEN["DefaultOutOfRange"], 1, "spec", "parameter 'drift' has its default outside low..high"),

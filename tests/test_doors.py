@@ -1,6 +1,7 @@
 """Who may call a server: addresses, TLS, the token, malformed and compressed messages."""
 
 import argparse
+import re
 import shutil
 import stat
 import subprocess
@@ -15,6 +16,8 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from hypothesis import given
 from hypothesis import strategies as st
 
+from joybridge.conformance.__main__ import main as check
+from joybridge.conformance.doctor import main as doctor
 from joybridge.contract.address import address, is_local
 from joybridge.contract.credentials import Credentials, CredentialsError, load_credentials, read_token
 from joybridge.contract.text import printable
@@ -230,3 +233,16 @@ def test_control_characters_of_a_client_do_not_come_back(simulator, name):
     with Stream(simulator) as stream:
         code, text = stream.refusal(start("hybrid", version=pb.Version(product=name, revision=99)))
     assert code == StatusCode.FAILED_PRECONDITION and text.isprintable()
+
+
+# ------------------------------------------------------------------------------------------------- the kit, doctor
+
+
+def test_kit_and_doctor_reach_a_protected_server_with_its_certificate_and_token(guarded, capsys):
+    place = guarded.server.address
+    protection = ["--tls-ca", str(guarded.certificate), "--token-file", str(guarded.token)]
+    assert check(["check", place, *protection, "--family", "security", "--family", "health_and_reflection"]) == 0
+    assert re.search(r"\n9 passed, 0 failed, 0 warnings, 0 not applicable in ", capsys.readouterr().out)
+    assert doctor(["doctor", place, *protection, "--game", "orchard"]) == 0
+    assert doctor(["doctor", place]) == 2
+    assert "another program may listen there, or TLS is missing or wrong (--tls-ca)" in capsys.readouterr().out

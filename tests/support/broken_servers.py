@@ -3,10 +3,10 @@
 BROKEN lists them, each with exactly the checks that must fail.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import grpc
@@ -14,7 +14,9 @@ import numpy as np
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
+from joybridge.conformance.client import OPEN
 from joybridge.contract.codec import StepArrays, pack
+from joybridge.contract.credentials import AUTHORIZATION, NO_COMPRESSION, Credentials, bearer
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.contract.versions import own_version
 from joybridge.simulator import (
@@ -270,13 +272,34 @@ class BrokenServer:
     reflection: tuple[str, ...] = (SERVICE, reflection.SERVICE_NAME)
     service: type[Service] = Service
     options: list[Any] = field(default_factory=list)
+    admits: Callable[[str, str], bool] = lambda method, authorization: True
+    credentials: Credentials = OPEN  # of the clients that it should admit
+
+
+class Door(grpc.ServerInterceptor):  # type: ignore[misc]
+    """Refuses the calls that `admits(method, authorization)` does not admit."""
+
+    def __init__(self, admits):
+        self.admits = admits
+
+    def intercept_service(self, continuation, call):
+        authorization = dict(call.invocation_metadata).get(AUTHORIZATION, "")
+        return continuation(call) if self.admits(call.method, authorization) else REFUSAL
+
+
+def _refuse(requests, context):
+    context.abort(grpc.StatusCode.UNAUTHENTICATED, "give the token")
+
+
+REFUSAL = grpc.stream_stream_rpc_method_handler(_refuse)
 
 
 @contextmanager
 def serving(broken) -> Iterator[str]:
     """Serve in threads of this process and yield the address."""
     with ThreadPoolExecutor(32) as threads:
-        server = grpc.server(threads, options=[("grpc.so_reuseport", 0), *broken.options])
+        options = [*broken.options, ("grpc.so_reuseport", 0), NO_COMPRESSION]  # the first of a name counts
+        server = grpc.server(threads, options=options, interceptors=[Door(broken.admits)])
         rpc.add_SimulatorServiceServicer_to_server(broken.service(broken), server)
         if broken.health:
             servicer = health.HealthServicer()
@@ -334,6 +357,34 @@ BROKEN["ReflectionOfNothing"] = BrokenServer({"reflection_lists_the_service"}, r
 BROKEN["NoLimitOfMessages"] = BrokenServer(
     set(), warned={"oversized_message_is_refused"}, options=[("grpc.max_receive_message_length", -1)]
 )
+
+# -------------------------------------------------------------------------------------------------------- security
+
+HEALTH = "/grpc.health.v1.Health/"
+RIGHT = bearer("0123456789-secret")
+PROTECTED = BrokenServer(
+    set(), admits=lambda method, sent: sent == RIGHT or method.startswith(HEALTH),
+    credentials=Credentials(token="0123456789-secret"),
+)  # fmt: skip
+WITHOUT, ANOTHER = "calls_without_the_token_are_unauthenticated", "calls_with_another_token_are_unauthenticated"
+BROKEN |= {
+    "AnyToken": replace(
+        PROTECTED, checks={ANOTHER}, admits=lambda method, sent: sent != "" or method.startswith(HEALTH)
+    ),
+    "BeginningOfTheToken": replace(
+        PROTECTED, checks={ANOTHER}, admits=lambda method, sent: sent.startswith(RIGHT) or method.startswith(HEALTH)
+    ),
+    "PlayIsOpen": replace(
+        PROTECTED, checks={WITHOUT, ANOTHER},
+        admits=lambda method, sent: sent == RIGHT or method.endswith("/Play") or method.startswith(HEALTH),
+    ),
+    "HealthNeedsTheToken": replace(
+        PROTECTED, checks={"health_needs_no_token"}, admits=lambda method, sent: sent == RIGHT
+    ),
+    "UnpacksMessages": BrokenServer(
+        set(), warned={"compressed_messages_are_refused"}, options=[("grpc.compression_enabled_algorithms_bitset", 7)]
+    ),
+}  # fmt: skip
 
 # ------------------------------------------------------------------------------------------------ specs and starts
 

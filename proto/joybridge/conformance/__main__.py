@@ -14,6 +14,7 @@ from joybridge.conformance.rules import FAMILIES
 from joybridge.conformance.runner import DEADLINE, run_checks
 from joybridge.conformance.selection import select
 from joybridge.contract.address import address
+from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 
 
@@ -42,6 +43,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         "--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS",
         help="the longest time of a call; a session is one call. Default: %(default)g",
     )  # fmt: skip
+    add_credentials_arguments(checker)
     checker.add_argument("--quiet", action="store_true", help="print failures, warnings and the summary only")
     checker.add_argument("--json", action="store_true", help="print the results as one JSON object on the last line")
     checker.add_argument("--junit", metavar="FILE", help="write the results as JUnit XML")
@@ -65,7 +67,8 @@ def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
     """Run the checks, print and write their results, and return the exit status."""
     begin = time.perf_counter()
     results = []
-    for result in run_checks(options.address, options.game, options.deadline, checks):
+    credentials = load_credentials(options.tls_ca, options.token_file)
+    for result in run_checks(options.address, options.game, options.deadline, checks, credentials):
         results.append(result)
         if result.outcome in (FAILED, WARNING) or not options.quiet:
             print(*result.lines, sep="\n", flush=True)

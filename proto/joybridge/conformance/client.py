@@ -9,6 +9,7 @@ from typing import Any, Self
 import grpc
 
 from joybridge.conformance.expectations import TimedOut, Violation
+from joybridge.contract.credentials import Credentials
 from joybridge.v1 import bridge_pb2 as pb
 
 SERVICE = "joybridge.v1.SimulatorService"
@@ -18,6 +19,7 @@ _OPTIONS = [
     ("grpc.use_local_subchannel_pool", 1),  # closing a channel must close its connection
 ]
 Request = pb.PlayRequest | bytes  # bytes are sent as they are
+OPEN = Credentials()  # no TLS and no token
 
 
 @dataclass(frozen=True)
@@ -54,16 +56,22 @@ class Exchange:
 class Client:
     """One connection to the server under test."""
 
-    def __init__(self, address: str, seconds: float) -> None:
+    def __init__(self, address: str, seconds: float, credentials: Credentials = OPEN) -> None:
         """Connect. `seconds` is the deadline of each call."""
         self.address = address
         self.seconds = seconds
-        self.channel = grpc.insecure_channel(address, _OPTIONS)
+        self.credentials = credentials
+        self.channel = credentials.channel(address, _OPTIONS)
+
+    def another(self, credentials: Credentials | None = None) -> "Client":
+        """Return another connection to the same server, with other credentials if they are given."""
+        return Client(self.address, self.seconds, self.credentials if credentials is None else credentials)
 
     def call(self, method: str, request: Any, response: Any) -> Any:
         """Make a unary call and return its response, or the status of a failed call. Raises TimedOut."""
+        send = self.channel.unary_unary(method, encode, response.FromString)
         try:
-            return self.channel.unary_unary(method, encode, response.FromString)(request, timeout=self.seconds)
+            return send(request, timeout=self.seconds, metadata=self.credentials.metadata)
         except grpc.RpcError as error:
             return _status(error, self.seconds)
 
@@ -89,9 +97,9 @@ class Client:
         spec: pb.GameSpec = _expect_response(answer, f"DescribeGame({game!r}, {dict(options or {})})")
         return spec
 
-    def play(self, requests: Sequence[Request]) -> Exchange:
-        """Send all requests of a stream without waiting for responses. Raises TimedOut."""
-        stream = self.stream(iter(requests))
+    def play(self, requests: Sequence[Request], **fields: Any) -> Exchange:
+        """Send all requests of a stream without waiting for responses. `fields` are gRPC's. Raises TimedOut."""
+        stream = self.stream(iter(requests), **fields)
         responses: list[pb.PlayResponse] = []
         try:
             responses.extend(stream)
@@ -99,10 +107,12 @@ class Client:
             return Exchange(responses, _status(error, self.seconds))
         return Exchange(responses, OK)
 
-    def stream(self, requests: Iterator[Request]) -> Any:
-        """Open a Play stream and return the iterator of its responses."""
-        play = self.channel.stream_stream(f"/{SERVICE}/Play", encode, pb.PlayResponse.FromString)
-        return play(requests, timeout=self.seconds)
+    def stream(
+        self, requests: Iterator[Any], method: str = f"/{SERVICE}/Play", response: Any = pb.PlayResponse, **fields: Any
+    ) -> Any:
+        """Open a stream, by default Play, and return the iterator of its responses. `fields` are gRPC's."""
+        open_stream = self.channel.stream_stream(method, encode, response.FromString)
+        return open_stream(requests, timeout=self.seconds, metadata=self.credentials.metadata, **fields)
 
     def close(self) -> None:
         """Close the connection and every stream on it."""

@@ -10,6 +10,7 @@ from importlib import import_module
 from joybridge.conformance.examination import Finding, Settings, examine
 from joybridge.conformance.expectations import Violation
 from joybridge.contract.address import address
+from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -35,6 +36,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         "--game", action="append", default=[], metavar="NAME",
         help="look at this game; default: that of CONFIG, or all games. May be repeated",
     )  # fmt: skip
+    add_credentials_arguments(doctor)
     doctor.add_argument("--json", action="store_true", help="print the findings as one JSON object on the last line")
     options = parser.parse_args(arguments)
     begin = time.perf_counter()
@@ -45,6 +47,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         print(f"{WORDS[finding.ok]:<14}{finding.about:<10}{finding.text}", flush=True)
 
     try:
+        credentials = load_credentials(options.tls_ca, options.token_file)
         games, settings, missing = options.game, Settings(), ""
         if options.config:
             try:
@@ -52,7 +55,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
                 games = games or [game]
             except ModuleNotFoundError as error:  # the trainer is not installed; the kit works without it
                 missing = f"needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
-        for finding in examine(options.address, games, settings):
+        for finding in examine(options.address, games, settings, credentials):
             report(finding)
         if missing:
             report(Finding("config", None, missing))

@@ -9,14 +9,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
+import grpc
 import numpy as np
 from grpc_health.v1 import health_pb2
 
-from joybridge.conformance.client import SERVICE, Client, Status, Stream
+from joybridge.conformance.client import OPEN, SERVICE, Client, Status, Stream
 from joybridge.conformance.expectations import TimedOut, Violation, expect
 from joybridge.conformance.recording import Player, Recording, act_request, valid_act
 from joybridge.conformance.step_expectations import expect_valid
 from joybridge.conformance.subject import Subject
+from joybridge.contract.credentials import Credentials
 from joybridge.contract.limits import element_count, request_bytes
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.versions import mismatch, own_version
@@ -29,6 +31,11 @@ TIMED = 100  # steps of a game that are timed, or as many as fit into TIMED_SECO
 TIMED_SECONDS = 0.3
 
 Look = Callable[[], str]
+HINTS = {
+    grpc.StatusCode.UNAUTHENTICATED: "a response: give the server's token with --token-file",
+    grpc.StatusCode.UNAVAILABLE: f"a server of {SERVICE}: another program may listen there, or TLS is missing or wrong "
+    "(--tls-ca)",
+}
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,9 @@ class Settings:
     check: Callable[[pb.GameSpec], str] | None = None  # returns what the configuration has; raises Violation
 
 
-def examine(address: str, games: Sequence[str] = (), settings: Settings | None = None) -> Iterator[Finding]:
+def examine(
+    address: str, games: Sequence[str] = (), settings: Settings | None = None, credentials: Credentials = OPEN
+) -> Iterator[Finding]:
     """Yield findings about the server, then about each game, by default all. Ends early if nothing can follow."""
     settings = settings or Settings()
     until = time.monotonic() + SECONDS
@@ -58,7 +67,7 @@ def examine(address: str, games: Sequence[str] = (), settings: Settings | None =
     yield port
     if not port.ok:
         return
-    with Client(address, SECONDS) as client:
+    with Client(address, SECONDS, credentials) as client:
 
         def look(about: str, run: Look) -> Finding:
             client.seconds = round(max(until - time.monotonic(), 0.1), 1)
@@ -111,7 +120,7 @@ def _port(address: str) -> str:
 def _calls(client: Client, listed: list[pb.GameSummary]) -> str:
     games = client.try_list_games()
     if isinstance(games, Status):
-        raise Violation(f"ListGames failed with {games}", f"a server of {SERVICE}; another program may listen there")
+        raise Violation(f"ListGames failed with {games}", HINTS.get(games.code, f"a server of {SERVICE}"))
     expect(games, "ListGames returns no games", "at least one")
     listed += games
     return f"ListGames returns {len(games)} games: {', '.join(game.name for game in games)}"

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import grpc
 
-from joybridge.conformance.client import Client, Status
+from joybridge.conformance.client import OPEN, Client, Status
 from joybridge.conformance.expectations import NotApplicable, Suspicion, TimedOut, Violation
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, WARNING, Result
@@ -13,6 +13,7 @@ from joybridge.conformance.rules import CHECKS
 from joybridge.conformance.rules.sessions import ended_sessions_are_freed
 from joybridge.conformance.selection import require_known
 from joybridge.conformance.subject import Subject
+from joybridge.contract.credentials import Credentials
 from joybridge.contract.errors import JoybridgeError
 
 DEADLINE = 30.0  # seconds of a call; a session is one call, and its first may wait until the game is compiled
@@ -26,8 +27,9 @@ class Unreachable(JoybridgeError):
 
 
 def run_checks(
-    address: str, games: Sequence[str] = (), seconds: float = DEADLINE, checks: Sequence[Check] = tuple(CHECKS)
-) -> Iterator[Result]:
+    address: str, games: Sequence[str] = (), seconds: float = DEADLINE, checks: Sequence[Check] = tuple(CHECKS),
+    credentials: Credentials = OPEN,
+) -> Iterator[Result]:  # fmt: skip
     """Yield the results of the checks of the whole server, then of those of each game.
 
     games: the games to check, by default all. seconds: the deadline of each call. After MOST_TIMEOUTS timeouts the
@@ -36,7 +38,7 @@ def run_checks(
     """
     of_server = [check for check in checks if check.per_server]
     of_game = [check for check in checks if not check.per_server]
-    with Client(address, seconds) as client:
+    with Client(address, seconds, credentials) as client:
         listed = _listed_games(client)
         if not isinstance(listed, Status):
             require_known(games, listed, "game")
@@ -60,6 +62,8 @@ def _listed_games(client: Client) -> list[str] | Status:
     if answer.code == grpc.StatusCode.UNAVAILABLE:
         reason = " ".join(answer.details.split())
         raise Unreachable(f"no server responds at {client.address}; start one or correct the address ({reason})")
+    if answer.code == grpc.StatusCode.UNAUTHENTICATED:
+        raise Unreachable(f"the server at {client.address} wants another token, or one at all; see --token-file")
     return answer
 
 

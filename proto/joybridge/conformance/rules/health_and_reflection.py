@@ -71,11 +71,8 @@ def _reflect(
     """Return the response of the first version of reflection that the server has."""
     failures = []
     for version in REFLECTIONS:
-        call = subject.client.channel.stream_stream(
-            f"/{version}.ServerReflection/ServerReflectionInfo",
-            reflection_pb2.ServerReflectionRequest.SerializeToString,
-            reflection_pb2.ServerReflectionResponse.FromString,
-        )(iter([request]), timeout=subject.client.seconds)
+        method = f"/{version}.ServerReflection/ServerReflectionInfo"
+        call = subject.client.stream(iter([request]), method, reflection_pb2.ServerReflectionResponse)
         try:
             for answer in call:
                 return answer

@@ -133,7 +133,7 @@ def lost_connection_does_not_affect_other_sessions(subject: Subject) -> None:
     with Stream(subject.client) as one:
         player = Player(one, Recording(subject.spec, ARENAS), subject.start())
         for _ in range(3):
-            with Client(subject.client.address, subject.client.seconds) as second:
+            with subject.client.another() as second:
                 lost = Stream(second)
                 lost.ask(subject.start(seed=9))
                 second.close()  # with the session still open
@@ -146,7 +146,7 @@ def lost_connection_does_not_affect_other_sessions(subject: Subject) -> None:
 
 def _abandon(client: Client, start: pb.PlayRequest, way: str) -> None:
     """Open some sessions and end them in one way. A session that the server refuses has ended already."""
-    with Client(client.address, client.seconds) as connection, ExitStack() as stack:
+    with client.another() as connection, ExitStack() as stack:
         streams = [stack.enter_context(Stream(connection)) for _ in range(MANY_SESSIONS)]
         for stream in streams:
             stream.requests.put(start)
@@ -175,7 +175,7 @@ def _expect_room(client: Client, start: pb.PlayRequest, when: str) -> None:
 @check("DETERMINISM")
 def second_connection_gives_the_same_bytes(subject: Subject) -> None:
     """The same bytes, whatever the session or the transport."""
-    with Client(subject.client.address, subject.client.seconds) as other:
+    with subject.client.another() as other:
         expect_same_recording(subject.record(client=other), subject.short_session, "on another connection")
 
 
