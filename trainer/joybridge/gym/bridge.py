@@ -155,10 +155,7 @@ class Bridge:
                 act.choices[:, column] = mask.argmax(axis=1)  # the first choice that is allowed
         for player, actions in moves:
             player.write(actions, acts[player.index])
-        if self._drawing:
-            steps, self._pictures = self.session.step_and_draw(acts, self._drawable)
-        else:
-            steps, self._pictures = self.session.step(acts), []
+        steps, self._pictures = self.session.step_and_draw(acts, self._drawable if self._drawing else ())
         for player in self.players.values():
             player.push(steps[player.index])
         self.fresh = all((step.terminated | step.truncated).all() for step in steps)
