@@ -10,18 +10,24 @@ from contextlib import chdir, contextmanager
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 from joybridge.cli import main
 from joybridge.games import BUILT_IN
+from joybridge.simulator import GameSpec, behavior, button, sensor
+from joybridge.simulator.new_game.starter import starter_config
 from joybridge.simulator.new_game.write import TEMPLATE
+from joybridge.trainer.config import load_config
 from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.wire.client import describe
 
 TYPED = [
     "joybridge serve --game my_pond:MyPond",
     "joybridge check 127.0.0.1:5005 --game my_pond",
+    "joybridge look my_pond:MyPond my_pond.png",
     "joybridge train my_pond.yaml --game my_pond:MyPond --run runs/my_pond",
-    "joybridge evaluate runs/my_pond --game my_pond:MyPond",
-    "joybridge record runs/my_pond my_pond.mp4 --game my_pond:MyPond",
+    "joybridge evaluate runs/my_pond",
+    "joybridge record runs/my_pond my_pond.mp4",
 ]
 # A reader's: the environment is active, and nothing says where games are.
 READER = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
@@ -82,7 +88,8 @@ def test_what_it_writes_passes_the_kit(written):
 
 @pytest.mark.slow
 def test_what_it_writes_learns_and_can_be_watched(written):
-    folder, (_, _, train, evaluate, record) = written
+    folder, (_, _, look, train, evaluate, record) = written
+    assert run(look, folder).startswith("my_pond.png: 12 pictures")
     run(train, folder)
     first, *_, last = read_rows(folder / "runs/my_pond/metrics-player.csv")
     assert first["caught"] < 10 and last["caught"] > 20
@@ -185,6 +192,62 @@ def test_a_folder_that_is_none_is_refused(folder, capsys):
     (folder / "file").touch()
     assert main(["new", "my_pond", "--folder", "file"]) == 2
     assert capsys.readouterr().err == "error: cannot write file: File exists; choose another --folder\n"
+
+
+# ---------------------------------------------------------------------------- a configuration for a running server
+
+
+@pytest.mark.parametrize("game", BUILT_IN)
+def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, folder, capsys):
+    assert main(["new", "--for", simulator, "--game", game, "--folder", "there"]) == 0
+    config = load_config(Path(f"there/{game}.yaml"))
+    spec = describe(simulator, game, {})
+    lanes = config.arenas * max(behavior.agents_per_arena for behavior in spec.behaviors)
+    assert config.game == game and 32 <= lanes <= 64 and config.arenas <= spec.max_arenas
+    assert config.policy.rollout_steps == config.policy.time_horizon <= (spec.max_episode_decisions or 60)
+    assert typed(capsys.readouterr().out)[1].endswith(f"train {game}.yaml --simulator {simulator} --run runs/{game}")
+
+
+def test_sizes_follow_the_numbers_of_an_observation():
+    def config(numbers, **settings):
+        player = behavior("player", sensors=[sensor("all", [numbers])], branches=[button("press")])
+        return yaml.load(starter_config(GameSpec(name="my: game", behaviors=[player], **settings)))
+
+    yaml = YAML(typ="safe")
+    few, many = config(3, max_arenas=16, max_episode_decisions=9), config(900, max_arenas=1024)
+    assert few["game"] == "my: game"
+    assert (few["arenas"], few["policy"]["rollout_steps"], few["policy"]["hidden_sizes"]) == (16, 9, [32, 32])
+    assert (many["arenas"], many["policy"]["rollout_steps"], many["policy"]["hidden_sizes"]) == (64, 60, [128, 128])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--for", "ADDRESS"], "; choose one with --game"),
+        (["--for", "ADDRESS", "--game", "chess"], "; --game chess is none of them"),
+        (["--for", "127.0.0.1:1"], "error: no answer from a server at 127.0.0.1:1: "),
+        (["my_pond", "--game", "chess"], "error: --game is for --for ADDRESS; "),
+    ],
+)
+def test_a_configuration_that_cannot_be_written_is_one_sentence(simulator, arguments, complaint, folder, capsys):
+    assert main(["new", *(simulator if word == "ADDRESS" else word for word in arguments)]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert complaint in error and not list(folder.iterdir())
+
+
+def test_a_configuration_is_not_overwritten(simulator, folder, capsys):
+    (folder / "archer.yaml").write_text("precious")
+    assert main(["new", "--for", simulator, "--game", "archer"]) == 2
+    assert "archer.yaml exists and is not overwritten" in capsys.readouterr().err
+    assert (folder / "archer.yaml").read_text() == "precious"
+
+
+@pytest.mark.slow
+def test_the_configuration_for_a_running_server_learns(simulator, folder):
+    main(["new", "--for", simulator, "--game", "archer"])
+    assert main(["train", "archer.yaml", "stop=120000", "--simulator", simulator, "--run", "run"]) == 0
+    first, *_, last = read_rows(folder / "run/metrics-archer.csv")
+    assert first["accuracy"] < 0.4 and last["accuracy"] > 0.6
 
 
 # --------------------------------------------------------------------------------- other arguments that are refused

@@ -15,7 +15,8 @@ from joybridge.contract.text import printable
 from joybridge.simulator.catalog import load_games
 from joybridge.simulator.doors import load_protection
 from joybridge.simulator.listing import listing
-from joybridge.simulator.new_game.write import write_game
+from joybridge.simulator.new_game.starter import write_config
+from joybridge.simulator.new_game.write import NewGameError, write_game
 from joybridge.simulator.server import serve
 from joybridge.simulator.service import Limits
 
@@ -28,7 +29,12 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     handler.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     try:
+        if options.command == "new" and options.server:
+            print(write_config(options.server, options.game, options.folder))
+            return 0
         if options.command == "new":
+            if options.game:
+                raise NewGameError("--game is for --for ADDRESS; a new game is named without it: joybridge new NAME")
             print(write_game(options.name, options.folder))
             return 0
         if options.game:  # the script `joybridge`, unlike `python -m`, does not search the current folder
@@ -84,8 +90,16 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     _add_protection(server.add_argument_group("protection"))
     _add_limits(server.add_argument_group("limits", "a number of seconds may be 0: no limit"))
     commands.add_parser("list", parents=[games], help="list the games: options, parameters, sensors, actions, rewards")
-    author = commands.add_parser("new", help="create a new game: a small complete one to start from")
-    author.add_argument("name", help="name of the game and its files, for example my_game")
+    author = commands.add_parser("new", help="create a new game, or a configuration for the game of a running server")
+    begin = author.add_mutually_exclusive_group(required=True)
+    begin.add_argument("name", nargs="?", help="write NAME.py, a small complete game, and NAME.yaml, its training")
+    begin.add_argument(
+        "--for", type=address, metavar="ADDRESS", dest="server",
+        help="write the training of a game of the server at this address, with values that suit its spec",
+    )  # fmt: skip
+    author.add_argument(
+        "--game", metavar="NAME", help="with --for: the game; may be left out if the server has only one"
+    )
     author.add_argument("--folder", type=Path, default=Path(), metavar="DIR", help="where to write; default: here")
     return parser
 

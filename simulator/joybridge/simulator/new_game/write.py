@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 import sys
+from collections.abc import Iterable, Mapping
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from keyword import iskeyword
@@ -32,22 +33,32 @@ def write_game(name: str, folder: Path) -> str:
     class_name = "".join(part.capitalize() for part in name.split("_"))
     files = {suffix: folder / f"{name}{suffix}" for suffix in SUFFIXES}
     _check_name(name, class_name)
-    for path in files.values():
-        if path.exists():
-            raise NewGameError(f"{path} exists and is not overwritten; choose another name or --folder")
+    check_new(files.values())
     if name in sys.modules or find_spec(name) or PathFinder.find_spec(name, [str(folder)]):
         raise NewGameError(f"there is a module {name!r} already, which {name}.py would hide; try {name}_game")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for suffix, path in files.items():
-            text = (TEMPLATE / f"{NAME}{suffix}").read_text(encoding="utf-8")
-            with path.open("x", encoding="utf-8") as file:
-                file.write(text.replace(NAME, name).replace(CLASS, class_name))
-    except OSError as error:
-        raise NewGameError(f"cannot write {error.filename}: {error.strerror}; choose another --folder") from error
+    texts = {suffix: (TEMPLATE / f"{NAME}{suffix}").read_text(encoding="utf-8") for suffix in SUFFIXES}
+    write_new({path: texts[suffix].replace(NAME, name).replace(CLASS, class_name) for suffix, path in files.items()})
     return f"Created {files['.py']} (the game) and {files['.yaml']} (its training).\n\n" + _next(
         name, class_name, folder
     )
+
+
+def check_new(paths: Iterable[Path]) -> None:
+    """Raise NewGameError if one of these files exists."""
+    for path in paths:
+        if path.exists():
+            raise NewGameError(f"{path} exists and is not overwritten; choose another name or --folder")
+
+
+def write_new(texts: Mapping[Path, str]) -> None:
+    """Write new files, and the folders that they are in. Raises NewGameError; existing files are never overwritten."""
+    try:
+        for path, text in texts.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("x", encoding="utf-8") as file:
+                file.write(text)
+    except OSError as error:
+        raise NewGameError(f"cannot write {error.filename}: {error.strerror}; choose another --folder") from error
 
 
 def _check_name(name: str, class_name: str) -> None:
@@ -65,21 +76,23 @@ def _check_name(name: str, class_name: str) -> None:
 
 def _next(name: str, class_name: str, folder: Path) -> str:
     """Return the commands to type next in the current folder."""
-    joybridge, game = shlex.quote(_command(folder)), f"--game {name}:{class_name}"
+    joybridge, game = shlex.quote(command(folder)), f"{name}:{class_name}"
     go = "" if folder.resolve() == Path.cwd() else f"  {shlex.join(['cd', str(folder)])}\n"
     return f"""Serve the game:
 
-{go}  {joybridge} serve {game}
+{go}  {joybridge} serve --game {game}
 
-Then, in another terminal, check it against the contract, train it, evaluate the policy and record a video:
+Then, in another terminal, check it against the contract, look at random play, train it, evaluate the policy and record
+a video:
 
 {go}  {joybridge} check 127.0.0.1:5005 --game {name}
-  {joybridge} train {name}.yaml {game} --run runs/{name}
-  {joybridge} evaluate runs/{name} {game}
-  {joybridge} record runs/{name} {name}.mp4 {game}"""
+  {joybridge} look {game} {name}.png
+  {joybridge} train {name}.yaml --game {game} --run runs/{name}
+  {joybridge} evaluate runs/{name}
+  {joybridge} record runs/{name} {name}.mp4"""
 
 
-def _command(folder: Path) -> str:
+def command(folder: Path) -> str:
     """Return the shortest path of this installation's `joybridge` script that works in `folder`."""
     script = str(Path(sys.executable).parent / "joybridge")
     if shutil.which("joybridge") == script:
