@@ -53,7 +53,7 @@ async def serve(games: Catalog, address: str, limits: Limits, protection: Protec
     for name in ("", SERVICE):
         await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
     print(f"{READY}{bound}", flush=True)
-    sweeper = asyncio.create_task(service.end_silent_streams())
+    sweeper = asyncio.create_task(service.sweep())
     await stop.wait()
     sweeper.cancel()
     await healthy.enter_graceful_shutdown()

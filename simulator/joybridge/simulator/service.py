@@ -6,9 +6,11 @@ step (measured: 330 against 160 µs per round trip of 64 lanes).
 """
 
 import asyncio
+import ctypes
 import math
 import time
 from collections.abc import Awaitable
+from contextlib import suppress
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import grpc
@@ -71,6 +73,7 @@ class Service(rpc.SimulatorServiceServicer):
         self.games = games
         self.limits = limits
         self.streams: set[Stream] = set()
+        self.ended = False  # whether a stream has ended since the last sweep
         self.describers: dict[str, GameThread] = {}  # for DescribeGame, by game
 
     async def ListGames(self, request: pb.ListGamesRequest, context: Context) -> pb.ListGamesResponse:
@@ -128,6 +131,7 @@ class Service(rpc.SimulatorServiceServicer):
         finally:
             self.streams.discard(stream)
             stream.thread.end()
+            self.ended = True
 
     async def _answer(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:
         session = stream.session
@@ -161,10 +165,13 @@ class Service(rpc.SimulatorServiceServicer):
         )
         return Refusal(StatusCode.INTERNAL, text)
 
-    async def end_silent_streams(self) -> None:
-        """End the streams whose clients are silent for too long, until this is cancelled."""
+    async def sweep(self) -> None:
+        """End streams whose clients are silent for too long, and free memory, until this is cancelled."""
         while True:
             await asyncio.sleep(SWEEP_SECONDS)
+            if self.ended:
+                self.ended = False
+                await asyncio.to_thread(_free_memory)
             for stream in list(self.streams):
                 limit = self.limits.idle_seconds if stream.playing else self.limits.start_seconds
                 if stream.silent_seconds() > limit and stream.ending is None:
@@ -180,3 +187,9 @@ class Service(rpc.SimulatorServiceServicer):
         for thread in self.describers.values():
             thread.end()
         return sum(stream.playing for stream in self.streams)
+
+
+def _free_memory() -> None:
+    """Return memory to the system. glibc keeps what gRPC has received, such as 300 MB of a message that is refused."""
+    with suppress(OSError, AttributeError):  # on systems without glibc
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
