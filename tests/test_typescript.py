@@ -84,6 +84,27 @@ def test_it_keeps_every_rule_of_the_contract(address):
     }  # fmt: skip
 
 
+def test_with_a_token_every_other_call_is_refused(built, tmp_path):
+    token = tmp_path / "token"
+    token.write_text("0123456789abcdef\n")
+    with serving(built, "--token-file", str(token)) as (_, bound):
+        done = run(
+            sys.executable, "-m", "joybridge", "check", bound, "--token-file", str(token), "--family", "security",
+            "--family", "games", "--family", "health_and_reflection", "--json",
+        )  # fmt: skip
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert done.returncode == report["failed"] == report["not_applicable"] == 0, done.stdout
+    # gRPC for Node.js unpacks compressed messages; its limit bounds what comes out.
+    warned = [result["check"] for result in report["results"] if result["outcome"] == "warning"]
+    assert warned == ["compressed_messages_are_refused"]
+
+
+def test_it_does_not_listen_to_other_machines_without_tls_and_a_token(built):
+    done = run("node", "dist/main.js", "--address", "0.0.0.0:0", folder=built)
+    assert done.returncode == 2
+    assert "which needs --tls-cert, --tls-key and --token-file; give them, or listen on 127.0.0.1" in done.stderr
+
+
 @pytest.mark.parametrize("name", ["__proto__", "constructor", "toString", "🚀" * 5000, "\ufffe"])
 def test_names_that_mean_something_to_javascript_or_are_hard_to_tell_are_refused_like_any_other(name, address):
     for fields, text in (({"options": {name: "x"}}, "unknown option"), ({"parameters": {name: 1.0}}, "unknown param")):

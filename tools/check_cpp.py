@@ -7,6 +7,7 @@ before it begins with exit status 77 where the compiler or a package is missing.
 import argparse
 import json
 import os
+import secrets
 import shutil
 import signal
 import subprocess
@@ -58,6 +59,12 @@ def main() -> int:
             with tempfile.TemporaryDirectory() as folder:
                 check_learning(address, Path(folder))
             check_ending(process, address)
+        with tempfile.TemporaryDirectory() as folder:
+            token = Path(folder) / "token"
+            token.write_text(secrets.token_hex(16))
+            protection = ("--token-file", str(token))
+            with server(*protection) as (_, address):
+                run(sys.executable, "-m", "joybridge", "check", address, *protection, "--family", "security")
     except Failed as failure:
         print(f"failed: {failure}", file=sys.stderr)
         return 1
@@ -89,9 +96,9 @@ def run(*command: str) -> list[str]:
 
 
 @contextmanager
-def server() -> Iterator[tuple[subprocess.Popen[str], str]]:
+def server(*more: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Run the server on a free port and yield the process and its address. Raises Failed if it does not start."""
-    command = [str(BUILD / "paddle"), "--address", "127.0.0.1:0"]
+    command = [str(BUILD / "paddle"), "--address", "127.0.0.1:0", *more]
     print("\n$", *command, flush=True)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -11,10 +11,13 @@
 namespace {
 
 constexpr char USAGE[] =
-    "usage: paddle [--address HOST:PORT] [--sessions MOST]\n"
-    "  --address   where to listen, port 0 being any free one; default 127.0.0.1:5005. There is no encryption and no\n"
-    "              password: listen beyond this machine only in a network you trust\n"
-    "  --sessions  the most sessions at once; default 64\n";
+    "usage: paddle [--address HOST:PORT] [--sessions MOST] [--tls-cert FILE --tls-key FILE] [--token-file FILE]\n"
+    "  --address     where to listen, port 0 being any free one; default 127.0.0.1:5005. An address that other\n"
+    "                machines can reach needs --tls-cert, --tls-key and --token-file\n"
+    "  --sessions    the most sessions at once; default 64\n"
+    "  --tls-cert    encrypt with this certificate (PEM, with chain)\n"
+    "  --tls-key     the private key of the certificate (PEM)\n"
+    "  --token-file  accept only clients that send the token in this file\n";
 
 /// Returns a number of the command line. Throws std::invalid_argument if it is not a number in low .. high.
 int number(const std::string& what, const std::string& text, int low, int high) {
@@ -29,6 +32,7 @@ int number(const std::string& what, const std::string& text, int low, int high) 
 int main(int count, char** words) {
   std::string address = "127.0.0.1:5005";
   int sessions = 64;
+  simulator::Files files;
   try {
     for (int place = 1; place < count; place += 2) {
       const std::string name = words[place], value = place + 1 < count ? words[place + 1] : "";
@@ -37,6 +41,12 @@ int main(int count, char** words) {
         address = value;
       } else if (name == "--sessions") {
         sessions = number(name, value, 1, 1'000'000);
+      } else if (name == "--tls-cert") {
+        files.certificate = value;
+      } else if (name == "--tls-key") {
+        files.key = value;
+      } else if (name == "--token-file") {
+        files.token = value;
       } else if (name == "--help") {
         std::cout << USAGE;
         return 0;
@@ -48,7 +58,7 @@ int main(int count, char** words) {
     auto paddle = std::make_unique<simulator::Paddle>();
     const std::string name = paddle->describe({}).name();
     games[name] = std::move(paddle);  // add your own game here
-    simulator::serve(games, address, static_cast<std::size_t>(sessions));
+    simulator::serve(games, address, static_cast<std::size_t>(sessions), files);
   } catch (const std::exception& error) {
     std::cerr << "error: " << error.what() << std::endl;
     return 2;

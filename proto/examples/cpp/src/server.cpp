@@ -211,7 +211,7 @@ int largest_request(const Games& games) {
 
 }  // namespace
 
-void serve(const Games& games, const std::string& address, std::size_t most_sessions) {
+void serve(const Games& games, const std::string& address, std::size_t most_sessions, const Files& files) {
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
@@ -223,16 +223,19 @@ void serve(const Games& games, const std::string& address, std::size_t most_sess
   Service service(games, most_sessions);
   int port = 0;
   grpc::ServerBuilder builder;
-  builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port);
+  builder.AddListeningPort(address, server_credentials(address, files), &port);
   builder.RegisterService(&service);
   builder.SetMaxReceiveMessageSize(largest_request(games));
+  for (const auto algorithm : {GRPC_COMPRESS_DEFLATE, GRPC_COMPRESS_GZIP}) {  // gRPC unpacks before it looks at a limit
+    builder.SetCompressionAlgorithmSupportStatus(algorithm, false);
+  }
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);         // a second server on one port is an error
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);  // detects clients that are lost
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
   const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
   if (!server || port == 0) {
-    throw std::runtime_error(text("cannot listen on ", address, ": it is in use or not an address of this machine"));
+    throw std::runtime_error(text("cannot listen on ", address, ": it is in use or not an address of this machine, or the files of TLS do not fit"));
   }
   server->GetHealthCheckService()->SetServingStatus(pb::SimulatorService::service_full_name(), true);
   const std::string host = address.substr(0, address.rfind(':'));

@@ -3,7 +3,6 @@
 import {
   type sendUnaryData,
   Server,
-  ServerCredentials,
   type ServerDuplexStream,
   type ServerUnaryCall,
   status,
@@ -12,6 +11,7 @@ import { ReflectionService } from "@grpc/reflection";
 import { HealthImplementation } from "grpc-health-check";
 
 import { checkVersion, proto, read, Refusal, SERVICE, service, VERSION } from "./contract.js";
+import type { Protection } from "./doors.js";
 import { Session } from "./session.js";
 import { choose, type Games } from "./settings.js";
 import type { PlayResponse } from "./types/joybridge/v1/PlayResponse.js";
@@ -27,8 +27,14 @@ export interface Running {
 }
 
 /** Serve these games to at most `most` sessions at once. Rejects with an Error if it cannot listen at `address`. */
-export async function serve(games: Games, address: string, most: number): Promise<Running> {
+export async function serve(
+  games: Games,
+  address: string,
+  most: number,
+  { credentials, interceptors }: Protection,
+): Promise<Running> {
   const server = new Server({
+    interceptors,
     "grpc.max_receive_message_length": Math.max(...[...games.keys()].map((name) => requestBytes(games, name))),
     "grpc.keepalive_time_ms": 30_000, // detects clients that are lost
     "grpc.keepalive_timeout_ms": 20_000,
@@ -50,7 +56,7 @@ export async function serve(games: Games, address: string, most: number): Promis
   health.addToServer(server);
   new ReflectionService(proto).addToServer(server);
   const port = await new Promise<number>((resolve, reject) =>
-    server.bindAsync(address, ServerCredentials.createInsecure(), (error, port) => {
+    server.bindAsync(address, credentials, (error, port) => {
       if (error) reject(new Error(`cannot listen on ${address}: ${error.message}`));
       else resolve(port);
     }),
