@@ -12,6 +12,7 @@ from joybridge.conformance.expectations import Violation
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.text import printable
 from joybridge.v1 import bridge_pb2 as pb
 
 UNREACHED = ("port", "calls")  # without them nothing else can be examined
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 
     def report(finding: Finding) -> None:
         findings.append(finding)
-        print(f"{WORDS[finding.ok]:<14}{finding.about:<10}{finding.text}", flush=True)
+        print(printable(f"{WORDS[finding.ok]:<14}{finding.about:<10}{finding.text}"), flush=True)
 
     try:
         credentials = load_credentials(options.tls_ca, options.token_file)

@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from joybridge.conformance.registry import Check
+from joybridge.contract.text import printable
 
 PASSED, FAILED, WARNING, NOT_APPLICABLE = "passed", "failed", "warning", "not applicable"
 MOST_CAUSES = 4  # named in the summary
@@ -31,8 +32,8 @@ class Result:
         """Return one line for the result and, for a failure or warning, lines that explain it."""
         line = f"{self.game}  {self.check.name}: {self.outcome}"
         if self.outcome == NOT_APPLICABLE:
-            return [f"{line} ({self.got})"]
-        return [line, *(f"    {part}" for part in self.explanation)]
+            return [printable(f"{line} ({self.got})")]
+        return [printable(text) for text in (line, *(f"    {part}" for part in self.explanation))]
 
     @property
     def explanation(self) -> list[str]:

@@ -19,9 +19,10 @@ from joybridge.v1 import bridge_pb2 as pb
 INVALID_ARGUMENT, FAILED_PRECONDITION = grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.FAILED_PRECONDITION
 NOT_FOUND, RESOURCE_EXHAUSTED = grpc.StatusCode.NOT_FOUND, grpc.StatusCode.RESOURCE_EXHAUSTED
 
-ARENAS = 2  # of a session, unless a check needs another number
+ARENAS = 2  # of a session, unless a check needs another number or the game has one arena only
 SEED = 1
 LARGEST_SEED = 2**64 - 1
+CROWD = 8  # arenas whose episodes are compared: so many are hardly alike by chance, even if they differ by a coin
 SHORT = 12  # decisions of a short session
 LONG = 2100  # decisions of a long session, unless max_episode_decisions is smaller
 LONG_SECONDS = 6.0  # a long session ends early after this time; the checks use the steps until then
@@ -68,13 +69,19 @@ class Subject:
         numbers = LONG_NUMBERS[: self.spec.max_arenas]
         return self.record(decisions, len(numbers), numbers=numbers, seconds=LONG_SECONDS)
 
-    def start(self, arenas: int = ARENAS, seed: int = SEED, **fields: Any) -> pb.PlayRequest:
+    @property
+    def arenas(self) -> int:
+        """Return the number of arenas of a session, unless a check needs another one."""
+        return min(ARENAS, max(self.spec.max_arenas, 1))
+
+    def start(self, arenas: int | None = None, seed: int = SEED, **fields: Any) -> pb.PlayRequest:
         """Return a request that starts this game."""
         fields = {"options": self.options, **fields}
+        arenas = self.arenas if arenas is None else arenas
         return pb.PlayRequest(start=pb.Start(game=self.game, arenas=arenas, seed=seed, **fields))
 
     def record(
-        self, decisions: int = SHORT, arenas: int = ARENAS, first_arena: int = 0, client: Client | None = None,
+        self, decisions: int = SHORT, arenas: int | None = None, first_arena: int = 0, client: Client | None = None,
         resets: Mapping[int, pb.PlayRequest] | None = None, numbers: Sequence[int | None] | None = None,
         seconds: float = math.inf, **fields: Any,
     ) -> Recording:  # fmt: skip
@@ -84,6 +91,7 @@ class Subject:
         decision to the request that is sent instead of its Act; the actions are seeded again there. After the first
         decision the recording ends early after `seconds`. `fields` are fields of Start.
         """
+        arenas = self.arenas if arenas is None else arenas
         with Stream(client or self.client) as stream:
             start = self.start(arenas, first_arena=first_arena, **fields)
             numbers = range(first_arena, first_arena + arenas) if numbers is None else numbers

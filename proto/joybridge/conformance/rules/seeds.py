@@ -6,9 +6,7 @@ from joybridge.conformance.expectations import expect, skip_unless
 from joybridge.conformance.recording import Recording, expect_same_bytes, expect_same_recording
 from joybridge.conformance.registry import check
 from joybridge.conformance.step_view import arena_rows
-from joybridge.conformance.subject import LARGEST_SEED, SEED, SHORT, Subject
-
-CROWD = 8  # arenas whose episodes are compared: so many are hardly alike by chance, even if they differ by a coin
+from joybridge.conformance.subject import CROWD, LARGEST_SEED, SEED, SHORT, Subject
 
 
 @check("DETERMINISM")

@@ -9,7 +9,6 @@ from joybridge.conformance.expectations import Suspicion, Violation, skip_unless
 from joybridge.conformance.recording import Player, Recording, expect_same_recording, reset_request, step_bytes
 from joybridge.conformance.registry import check
 from joybridge.conformance.subject import (
-    ARENAS,
     INVALID_ARGUMENT,
     LONG_SECONDS,
     SEED,
@@ -177,7 +176,7 @@ def _same_steps(subject: Subject, parameter: pb.Parameter) -> int:
     """Return how many steps with the low and the high value of a parameter are the same, or 0 if one differs."""
     with Stream(subject.client) as one, Stream(subject.client) as other:
         low, high = (
-            Player(stream, Recording(subject.spec, ARENAS), subject.start(parameters={parameter.name: value}))
+            Player(stream, Recording(subject.spec, subject.arenas), subject.start(parameters={parameter.name: value}))
             for stream, value in ((one, parameter.low), (other, parameter.high))
         )
         until = time.monotonic() + LONG_SECONDS
