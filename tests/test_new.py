@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import shlex
 import subprocess
 import sys
 import tokenize
@@ -20,6 +21,7 @@ from joybridge.simulator.new_game.write import TEMPLATE
 from joybridge.trainer.config import load_config
 from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.wire.client import describe
+from tests.support.command_line import joybridge
 
 TYPED = [
     "joybridge serve --game my_pond:MyPond",
@@ -38,13 +40,21 @@ def typed(output: str) -> list[str]:
     return [line.strip() for line in output.splitlines() if line.startswith("  ")]
 
 
-def run(command: str, folder: Path) -> str:
+def shell(command: str, folder: Path) -> str:
     """Return what a command prints in a folder."""
     process = subprocess.run(
         ["bash", "-c", command], cwd=folder, env=READER, capture_output=True, text=True, timeout=120, check=False
     )
     assert process.returncode == 0, f"{command}\n{process.stdout}\n{process.stderr}"
     return process.stdout
+
+
+def run(command: str, folder: Path) -> str:
+    """Return what a command of joybridge prints in a folder, run in this process."""
+    with chdir(folder):
+        done = joybridge(*shlex.split(command)[1:])
+    assert done.status == 0, f"{command}\n{done.output}\n{done.errors}"
+    return done.output
 
 
 @contextmanager
@@ -65,7 +75,7 @@ def serving(command: str, folder: Path):
 def written(tmp_path_factory):
     """Return a folder in which a game was begun, and the commands that were said to come next."""
     folder = tmp_path_factory.mktemp("author")
-    return folder, typed(run("joybridge new my_pond", folder))
+    return folder, typed(shell("joybridge new my_pond", folder))
 
 
 @pytest.fixture
@@ -89,8 +99,8 @@ def test_what_it_writes_passes_the_kit(written):
 @pytest.mark.slow
 def test_what_it_writes_learns_and_can_be_watched(written):
     folder, (_, _, look, train, evaluate, record) = written
-    assert run(look, folder).startswith("my_pond.png: 12 pictures")
-    run(train, folder)
+    assert shell(look, folder).startswith("my_pond.png: 12 pictures")
+    run(f"{train} total_timesteps=30000", folder)
     first, *_, last = read_rows(folder / "runs/my_pond/metrics-player.csv")
     assert first["caught"] < 10 and last["caught"] > 20
     result = json.loads(run(f"{evaluate} --episodes 32 --json", folder).splitlines()[-1])
@@ -141,7 +151,7 @@ def test_it_may_be_written_elsewhere(folder, capsys):
     assert {path.name for path in Path("some where/else").iterdir()} == {"my_pond.py", "my_pond.yaml"}
     go, serve, again, *_ = typed(capsys.readouterr().out)
     assert go == again == "cd 'some where/else'"
-    listed = run(f"{go} && {serve.replace(' serve ', ' list ')}", folder)
+    listed = shell(f"{go} && {serve.replace(' serve ', ' list ')}", folder)
     assert "my_pond: " in listed
 
 

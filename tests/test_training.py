@@ -1,25 +1,30 @@
-"""Training as a person runs it: two processes, a socket, and everything that may go wrong between them."""
+"""Training from the command line to the files of a run, and everything that may go wrong with the simulator."""
 
 import json
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 
 import av
 import numpy as np
 import pytest
 
+import joybridge.trainer.__main__ as trainer
 from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.pipeline import assign
 from joybridge.trainer.wire.launch import simulator_process
-from tests.support.environment import without_coverage
+from tests.support.command_line import Done, joybridge
 
 pytestmark = pytest.mark.slow
 
 CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.yaml"
+DEADLINE_SECONDS = 200.0
 SMALL = [
     "arenas=4",
     "policy.rollout_steps=20",
@@ -29,12 +34,12 @@ SMALL = [
 ]
 
 
-def command(run: Path, *more: str, config: Path = CONFIG) -> list[str]:
-    return [sys.executable, "-m", "joybridge.trainer", "train", str(config), "--run", str(run), *more]
+def arguments(run: Path, *more: str, config: Path = CONFIG) -> list[str]:
+    return ["train", str(config), "--run", str(run), *more]
 
 
-def train(run: Path, *more: str, config: Path = CONFIG) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(run, *more, config=config), capture_output=True, text=True, timeout=120, check=False)
+def train(run: Path, *more: str, config: Path = CONFIG) -> Done:
+    return joybridge(*arguments(run, *more, config=config))
 
 
 def weights(run: Path) -> dict[str, np.ndarray]:
@@ -54,17 +59,23 @@ def address():
 
 
 @pytest.fixture(scope="module")
+def other():
+    with simulator_process() as bound:
+        yield bound
+
+
+@pytest.fixture(scope="module")
 def whole(address, tmp_path_factory) -> Path:
     """Return a run of 24 updates that was never interrupted."""
     run = tmp_path_factory.mktemp("whole") / "run"
     result = train(run, *SMALL, "stop=1900", "--simulator", address)
-    assert result.returncode == 0, result.stderr
+    assert result.status == 0, result.errors
     return run
 
 
 def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
     assert {path.name for path in whole.iterdir()} == {
-        "config.yaml", "metrics-hunter.csv", "tensorboard", "checkpoints",
+        "config.yaml", "simulators.json", "metrics-hunter.csv", "tensorboard", "checkpoints",
     }  # fmt: skip
     rows = read_rows(whole / "metrics-hunter.csv")
     assert [row["timesteps"] for row in rows] == [400, 800, 1200, 1600]
@@ -78,12 +89,12 @@ def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
 
 
 def test_the_same_seed_gives_the_same_weights_bit_for_bit_with_a_simulator_of_its_own(whole, tmp_path):
-    assert train(tmp_path / "run", *SMALL, "stop=1900").returncode == 0
+    assert train(tmp_path / "run", *SMALL, "stop=1900").status == 0
     assert_same(weights(tmp_path / "run"), weights(whole))
 
 
 def test_another_seed_gives_other_weights(whole, address, tmp_path):
-    assert train(tmp_path / "run", *SMALL, "stop=1900", "seed=1", "--simulator", address).returncode == 0
+    assert train(tmp_path / "run", *SMALL, "stop=1900", "seed=1", "--simulator", address).status == 0
     name = "hunter/policy/network.actor.head.weight"
     assert (weights(tmp_path / "run")[name] != weights(whole)[name]).any()
 
@@ -95,25 +106,23 @@ def test_groups_are_assigned_to_simulators_and_simulators_to_groups():
     assert assign(["a", "b", "c"], [1, 1]) == [["a"], ["b"]]  # no simulator without an arena
 
 
-def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, address, tmp_path):
-    with simulator_process() as other:
-        several = ["--simulator", address, "--simulator", other, "--simulator", other]
-        result = train(tmp_path / "run", *SMALL, "stop=1900", *several)
-    assert result.returncode == 0, result.stderr
+def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, address, other, tmp_path):
+    several = ["--simulator", address, "--simulator", other, "--simulator", other]
+    result = train(tmp_path / "run", *SMALL, "stop=1900", *several)
+    assert result.status == 0, result.errors
     for name, array in weights(whole).items():
         if not name.startswith("simulator/"):
             np.testing.assert_array_equal(array, weights(tmp_path / "run")[name], err_msg=name)
 
 
-def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
+def test_a_stopped_run_resumes_to_the_same_bits(whole, address, other, tmp_path):
     run = tmp_path / "run"
-    assert train(run, *SMALL, "stop=700", "--simulator", address).returncode == 0
+    assert train(run, *SMALL, "stop=700", "--simulator", address).status == 0
     again = train(run, *SMALL, "stop=1900", "--simulator", address)
-    assert again.returncode == 1
-    assert "continue it with --resume, or name another folder with --run" in again.stderr
-    with simulator_process() as other:  # one for each group, where there was one for both
-        both = ["--simulator", address, "--simulator", other]
-        assert train(run, *SMALL, "stop=1900", "--resume", *both).returncode == 0
+    assert again.status == 1
+    assert "continue it with --resume, or name another folder with --run" in again.errors
+    both = ["--simulator", address, "--simulator", other]  # one for each group, where there was one for both
+    assert train(run, *SMALL, "stop=1900", "--resume", *both).status == 0
     assert_same(weights(run), weights(whole))
     figures = [{k: v for k, v in r.items() if k in ("timesteps", "value", "entropy", "policy_loss")}
                for path in (run, whole) for r in read_rows(path / "metrics-hunter.csv")]  # fmt: skip
@@ -121,112 +130,120 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, tmp_path):
     assert figures[:4] == figures[4:]
 
 
-def start_and_wait_for_a_row(run: Path, *more: str) -> subprocess.Popen[str]:
-    process = subprocess.Popen(
-        command(run, *more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_coverage()
-    )
-    deadline = time.monotonic() + 60
-    while not read_rows(run / "metrics-hunter.csv"):
-        assert process.poll() is None, process.communicate()
+def wait_for_rows(run: Path, count: int = 1) -> None:
+    deadline = time.monotonic() + DEADLINE_SECONDS
+    while len(read_rows(run / "metrics-hunter.csv")) < count:
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    return process
+
+
+@contextmanager
+def trainer_with_a_row(run: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """Run a trainer that starts its simulator until it has written a row; yield it and that simulator in /proc."""
+    rows = len(read_rows(run / "metrics-hunter.csv"))
+    with subprocess.Popen(
+        [sys.executable, "-m", "joybridge", *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            wait_for_rows(run, rows + 1)
+            (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+            yield process, Path(f"/proc/{child}")
+        finally:
+            process.kill()
 
 
 def resume_and_compare(run: Path, tmp_path: Path, address: str) -> None:
     """Resume a run that was cut off; it must end like one that was not."""
     done = load_checkpoint(run)[1]["timesteps"]
     end = f"stop={done + 300}"
-    assert train(run, *SMALL, end, "--resume", "--simulator", address).returncode == 0
-    assert train(tmp_path / "straight", *SMALL, end, "--simulator", address).returncode == 0
+    assert train(run, *SMALL, end, "--resume", "--simulator", address).status == 0
+    assert train(tmp_path / "straight", *SMALL, end, "--simulator", address).status == 0
     assert_same(weights(run), weights(tmp_path / "straight"))
 
 
 def test_a_simulator_killed_in_the_middle_gives_an_error_a_checkpoint_and_an_exact_resumption(address, tmp_path):
-    server = subprocess.Popen(
+    run = tmp_path / "run"
+    with subprocess.Popen(
         [sys.executable, "-m", "joybridge.simulator", "serve", "--address", "127.0.0.1:0"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert server.stdout is not None
-    own = server.stdout.readline().split()[-1]
-    process = start_and_wait_for_a_row(tmp_path / "run", *SMALL, "--simulator", own)
-    server.kill()
-    _, errors = process.communicate(timeout=60)
-    server.wait()
-    server.stdout.close()
-    assert process.returncode == 1
-    assert f"error: lost the simulator at {own}" in errors
-    assert "--resume" in errors
-    resume_and_compare(tmp_path / "run", tmp_path, address)
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    ) as server:  # fmt: skip
+        assert server.stdout is not None
+        own = server.stdout.readline().split()[-1]
+
+        def kill() -> None:
+            try:
+                wait_for_rows(run)
+            finally:
+                server.kill()
+
+        killer = Thread(target=kill)
+        killer.start()
+        result = train(run, *SMALL, "--simulator", own)
+        killer.join()
+    assert result.status == 1
+    assert f"error: lost the simulator at {own}" in result.errors
+    assert "--resume" in result.errors
+    resume_and_compare(run, tmp_path, address)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly(number, address, tmp_path):
-    process = start_and_wait_for_a_row(tmp_path / "run", *SMALL)
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    assert len(children) == 1
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "--resume" in errors
-    assert "Traceback" not in errors
-    assert not Path(f"/proc/{children[0]}").exists()
-    printed = errors.partition("continue with: joybridge ")[2].splitlines()[0].split()
-    again = subprocess.run(
-        [sys.executable, "-m", "joybridge", *printed, "stop=20"], capture_output=True, text=True, check=False
-    )
-    assert again.returncode == 0, again.stderr
-    resume_and_compare(tmp_path / "run", tmp_path, address)
+def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly_as_often_as_one_likes(address, tmp_path):
+    run = tmp_path / "run"
+    command = arguments(run, *SMALL)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with trainer_with_a_row(run, *command) as (process, simulator):
+            process.send_signal(number)
+            _, errors = process.communicate(timeout=DEADLINE_SECONDS)
+        assert process.returncode == 130
+        assert "Traceback" not in errors
+        assert not simulator.exists()
+        command = errors.partition("continue with: joybridge ")[2].splitlines()[0].split()
+        assert "--resume" in command
+    assert joybridge(*command, "stop=20").status == 0
+    resume_and_compare(run, tmp_path, address)
 
 
 def test_a_killed_trainer_takes_its_simulator_with_it(tmp_path):
-    process = start_and_wait_for_a_row(tmp_path / "run", *SMALL)
-    child = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0]
-    process.kill()
-    process.communicate()
-    deadline = time.monotonic() + 20
-    while Path(f"/proc/{child}").exists() and "Z" not in Path(f"/proc/{child}/stat").read_text().split()[2]:
+    run = tmp_path / "run"
+    with trainer_with_a_row(run, *arguments(run, *SMALL)) as (_, simulator):
+        pass
+    deadline = time.monotonic() + DEADLINE_SECONDS
+    while simulator.exists() and "Z" not in (simulator / "stat").read_text().split()[2]:
         assert time.monotonic() < deadline
         time.sleep(0.05)
 
 
-def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path):
+def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):
     address = f"unix:{tmp_path}/simulator.sock"
-    process = subprocess.Popen(
-        command(tmp_path / "run", *SMALL, "stop=160", "--simulator", address),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_coverage(),
-    )  # fmt: skip
-    assert process.stderr is not None
-    assert "waiting up to 60 s for a simulator at unix:" in process.stderr.readline()
-    server = subprocess.Popen(
-        [sys.executable, "-m", "joybridge.simulator", "serve", "--address", address],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    _, errors = process.communicate(timeout=90)
+    servers = []
+
+    def serve(text: str) -> None:
+        if text.startswith("waiting up to 60 s for a simulator at unix:"):
+            command = [sys.executable, "-m", "joybridge.simulator", "serve", "--address", address]
+            servers.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+
+    monkeypatch.setattr(trainer, "_say", serve)
+    result = train(tmp_path / "run", *SMALL, "stop=160", "--simulator", address)
+    (server,) = servers
     server.terminate()
     server.wait()
-    assert process.returncode == 0, errors
+    assert result.status == 0, result.errors
 
 
 def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(address, tmp_path):
     run = tmp_path / "run"
-    assert train(run, *SMALL, "stop=100", "--simulator", address).returncode == 0
-    other = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
-    assert "seed changed" in other.stderr
+    assert train(run, *SMALL, "stop=100", "--simulator", address).status == 0
+    changed = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
+    assert "seed changed" in changed.errors
     three = train(run, *SMALL, "stop=400", "--resume", *["--simulator", address] * 3)
     assert (
-        "the checkpoint holds 2 sessions, but 2 groups at 3 simulators make 3; resume with 2 simulators" in three.stderr
+        "the checkpoint holds 2 sessions, but 2 groups at 3 simulators make 3; resume with 2 simulators" in three.errors
     )
 
 
 def test_evaluation_balances_levels_and_prints_json_last(whole, address):
-    result = subprocess.run(
-        [sys.executable, "-m", "joybridge.trainer", "evaluate", str(whole), "--episodes", "7", "--json",
-         "--simulator", address],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    report = json.loads(result.stdout.splitlines()[-1])["hunter"]
+    result = joybridge("evaluate", str(whole), "--episodes", "7", "--json", "--simulator", address)
+    assert result.status == 0, result.errors
+    report = json.loads(result.output.splitlines()[-1])["hunter"]
     assert report["episodes"] == 7
     assert sorted(report["by_choice"]) == list("0123456")
     assert report["means"]["length"] == 2000
@@ -236,10 +253,7 @@ def test_evaluation_balances_levels_and_prints_json_last(whole, address):
 
 def test_a_recording_is_a_video_of_the_length_asked_for(whole, address, tmp_path):
     video = tmp_path / "folder" / "play.mp4"
-    subprocess.run(
-        [sys.executable, "-m", "joybridge", "record", str(whole), str(video), "--seconds", "2", "--simulator", address],
-        capture_output=True, timeout=120, check=True,
-    )  # fmt: skip
+    assert joybridge("record", str(whole), str(video), "--seconds", "2", "--simulator", address).status == 0
     with av.open(str(video)) as file:
         assert file.streams.video[0].average_rate == 25
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
@@ -254,7 +268,7 @@ def test_multiagent_trains_two_policies_with_their_own_rollouts_on_the_same_lane
     config = CONFIG.with_name("multiagent.yaml")
     small = ["arenas=4", "policy.rollout_steps=20", "policies.axes.rollout_steps=40", "log_interval=800"]
     result = train(run, *small, "stop=1600", "--simulator", address, config=config)
-    assert result.returncode == 0, result.stderr
+    assert result.status == 0, result.errors
     arrays = weights(run)
     assert int(arrays["axes/policy/updates"]) * 2 == int(arrays["buttons/policy/updates"]) == 20
     rows = {name: read_rows(run / f"metrics-{name}.csv") for name in ("axes", "buttons")}
