@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import grpc
+import numpy as np
 import pytest
 from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
@@ -19,13 +20,17 @@ from hypothesis import strategies as st
 from joybridge.conformance.__main__ import main as check
 from joybridge.conformance.doctor import main as doctor
 from joybridge.contract.address import address, is_local
+from joybridge.contract.codec import pack
 from joybridge.contract.credentials import Credentials, CredentialsError, load_credentials, read_token
+from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.text import printable
+from joybridge.simulator.catalog import load_games
 from joybridge.simulator.doors import DoorError, Protection, load_protection
+from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.servers import Server, end, refuses_to_start, server
-from tests.support.wire import PLAY, SECONDS, Stream, start
+from tests.support.wire import PLAY, SECONDS, Stream, act, start
 
 TOKEN = "0123456789abcdef-a-secret"
 
@@ -212,6 +217,24 @@ def test_compressed_messages_are_refused_before_they_are_unpacked(simulator, alg
     with Stream(simulator, compression=algorithm) as stream:
         code, text = stream.refusal(start("x" * 50_000_000))
     assert code == StatusCode.UNIMPLEMENTED and "is disabled" in text
+
+
+@pytest.mark.parametrize(("size", "most"), [((0, 0), 0), ((8, 6), 64), ((640, 400), 21), ((2048, 2048), 1)])
+def test_the_number_of_pictures_depends_on_their_size(size, most):
+    spec = pb.GameSpec(picture=pb.PictureSize(width=size[0], height=size[1]))
+    assert max_pictures(spec) == most
+    assert most * 3 * size[0] * size[1] <= 2**24
+    assert most * 3 * size[0] * size[1] <= response_bytes(spec, 1, 64) < 2**25
+
+
+def test_more_pictures_than_the_bound_are_refused():
+    session = Session(load_games())
+    session.answer(start("archer"))
+    most = max_pictures(session.spec)
+    resting = pb.BehaviorAct(axes=pack(np.zeros((2, 1), np.float32)), choices=pack(np.zeros((2, 1), np.int32)))
+    assert len(session.answer(act(resting, draw=[0] * most)).step.pictures) == most
+    with pytest.raises(Refusal, match=f"asks for {most + 1} pictures up to arena 1, expected at most {most} of"):
+        session.answer(act(resting, draw=[1] * (most + 1)))
 
 
 # ----------------------------------------------------------------------------------------------------- text

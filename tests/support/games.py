@@ -10,6 +10,7 @@ import numpy as np
 from joybridge.simulator import (
     BatchedGame,
     Game,
+    TimeStep,
     axis,
     behavior,
     branch,
@@ -187,6 +188,10 @@ FAULTS = {
     "infinite observation": "sight",
     "NaN reward": "reward",
     "NaN metric": "score",
+    "observation that no float can hold": "sight",
+    "reward that no float can hold": "OverflowError",
+    "metric that no float can hold": "OverflowError",
+    "mask that is a number": "TypeError",
     "unknown channel": "bonus",
     "unknown metric": "style",
     "missing sensor": "sight",
@@ -235,6 +240,15 @@ class Faulty(Game):
 
     def step(self, action):
         observation = {"sight": [0.0, 0.0]}
+        of_a_wrong_kind = {
+            "observation that no float can hold": TimeStep({"sight": [0.0, 10**400]}),
+            "reward that no float can hold": TimeStep(observation, rewards={"reward": 10**400}),
+            "metric that no float can hold": TimeStep(observation, metrics={"score": 10**400}, terminated=True),
+            "nothing returned": None,
+            "mask that is a number": TimeStep(observation, masks={"press": 1}),
+        }
+        if self.option["fault"] in of_a_wrong_kind:
+            return of_a_wrong_kind[self.option["fault"]]
         match self.option["fault"]:
             case "NaN observation":
                 return transition({"sight": [0.0, np.nan]})
@@ -258,8 +272,6 @@ class Faulty(Game):
                 return transition(observation, masks={"press": [True, True, True]})
             case "mask of an unknown branch":
                 return transition(observation, masks={"jump": [True, True]})
-            case "nothing returned":
-                return None
             case "two timesteps for one agent":
                 return [transition(observation)] * 2
             case "exit":

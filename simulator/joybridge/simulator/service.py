@@ -112,8 +112,11 @@ class Service(rpc.SimulatorServiceServicer):
         self.streams.add(stream)
         try:
             while (request := await cast(Awaitable[Any], context.read())) is not grpc.aio.EOF:
-                stream.now(ANSWERING)
-                response = await self._answer(stream, request)
+                if stream.session.is_brief(request):
+                    response = stream.session.answer(request)
+                else:
+                    stream.now(ANSWERING)
+                    response = await self._answer_in_thread(stream, request)
                 stream.now(WRITING)
                 await context.write(response)
                 stream.now(READING)
@@ -133,10 +136,8 @@ class Service(rpc.SimulatorServiceServicer):
             stream.thread.end()
             self.ended = True
 
-    async def _answer(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:
+    async def _answer_in_thread(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:
         session = stream.session
-        if session.is_brief(request):
-            return session.answer(request)
         if not stream.playing:
             self._take_place(stream)
         game = self.games.get(request.start.game)
