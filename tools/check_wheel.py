@@ -218,6 +218,9 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
         )
         base.expect("usage: joybridge COMMAND", "joybridge", "--help")
         base.expect(" 0 failed", "joybridge", "check", address, "--game", "archer")
+        base.expect(
+            "pip install 'joybridge[train]'", "joybridge", "doctor", address, "archer/hybrid", "--game", "archer"
+        )
         base.expect("pip install 'joybridge[train]'", "joybridge", "train", "archer/hybrid", status=2)
         base.expect("pip install 'joybridge[simulator]'", "joybridge", "list", status=2)
         done("joybridge")

@@ -378,6 +378,10 @@ BROKEN |= {
         PROTECTED, checks={WITHOUT, ANOTHER},
         admits=lambda method, sent: sent == RIGHT or method.endswith("/Play") or method.startswith(HEALTH),
     ),
+    "ReflectionIsOpen": replace(
+        PROTECTED, checks={WITHOUT, ANOTHER},
+        admits=lambda method, sent: sent == RIGHT or method.startswith(("/grpc.reflection", HEALTH)),
+    ),
     "HealthNeedsTheToken": replace(
         PROTECTED, checks={"health_needs_no_token"}, admits=lambda method, sent: sent == RIGHT
     ),

@@ -98,7 +98,7 @@ class Client:
         return spec
 
     def play(self, requests: Sequence[Request], **fields: Any) -> Exchange:
-        """Send all requests of a stream without waiting for responses. `fields` are gRPC's. Raises TimedOut."""
+        """Send all requests of a stream at once. `fields` are those of `stream`. Raises TimedOut."""
         stream = self.stream(iter(requests), **fields)
         responses: list[pb.PlayResponse] = []
         try:

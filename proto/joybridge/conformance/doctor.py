@@ -9,6 +9,7 @@ from importlib import import_module
 
 from joybridge.conformance.examination import Finding, Settings, examine
 from joybridge.conformance.expectations import Violation
+from joybridge.conformance.process import leave
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
@@ -96,3 +97,7 @@ def _configured(config: str, overrides: Sequence[str]) -> tuple[str, Settings]:
         return f"{config} fits: {loaded.layout}, {loaded.arenas} arenas"
 
     return loaded.game, Settings(loaded.options, loaded.parameters, loaded.arenas, check)
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,4 +1,4 @@
-"""The end of the process of `joybridge check`."""
+"""The end of the processes of `joybridge check` and `joybridge doctor`."""
 
 import atexit
 import os

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import grpc
 from grpc_health.v1 import health_pb2
+from grpc_reflection.v1alpha import reflection_pb2
 
 from joybridge.conformance.client import OK, SERVICE, Client, Status
 from joybridge.conformance.expectations import Suspicion, expect, skip_unless
@@ -13,6 +14,7 @@ from joybridge.conformance.subject import NOT_FOUND, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
 UNAUTHENTICATED = grpc.StatusCode.UNAUTHENTICATED
+REFLECTION = "reflection"
 SIZE = 10_000  # bytes of a message before it is compressed: fewer than any server accepts
 
 
@@ -63,6 +65,8 @@ def _expect_unauthenticated(subject: Subject, wrong: str) -> None:
     token = _token(subject)
     with subject.client.another(replace(subject.client.credentials, token=wrong)) as stranger:
         for call, status in _calls(stranger):
+            if call == REFLECTION and status.code == grpc.StatusCode.UNIMPLEMENTED:
+                continue  # the server has another version of it, which `health_and_reflection` tests
             what = "with another token" if wrong else "without the token"
             expect(status.code == UNAUTHENTICATED, f"{status.code.name} from {call} {what}", "UNAUTHENTICATED")
             expect(token not in status.details, f"the token in the error of {call}", "an error without it")
@@ -78,3 +82,8 @@ def _calls(stranger: Client) -> Iterator[tuple[str, Status]]:
         yield name, answer if isinstance(answer, Status) else OK
     yield "Play", stranger.play([pb.PlayRequest(start=pb.Start(arenas=1))]).status
     yield "Play without a request", stranger.play([]).status
+    question = reflection_pb2.ServerReflectionRequest(list_services="").SerializeToString()
+    for version in ("v1", "v1alpha"):
+        method = f"/grpc.reflection.{version}.ServerReflection/ServerReflectionInfo"
+        exchange = stranger.play([question], method=method, response=reflection_pb2.ServerReflectionResponse)
+        yield REFLECTION, exchange.status
