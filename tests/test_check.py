@@ -202,6 +202,31 @@ def test_final_observations_that_are_the_next_ones_are_a_warning_where_a_game_ma
     assert result.outcome == WARNING, result
 
 
+class Unseeded(Gauntlet):
+    """Draws other numbers in every session."""
+
+    def draws(self, arena):
+        return np.random.default_rng().normal(size=2)
+
+
+class Crashes(Gauntlet):
+    """Fails in every step."""
+
+    def step(self, acts):
+        raise KeyError("score")
+
+
+@pytest.mark.parametrize(
+    ("game", "first"), [(Unseeded, "same_seed_gives_the_same_bytes"), (Crashes, "valid_actions_are_answered")]
+)
+def test_what_other_failures_follow_from_is_to_be_repaired_first(game, first, capsys):
+    families = [f"--family={family}" for family in ("versions", "steps", "seeds", "settings")]
+    with serving(BrokenServer(set(), game=game)) as address:
+        status, report, lines = run(capsys, address, *families)
+    assert status == 1 and report["failed"] > 8
+    assert report["repair_first"][0] == first and lines[-1].startswith(f"repair first: {first}")
+
+
 def test_there_is_a_broken_server_for_every_family():
     names = {name for broken in BROKEN.values() for name in broken.checks | broken.warned}
     assert names <= {check.name for check in CHECKS}
