@@ -109,6 +109,20 @@ def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(has
         player.play(1)
 
 
+def test_a_client_that_leaves_with_pictures_unread_is_no_error():
+    with server("--address", "127.0.0.1:0", stderr=subprocess.PIPE, env=without_coverage()) as process:
+        with Player(process.address, "shooting_birds") as player, Player(process.address, "archer") as greedy:
+            pictures = act(*greedy.acts(), draw=[0, 1] * 8)
+            for _ in range(9):
+                greedy.stream.requests.put(pictures)
+            player.play(40)  # until the server cannot send any more
+            greedy.stream.responses.cancel()
+            player.play(10)
+        process.terminate()
+        status, text = end(process)
+    assert status == 0 and "Traceback" not in text
+
+
 @pytest.mark.parametrize("how", ["loop", "sleep"])
 def test_a_signal_ends_a_server_whose_game_hangs_and_the_log_says_where(how):
     arguments = ["--address", "127.0.0.1:0", *games(*PLACES)]

@@ -126,6 +126,8 @@ class Service(rpc.SimulatorServiceServicer):
             await context.abort(refusal.code, str(refusal))
         except DecodeError as error:
             await context.abort(StatusCode.INVALID_ARGUMENT, f"not a PlayRequest: {error}")
+        except grpc.aio.InternalError:  # the client has gone while a response was on its way
+            raise asyncio.CancelledError from None
         except asyncio.CancelledError:
             # Without a reason the client has gone. And while a response is being sent, no status can be.
             if stream.ending is None or stream.doing == WRITING:
