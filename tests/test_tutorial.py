@@ -194,7 +194,7 @@ def test_everything_on_the_page_is_as_it_says(terminal):
 )
 def test_what_is_not_as_the_page_says_fails_with_its_line(page, line, complaint, terminal):
     with pytest.raises(AssertionError, match=rf"^line {line} (?s:.*){complaint}"):
-        follow(page, terminal, seconds=1.0)
+        follow(page, terminal, seconds=0.2)
 
 
 def test_numbers_may_differ_and_lines_may_lie_between(terminal):

@@ -1,6 +1,7 @@
-"""Check style, types and tests, and stop at the first failure.
+"""Check style, types and tests.
 
-With --quick, tests marked `slow` are left out. Without it, all tests run and the line coverage of proto, simulator and
+Wrong style ends the check at once. Types are checked while the tests run, in one process per core, at most four. With
+--quick, tests marked `slow` are left out. Without it, all tests run and the line coverage of proto, simulator and
 trainer is measured; it has a lower limit, see pyproject.toml.
 """
 
@@ -8,22 +9,40 @@ import argparse
 import subprocess
 import sys
 
-STATIC = (("ruff", "format", "--check", "."), ("ruff", "check", "."), ("mypy",))
-QUICK = ("pytest", "-m", "not slow")
-ALL = ("pytest", "--cov", "--cov-report=term")
+STYLE = (("ruff", "format", "--check", "."), ("ruff", "check", "."))
+TYPES = ("mypy",)
+# worksteal: a process that has finished its half of the tests takes over a part of the other half.
+TESTS = ("pytest", "--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal")
+QUICK = ("-m", "not slow")
+ALL = ("--cov", "--cov-report=term")
 
 
 def main() -> int:
-    """Run every check and return the exit status of the first that fails."""
-    parser = argparse.ArgumentParser(description="Check style, types and tests; stop at the first failure.")
+    """Run the checks and return an exit status that is not 0 if one fails."""
+    parser = argparse.ArgumentParser(description="Check style, types and tests.")
     parser.add_argument("--quick", action="store_true", help="leave out the tests marked slow, and coverage")
     options = parser.parse_args()
-    for command in (*STATIC, QUICK if options.quick else ALL):
-        print("•", *command, flush=True)
-        status = subprocess.run([sys.executable, "-m", *command], check=False).returncode
-        if status:
+    for command in STYLE:
+        show(command)
+        if status := subprocess.run(module(command), check=False).returncode:
             return status
-    return 0
+    tests = TESTS + (QUICK if options.quick else ALL)
+    with subprocess.Popen(module(TYPES), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as types:
+        show(tests)
+        failed_tests = subprocess.run(module(tests), check=False).returncode
+        show(TYPES)
+        print(types.communicate()[0], end="")
+    return failed_tests or types.returncode
+
+
+def show(command: tuple[str, ...]) -> None:
+    """Print a command."""
+    print("•", *command, flush=True)
+
+
+def module(command: tuple[str, ...]) -> list[str]:
+    """Return the command that runs a Python module with arguments."""
+    return [sys.executable, "-m", *command]
 
 
 if __name__ == "__main__":
