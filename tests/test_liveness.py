@@ -15,7 +15,7 @@ from joybridge.contract.codec import pack
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.environment import without_coverage
-from tests.support.hanging_games import PLACES, RAISED
+from tests.support.hanging_games import HANGING, PLACES, RAISED
 from tests.support.servers import Server, end, games, server
 from tests.support.wire import SECONDS, Player, Stream, act, refused, start
 
@@ -130,11 +130,26 @@ def test_a_signal_ends_a_server_whose_game_hangs_and_the_log_says_where(how):
         with Stream(process.address) as stream:
             stream.ask(start("hangs", options={"how": how}))
             stream.requests.put(press())
-            with Player(process.address, "shooting_birds") as player:
-                player.play(1)
+            assert process.stdout is not None and process.stdout.readline().strip() == HANGING
             process.terminate()
             assert stream.end() == (StatusCode.UNAVAILABLE, "the simulator is shutting down")
         status, text = end(process)
     assert status == 0
     assert "the server ends although a game is still working" in text
+    assert "hanging_games.py" in text and "in step" in text
+
+
+def test_a_signal_ends_a_server_even_if_its_event_loop_hangs():
+    arguments = ["--address", "127.0.0.1:0", *games(*PLACES)]
+    with (
+        server(*arguments, stderr=subprocess.PIPE, env=without_coverage()) as process,
+        Stream(process.address) as stream,
+    ):
+        stream.ask(start("hangs_the_loop"))
+        stream.ask(press())
+        stream.requests.put(press())
+        assert process.stdout is not None and process.stdout.readline().strip() == HANGING
+        process.terminate()
+        status, text = end(process)
+    assert status == 1
     assert "hanging_games.py" in text and "in step" in text

@@ -8,6 +8,7 @@ import numpy as np
 from joybridge.simulator import BatchedGame, Game, behavior, button, option, quiet_step, sensor, spec, transition
 
 FOREVER = 3600.0
+HANGING = "hanging from now on"  # printed by a step that will not return
 RAISED = {
     "cancelled": asyncio.CancelledError,
     "generator exit": GeneratorExit,
@@ -36,9 +37,11 @@ class Hangs(Game):
     def step(self, action):
         match self.option["how"]:
             case "loop":
+                print(HANGING, flush=True)
                 while True:
                     pass
             case "sleep":
+                print(HANGING, flush=True)
                 time.sleep(FOREVER)
             case how if how in RAISED:
                 raise RAISED[how]
@@ -79,4 +82,19 @@ class HangsAtOnce(BatchedGame):
         return self.observe()
 
 
-PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hangs, HangsAtOnce)]
+class HangsTheLoop(HangsAtOnce):
+    """A game that wrongly declares that its steps always end. The first step is played in the thread, as always."""
+
+    name = "hangs_the_loop"
+    in_event_loop = True
+    steps = 0
+
+    def step(self, acts):
+        self.steps += 1
+        if self.steps == 2:
+            print(HANGING, flush=True)
+            time.sleep(FOREVER)
+        return self.observe()
+
+
+PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hangs, HangsAtOnce, HangsTheLoop)]
