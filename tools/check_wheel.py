@@ -68,6 +68,10 @@ class Environment:
         hidden = {"PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "NUMBA_CACHE_DIR"}
         self.variables = {name: value for name, value in os.environ.items() if name not in hidden}
         self.run(str(python), "-m", "venv", "--without-pip", str(folder / "venv"))
+        self.install(wheel, extra)
+
+    def install(self, wheel: Path, extra: str) -> None:
+        """Install the wheel with an extra. Raises NoWheel and Failed."""
         command = (
             sys.executable, "-m", "pip", "--python", str(self.bin / "python"), "install", "--quiet", "--no-compile",
             "--only-binary", ":all:", "--constraint", str(ROOT / "constraints.txt"),
@@ -235,6 +239,11 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     if result["timesteps"] < 960:
         raise Failed(f"joybridge evaluate: the run has {result['timesteps']} timesteps, expected 960")
     done("joybridge[train]")
+
+    trainer.expect("pip install 'joybridge[export]'", "joybridge", "export", "run", "policy.onnx", status=2)
+    trainer.install(wheel, "export")
+    trainer.expect("policy.onnx: ", "joybridge", "export", "run", "policy.onnx")
+    done("joybridge[export]")
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ COMMANDS = {
     "train": Command("joybridge.trainer.__main__", "train", "train a configuration"),
     "evaluate": Command("joybridge.trainer.__main__", "train", "measure how well the policy of a run plays"),
     "record": Command("joybridge.trainer.__main__", "train", "record a video of the policy of a run"),
+    "export": Command("joybridge.trainer.__main__", "export", "write the policy of a run as a file for your product"),
 }
 
 

@@ -1,4 +1,4 @@
-"""The trainer's commands: train, evaluate, record."""
+"""The trainer's commands: train, evaluate, record, export."""
 
 import argparse
 import json
@@ -101,7 +101,14 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     records.add_argument("output", type=Path, help="e.g. play.mp4 or play.gif")
     records.add_argument("--seconds", type=_seconds, default=40.0, help="length of the video; default %(default)g")
 
-    for plays_run in (evaluates, records):
+    exports = commands.add_parser(
+        "export", parents=[plays, shared], help="write a run's policy as a file that plays without the trainer"
+    )
+    exports.set_defaults(function=_export)
+    exports.add_argument("output", type=_policy_file, help="e.g. policy.onnx or policy.json")
+    exports.add_argument("--behavior", metavar="NAME", help="which behavior to export, if the game has several")
+
+    for plays_run in (evaluates, records, exports):
         plays_run.add_argument(
             "overrides", nargs="*", metavar="key=value",
             help="options and parameters of the game that differ from the training, e.g. parameters.size=0.5",
@@ -139,6 +146,13 @@ def _seconds(text: str) -> float:
     if not (math.isfinite(seconds) and seconds > 0):
         raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
     return seconds
+
+
+def _policy_file(text: str) -> Path:
+    """Return the path of an exported policy. Raises ArgumentTypeError."""
+    if not text.endswith((".onnx", ".json")):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a file whose name ends in .onnx or .json")
+    return Path(text)
 
 
 def _train(options: argparse.Namespace) -> None:
@@ -221,6 +235,20 @@ def _record(options: argparse.Namespace) -> None:
             deterministic=options.deterministic, say=_say, overrides=options.overrides,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
+
+
+def _export(options: argparse.Namespace) -> None:
+    config = play_config(options.run, options.overrides)
+    load_checkpoint(options.run)
+    simulators = _choose_simulators(options, last_simulators(options.run), config)
+    with open_simulators(simulators, options.wait, _say) as addresses:
+        from joybridge.trainer.export import export
+
+        exported = export(
+            options.run, addresses[0], options.output, behavior=options.behavior, seed=options.seed,
+            deterministic=options.deterministic, overrides=options.overrides,
+        )  # fmt: skip
+    print(exported)
 
 
 def _choose_simulators(options: argparse.Namespace, last: Simulators, config: Config) -> Simulators:

@@ -3,7 +3,8 @@
 JoybridgeError
 ├── ConfigError        a configuration that cannot be used
 ├── CheckpointError    a checkpoint that is missing or cannot be read
-└── DivergedError      an update has made a network useless
+├── DivergedError      an update has made a network useless
+└── ExportError        an exported policy that does not play as the trainer does
 """
 
 from joybridge.contract.errors import JoybridgeError
@@ -19,3 +20,7 @@ class CheckpointError(JoybridgeError):
 
 class DivergedError(JoybridgeError):
     """An update has made a network useless; the run keeps its state from before."""
+
+
+class ExportError(JoybridgeError):
+    """An exported policy that does not play as the trainer does; nothing is written."""

@@ -71,12 +71,12 @@ class Player:
         self._stack.begin(self.actor.encoder.frames(step.observations))
 
     def act(self, step: StepArrays, act: ActArrays) -> None:
-        """Write an action for the present observations into the policy's part of `act`."""
+        """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
         action = self._action
         fill_masks(None if step.masks is None else self.actor.layout.masks(step.masks), self._masks)
-        noise = draw_noise(self._rng, action.continuous.shape, action.discrete.shape)
+        self.noise = draw_noise(self._rng, action.continuous.shape, action.discrete.shape)
         values = np.empty(self.lanes, np.float32)
-        decision = Decision(self._stack.now, self._masks, noise, action, values)
+        decision = Decision(self._stack.now, self._masks, self.noise, action, values)
         self.actor.act(step, decision, act, deterministic=self.deterministic)
 
     def store(self, step: StepArrays) -> Array:

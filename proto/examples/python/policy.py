@@ -1,0 +1,136 @@
+"""Play a policy that `joybridge export RUN policy.json` wrote. Copy this file into your program; it needs NumPy alone.
+
+    policy = Policy("policy.json")
+    state, random = policy.begin(lanes=1), np.random.default_rng()
+    axes, choices, state = policy.act({"target": target, "bow": bow}, state, random, masks={"draw": allowed})
+
+All arrays have a row per lane, which is one agent of the behavior. Decide only for agents that the game lets decide,
+and also for the first observation of each episode, whose action may be ignored. Where an episode begins, set the row of
+the state to 0.
+"""
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+
+CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
+FORBIDDEN = -1e9  # a logit whose probability is 0
+
+
+class Policy:
+    """What plays one behavior of a game: its device, and the networks that share it."""
+
+    def __init__(self, path):
+        """Read a policy. Raises OSError, and ValueError if the file is no policy of this format."""
+        document = json.loads(Path(path).read_bytes(), object_hook=_decode_array)
+        if not isinstance(document, dict) or document.get("format") != "joybridge.policy.v1":
+            raise ValueError(f"{path} is no 'joybridge.policy.v1'; write it with `joybridge export RUN policy.json`")
+        self.sensors = document["sensors"]  # name, dtype and shape of each
+        self.axes = document["axes"]  # name, low and high of each, in the order of their columns
+        self.branches = document["branches"]  # name and choices of each, in the order of their columns
+        self.deterministic = document["deterministic"]
+        self._networks = document["policies"]
+
+    def begin(self, lanes):
+        """Return the state of new episodes, float32 [lanes, numbers]: the last frames, of which there are none yet."""
+        return np.zeros((lanes, sum(_older(network) for network in self._networks)), np.float32)
+
+    def act(self, sensors, state, random, masks=None):
+        """Return axes, float32 [lanes, axes], choices, int32 [lanes, branches], and the state of the next decision.
+
+        sensors: name -> [lanes, *shape], as the game sends them. random: a numpy.random.Generator; unused if the policy
+        is deterministic. masks: name of a branch -> bool [lanes, choices], true: allowed; branches that are left out
+        allow all their choices, at least one choice is allowed in every lane.
+        """
+        lanes = len(next(iter(sensors.values())))
+        axes = np.zeros((lanes, len(self.axes)), np.float32)
+        choices = np.zeros((lanes, len(self.branches)), np.int32)
+        allowed = [
+            np.asarray((masks or {}).get(branch["name"], np.ones((lanes, len(branch["choices"])))), bool)
+            for branch in self.branches
+        ]
+        following = []
+        for network in self._networks:
+            older, state = state[:, : _older(network)], state[:, _older(network) :]
+            frame = [np.asarray(sensors[name], np.float32).reshape(lanes, -1) for name in network["sensors"]]
+            seen = np.concatenate([older, *frame], axis=1)
+            following.append(seen[:, seen.shape[1] - older.shape[1] :])
+            normal, uniform = self._noise(network, lanes, random)
+            outputs, begin = _dense(network["layers"], seen), 0
+            for column, table in enumerate(network["discrete"]):
+                end = begin + len(table["values"])
+                logits = self._mask(table, outputs[:, begin:end], allowed)
+                row = logits.argmax(axis=1) if uniform is None else _sample(logits, uniform[:, column])
+                values = np.array(table["values"])[row]
+                if "axis" in table:
+                    axes[:, table["axis"]] = values
+                else:
+                    choices[:, table["branches"]] = values
+                begin = end
+            samples = outputs[:, begin:]
+            if normal is not None:
+                samples = samples + network["deviations"] * normal
+            shares = np.clip(samples, -CLIP, CLIP) / CLIP
+            for share, target in zip(shares.T, network["continuous"], strict=True):
+                if "axis" in target:
+                    low, high = (self.axes[target["axis"]][bound] for bound in ("low", "high"))
+                    axes[:, target["axis"]] = np.clip((low + high) / 2 + (high - low) / 2 * share, low, high)
+                else:
+                    mask = allowed[target["branch"]]
+                    pressed = _press(share, target.get("threshold"), mask.shape[1])
+                    fits = mask[np.arange(lanes), pressed]
+                    choices[:, target["branch"]] = np.where(fits, pressed, mask.argmax(axis=1))
+        return axes, choices, np.concatenate(following, axis=1)
+
+    def _noise(self, network, lanes, random):
+        """Return noise for the Gaussians and the branches of a network, [lanes, number] each, or None and None."""
+        if self.deterministic:
+            return None, None
+        normal = random.standard_normal((lanes, len(network["continuous"])), np.float32)
+        return normal, random.random((lanes, len(network["discrete"])), np.float32)
+
+    @staticmethod
+    def _mask(table, logits, allowed):
+        """Return logits in which a row of the table is FORBIDDEN unless all its choices are allowed."""
+        if "axis" in table:
+            return logits
+        values = np.array(table["values"])
+        fits = [allowed[branch][:, column] for branch, column in zip(table["branches"], values.T, strict=True)]
+        return np.where(np.all(fits, axis=0), logits, np.float32(FORBIDDEN))
+
+
+def _older(network):
+    """Return how many numbers a network remembers of the frames before the present one."""
+    numbers = network["layers"][0]["weight"].shape[1]
+    return numbers - numbers // network["frame_stack"]
+
+
+def _dense(layers, values):
+    """Return the outputs of dense layers with swish, x / (1 + exp(-x)), between them."""
+    for number, layer in enumerate(layers):
+        if number:
+            values = values / (1 + np.exp(-np.clip(values, -80, None)))
+        values = values @ layer["weight"].T + layer["bias"]
+    return values
+
+
+def _sample(logits, uniform):
+    """Return a choice per row with the probabilities softmax(logits); uniform: noise in [0, 1)."""
+    sums = np.exp(logits.astype(float) - logits.max(axis=1, keepdims=True)).cumsum(axis=1)
+    return (sums <= uniform[:, None] * sums[:, -1:]).sum(axis=1)
+
+
+def _press(share, threshold, count):
+    """Return the choice of a branch of `count` choices at shares in -1..1."""
+    if threshold is None:
+        return np.minimum(((share + 1) / 2 * count).astype(int), count - 1)
+    return (share > 0 if threshold == 0 else np.abs(share) < threshold).astype(int)
+
+
+def _decode_array(value):
+    """Return an array for what the file holds as {"shape": ..., "float32": BASE64}."""
+    if set(value) != {"shape", "float32"}:
+        return value
+    return np.frombuffer(base64.b64decode(value["float32"]), "<f4").reshape(value["shape"])

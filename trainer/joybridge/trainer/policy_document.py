@@ -1,0 +1,107 @@
+"""An exported policy as plain data: everything that plays one behavior, and nothing that learns.
+
+`onnx_model.py` builds an ONNX model from it. A JSON file is this document as it is, with each array as
+`{"shape": [...], "float32": BASE64}`, little-endian and row-major. proto/examples/python/README.md documents it.
+"""
+
+import base64
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from joybridge.contract.tensors import NUMPY_TYPES, Array
+from joybridge.trainer.actor import Actor
+from joybridge.trainer.layouts import AxisRange, AxisTable, BranchTable, Split, Threshold
+from joybridge.v1 import bridge_pb2 as pb
+
+Document = dict[str, Any]
+
+FORMAT = "joybridge.policy.v1"  # v2 once readers of v1 would go wrong
+
+
+def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
+    """Return the policies that share the device of a behavior as one document.
+
+    deterministic: it takes the likeliest actions instead of sampling. about: what else a reader may want to know.
+    """
+    seen = {sensor.name for actor in actors for sensor in actor.encoder.sensors}
+    return {
+        "format": FORMAT,
+        **about,
+        "behavior": behavior.name,
+        "deterministic": deterministic,
+        "sensors": [
+            {"name": sensor.name, "dtype": NUMPY_TYPES[sensor.dtype].name, "shape": list(sensor.shape)}
+            for sensor in behavior.sensors
+            if sensor.name in seen
+        ],
+        "axes": [{"name": axis.name, "low": axis.low, "high": axis.high} for axis in behavior.device.axes],
+        "branches": [
+            {"name": branch.name, "choices": list(branch.choices)} for branch in behavior.device.branches
+        ],
+        "policies": [_policy(actor) for actor in actors],
+    }  # fmt: skip
+
+
+def encode(document: Document) -> bytes:
+    """Return a document as a JSON file."""
+    return json.dumps(document, default=_encode_array, indent=1, ensure_ascii=False).encode() + b"\n"
+
+
+def decode(data: bytes) -> Document:
+    """Return the document in a JSON file."""
+    document: Document = json.loads(data, object_hook=_decode_array)
+    return document
+
+
+def _policy(actor: Actor) -> Document:
+    """Return the network and the layout of one policy.
+
+    The rows of the last layer are the choices of the policy's branches, one branch after the other, then the means of
+    its Gaussians: neither padding nor a value.
+    """
+    state, space, layout = actor.state(), actor.layout.space, actor.layout
+    branches, padded = len(space.branches), len(space.branches) * space.widest
+    choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
+    rows = [*choices, *range(padded, padded + space.continuous)]
+    hidden = [
+        {"weight": state[f"actor.hidden.{index}.weight"], "bias": state[f"actor.hidden.{index}.bias"]}
+        for index in range(len(actor.config.hidden_sizes))
+    ]
+    bias = np.concatenate([np.zeros(len(choices), np.float32), state["mean_bias"]])
+    return {
+        "name": actor.name,
+        "sensors": [sensor.name for sensor in actor.encoder.sensors],
+        "frame_stack": actor.config.frame_stack,
+        "layers": [*hidden, {"weight": state["actor.head.weight"][rows], "bias": bias}],
+        "deviations": np.exp(0.5 * state["log_variance"].astype(float)).astype(np.float32),
+        "discrete": [_table(table) for table in layout.discrete],
+        "continuous": [_target(target) for target in layout.continuous],
+    }
+
+
+def _table(table: AxisTable | BranchTable) -> Document:
+    if isinstance(table, AxisTable):
+        return {"axis": table.axis, "values": table.values.tolist()}
+    return {"branches": list(table.branches), "values": table.values.tolist()}
+
+
+def _target(target: AxisRange | Threshold | Split) -> Document:
+    if isinstance(target, AxisRange):
+        return {"axis": target.axis}
+    if isinstance(target, Threshold):
+        return {"branch": target.branch, "threshold": target.threshold}
+    return {"branch": target.branch}
+
+
+def _encode_array(array: Array) -> Document:
+    data = np.ascontiguousarray(array, "<f4").tobytes()
+    return {"shape": list(array.shape), "float32": base64.b64encode(data).decode()}
+
+
+def _decode_array(value: Document) -> Document | Array:
+    if set(value) != {"shape", "float32"}:
+        return value
+    return np.frombuffer(base64.b64decode(value["float32"]), "<f4").reshape(value["shape"])
