@@ -41,8 +41,9 @@ NOWHERE = "127.0.0.1:1"
 
 
 @pytest.fixture(autouse=True)
-def _quiet():
-    """Keep the servers of this process from logging what they refuse."""
+def _quiet(monkeypatch):
+    """Keep the servers of this process from logging what they refuse, and abandon no more sessions than it takes."""
+    monkeypatch.setattr(sessions, "ABANDONED", 2 * sessions.MANY_SESSIONS)
     logging.disable(logging.CRITICAL)
     yield
     logging.disable(logging.NOTSET)
@@ -145,7 +146,7 @@ def test_a_server_that_keeps_lost_sessions_is_found_and_so_is_what_follows_from_
     assert failed(results) == {check.name for check in checks}
     assert repair_first(results, list(FAMILIES)) == ["ended_sessions_are_freed"]
     (leak,) = (result for result in results if result.check.name == "ended_sessions_are_freed")
-    assert leak.got == "RESOURCE_EXHAUSTED '40 sessions are open' after 72 sessions were cancelled"
+    assert leak.got == "RESOURCE_EXHAUSTED '12 sessions are open' after 16 sessions were cancelled"
     assert "do sessions that were closed or lost still count?" in results[-1].expected
 
 
@@ -173,10 +174,16 @@ class OneArena(Gauntlet):
         return spec
 
 
-@pytest.mark.parametrize("game", [Deterministic, Coins, OneArena])
-def test_a_correct_game_of_one_arena_or_of_few_different_episodes_fails_nothing(game):
-    families = ["seeds", "resets", "episode_ends"]
-    checks = select(families=[*families, "sessions", "pictures", "snapshots"] if game is OneArena else families)
+@pytest.mark.parametrize(
+    ("game", "families"),
+    [
+        (Deterministic, ["seeds", "resets"]),
+        (Coins, ["seeds", "resets"]),
+        (OneArena, ["seeds", "pictures", "snapshots"]),
+    ],
+)
+def test_a_correct_game_of_one_arena_or_of_few_different_episodes_fails_nothing(game, families):
+    checks = select(families=families)
     with serving(BrokenServer(set(), game=game)) as address:
         results = list(run_checks(address, seconds=SECONDS, checks=checks))
     assert not failed(results) | failed(results, WARNING)
@@ -220,10 +227,10 @@ class Crashes(Gauntlet):
     ("game", "first"), [(Unseeded, "same_seed_gives_the_same_bytes"), (Crashes, "valid_actions_are_answered")]
 )
 def test_what_other_failures_follow_from_is_to_be_repaired_first(game, first, capsys):
-    families = [f"--family={family}" for family in ("versions", "steps", "seeds", "settings")]
+    families = [f"--family={family}" for family in ("versions", "steps", "seeds")]
     with serving(BrokenServer(set(), game=game)) as address:
         status, report, lines = run(capsys, address, *families)
-    assert status == 1 and report["failed"] > 8
+    assert status == 1 and report["failed"] > 5
     assert report["repair_first"][0] == first and lines[-1].startswith(f"repair first: {first}")
 
 
