@@ -3,6 +3,7 @@
 import re
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import time
@@ -758,8 +759,9 @@ def test_a_signal_ends_health_then_sessions_then_the_server(number):
 def test_a_unix_socket_carries_the_same_bytes_and_can_be_used_again_after_a_crash(simulator, tmp_path_factory):
     path = tmp_path_factory.mktemp("s") / "s"  # short: the path of a socket has about a hundred characters at most
     address = f"unix:{path}"
-    with server("--address", address, *games(*PLACES)) as process:
+    with server("--address", address, *games(*PLACES), umask=0) as process:
         assert process.address == address
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600  # for its owner alone
         for game in GOOD:
             with Player(address, game) as one, Player(simulator, game) as other:
                 assert one.play(12) == other.play(12)
