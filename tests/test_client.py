@@ -4,15 +4,24 @@ import asyncio
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from threading import Event
 
+import grpc
 import numpy as np
 import pytest
 
+from joybridge.contract.versions import own_version
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.wire import client, interruptible_loop, stream
-from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, wait_for
+from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, describe, wait_for
+from joybridge.trainer.wire.errors import SimulatorShutDown
 from joybridge.trainer.wire.launch import simulator_process
+from joybridge.v1 import bridge_pb2 as pb
+from tests.support.broken_servers import Gauntlet, Honest
 from tests.support.environment import without_coverage
 from tests.support.instructions import run_with
 
@@ -70,7 +79,7 @@ def test_a_session_of_a_simulator_that_went_away_is_lost_and_can_be_closed_twice
         session = Session(bound, "marble", arenas=2, seed=0)
     acts = make_acts(session.spec, 2)
     for _ in range(2):
-        with pytest.raises(SimulatorLost):
+        with pytest.raises(SimulatorShutDown, match="the simulator is shutting down"):
             session.step(acts)
     session.close()
     session.close()
@@ -94,6 +103,75 @@ def test_a_wait_for_a_simulator_ends_and_names_the_command_that_starts_one():
     with pytest.raises(SimulatorLost, match="start one there with `joybridge serve --address"):
         wait_for("127.0.0.1:1", 0.0, said.append)
     assert said == ["waiting up to 0 s for a simulator at 127.0.0.1:1 (nothing listens there) …"]
+
+
+@contextmanager
+def answering(describe: bytes | None = None, *answers: bytes) -> Iterator[str]:
+    """Yield the address of a server that sends these bytes: instead of a spec, and after Started; then it is silent."""
+    end = Event()
+    spec = pb.DescribeGameResponse(spec=Gauntlet.describe({"size": "small"}), version=own_version()).SerializeToString()
+
+    def play(requests, context):
+        yield Honest({Gauntlet.name: Gauntlet}).answer(pb.PlayRequest.FromString(next(requests))).SerializeToString()
+        yield from answers
+        end.wait(60.0)
+
+    handlers = {
+        "DescribeGame": grpc.unary_unary_rpc_method_handler(lambda *_: spec if describe is None else describe),
+        "Play": grpc.stream_stream_rpc_method_handler(play),
+    }
+    with ThreadPoolExecutor(4) as pool:
+        server = grpc.server(pool)
+        server.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(stream.SERVICE, handlers)])
+        port = server.add_insecure_port("127.0.0.1:0")
+        server.start()
+        yield f"127.0.0.1:{port}"
+        end.set()
+        server.stop(None).wait()
+
+
+def test_a_simulator_that_does_not_answer_in_time_is_lost_and_the_error_says_what_was_waited_for():
+    with answering() as silent, Session(silent, "gauntlet", arenas=3, first_arena=5, seed=0, timeout=0.3) as session:
+        acts = make_acts(session.spec, 3)
+        for _ in range(2):
+            with pytest.raises(SimulatorLost) as caught:
+                session.step(acts)
+    assert str(caught.value).startswith(
+        f"the simulator at {silent} has not answered for 0.3 s: gauntlet, arenas 5 to 7, step 1, waiting for the "
+        "answer to act; "
+    )
+
+
+@pytest.mark.parametrize("ask", [Session.save, Session.reset, lambda session: session.receive()])
+def test_every_wait_of_a_session_ends(ask):
+    with answering() as silent, Session(silent, "gauntlet", arenas=3, seed=0, timeout=0.3) as session:
+        if ask not in (Session.save, Session.reset):
+            session.send(make_acts(session.spec, 3))
+        with pytest.raises(
+            SimulatorLost, match=r"has not answered for 0\.3 s: .* waiting for the answer to (save|reset|act)"
+        ):
+            ask(session)
+
+
+def test_the_time_of_an_answer_begins_with_the_wait_for_it(address):
+    with Session(address, "marble", arenas=2, seed=0, timeout=0.5) as session:
+        session.send(make_acts(session.spec, 2))
+        begin = time.monotonic()
+        while time.monotonic() < begin + 0.6:  # learning, for example
+            sum(range(1000))
+        session.receive()
+
+
+def test_what_is_no_message_is_an_error_that_says_so(capfd):
+    with (
+        answering(None, b"\xff\xff") as silly,
+        Session(silly, "gauntlet", arenas=3, seed=0) as session,
+        pytest.raises(SimulatorError, match="sent what is no PlayResponse: "),
+    ):
+        session.step(make_acts(session.spec, 3))
+    with answering(b"\xff\xff") as silly, pytest.raises(SimulatorError, match="sent what is no DescribeGameResponse: "):
+        describe(silly, "gauntlet", {})
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def run_alone(script: str) -> None:

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar, TypeVarTuple
 
 import grpc
+from google.protobuf.message import Message
 
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.spec import SpecError, check_spec
@@ -17,16 +18,16 @@ from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
 from joybridge.trainer.wire.reachability import why_unreachable
-from joybridge.trainer.wire.stream import Stream
+from joybridge.trainer.wire.stream import OPEN, SERVICE, Stream, parse
 from joybridge.v1 import bridge_pb2 as pb
-from joybridge.v1 import bridge_pb2_grpc as rpc
 
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
 
-CALL_SECONDS = 30.0  # deadline of DescribeGame
+CALL_SECONDS = 30.0  # to wait for an answer, by default
 
 Arguments = TypeVarTuple("Arguments")
 T = TypeVar("T")
+M = TypeVar("M", bound=Message)
 
 
 def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
@@ -50,7 +51,8 @@ def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
 def list_games(address: str) -> list[str]:
     """Return the names of a simulator's games. Raises SimulatorError."""
     try:
-        response = EVENT_LOOP.run(_list_games, address)
+        request = pb.ListGamesRequest(version=own_version())
+        response = EVENT_LOOP.run(_call, address, "ListGames", request, pb.ListGamesResponse)
     except grpc.RpcError as error:
         raise from_grpc(error, address) from error
     return [game.name for game in response.games]
@@ -64,7 +66,7 @@ def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec
     """
     request = pb.DescribeGameRequest(game=game, options=options, version=own_version())
     try:
-        response = EVENT_LOOP.run(_describe, address, request)
+        response = EVENT_LOOP.run(_call, address, "DescribeGame", request, pb.DescribeGameResponse)
         if text := mismatch(own_version(), response.version):
             raise SimulatorError(f"{address}: {text}")
         spec = response.spec
@@ -94,8 +96,9 @@ class Session:
         options: Mapping[str, str] | None = None,
         parameters: Mapping[str, float] | None = None,
         snapshot: Mapping[str, bytes] | None = None,
+        timeout: float = CALL_SECONDS,
     ) -> None:
-        """Open a session, new or from a snapshot.
+        """Open a session, new or from a snapshot. timeout: seconds to wait for each answer.
 
         Raises SimulatorLost if the simulator cannot be reached, SimulatorError if it refuses the session.
         """
@@ -104,7 +107,7 @@ class Session:
         self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
         self._failure: SimulatorError | None = None  # why the session has ended
-        self._stream = Stream(address, self.spec, arenas)
+        self._stream = Stream(address, self.spec, arenas, timeout)
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
@@ -174,21 +177,13 @@ class Session:
 
 
 async def _connect(address: str, seconds: float) -> None:
-    async with grpc.aio.insecure_channel(address) as channel:
+    async with OPEN.aio_channel(address) as channel:
         await asyncio.wait_for(channel.channel_ready(), seconds)
 
 
-async def _list_games(address: str) -> pb.ListGamesResponse:
-    async with grpc.aio.insecure_channel(address) as channel:
-        response: pb.ListGamesResponse = await rpc.SimulatorServiceStub(channel).ListGames(
-            pb.ListGamesRequest(version=own_version()), timeout=CALL_SECONDS
-        )
-        return response
-
-
-async def _describe(address: str, request: pb.DescribeGameRequest) -> pb.DescribeGameResponse:
-    async with grpc.aio.insecure_channel(address) as channel:
-        response: pb.DescribeGameResponse = await rpc.SimulatorServiceStub(channel).DescribeGame(
-            request, timeout=CALL_SECONDS
-        )
-        return response
+async def _call(address: str, method: str, request: Message, response: type[M]) -> M:
+    """Call a method and return its response. Raises grpc.RpcError and SimulatorError."""
+    async with OPEN.aio_channel(address) as channel:
+        call = channel.unary_unary(f"/{SERVICE}/{method}", type(request).SerializeToString)
+        data = await call(request, timeout=CALL_SECONDS)
+    return parse(response, data, address)

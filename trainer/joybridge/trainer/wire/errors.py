@@ -3,6 +3,7 @@
 SimulatorError            a simulator refused a request, failed, or broke the contract
 ├── NoSuchGame            a simulator does not have the game
 └── SimulatorLost         a simulator cannot be reached or went away; training can be resumed once it is back
+    └── SimulatorShutDown it announced its end, as the contract asks for
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ import grpc
 
 from joybridge.contract.errors import JoybridgeError
 
-__all__ = ["NoSuchGame", "SimulatorError", "SimulatorLost"]
+__all__ = ["NoSuchGame", "SimulatorError", "SimulatorLost", "SimulatorShutDown"]
 
 _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
 
@@ -28,10 +29,16 @@ class NoSuchGame(SimulatorError):
     """A simulator does not have the game."""
 
 
+class SimulatorShutDown(SimulatorLost):
+    """A simulator announced that it is shutting down."""
+
+
 def from_grpc(error: Any, address: str) -> SimulatorError:
     """Return the error to raise for a grpc.RpcError."""
     code, text = error.code(), error.details()
     if code in _LOST:
-        return SimulatorLost(f"lost the simulator at {address}: {text} ({code.name})")
+        # gRPC itself reports a lost connection as UNAVAILABLE, too; only the sentence tells the difference.
+        lost = SimulatorShutDown if "shutting down" in str(text) else SimulatorLost
+        return lost(f"lost the simulator at {address}: {text} ({code.name})")
     kind = NoSuchGame if code is grpc.StatusCode.NOT_FOUND else SimulatorError
     return kind(f"error from the simulator at {address}: {text} ({code.name})")

@@ -14,6 +14,7 @@ from joybridge.trainer.wire.errors import SimulatorLost
 __all__ = ["simulator_process"]
 
 ENDING_SECONDS = 5.0
+LOST_SECONDS = 1.0  # the same after an error or an interrupt: perhaps it no longer listens to anything
 # -P: a folder joybridge/ or a file tools.py in the current folder is not imported in place of the installed modules.
 # -u: what games print appears at once.
 COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge", "serve"]
@@ -39,9 +40,10 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     folders = {"PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path)} if games else {}
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env=os.environ | folders,
+        env=os.environ | folders, start_new_session=True,  # Ctrl-C and the end of a terminal are for this process
     )  # fmt: skip
     printer: Thread | None = None
+    patience = LOST_SECONDS
     try:
         assert process.stdout is not None
         last_line = ""
@@ -57,10 +59,11 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
         printer = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)
         printer.start()
         yield line.removeprefix(READY).strip()
+        patience = ENDING_SECONDS
     finally:
         process.terminate()
         try:
-            process.wait(ENDING_SECONDS)
+            process.wait(patience)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

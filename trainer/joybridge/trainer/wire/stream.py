@@ -1,23 +1,31 @@
 """One Play stream over gRPC: actions out, steps in, in turns. Its methods run on the event loop."""
 
 import asyncio
-from collections.abc import Sequence
+import math
+from collections.abc import Awaitable, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import grpc
+from google.protobuf.message import DecodeError, Message
 
 from joybridge.contract.codec import ActArrays, Codec, Format, StepArrays, fill_act
+from joybridge.contract.credentials import Credentials
 from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.tensors import Array, TensorError
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.v1 import bridge_pb2 as pb
-from joybridge.v1 import bridge_pb2_grpc as rpc
 
 ATTEMPTS = 10  # to open a stream
+PAUSE_SECONDS = 0.002  # between two calls, after which the end of the stream may have come
+SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 # Pings detect a machine that has disappeared. By default, gRPC servers end connections that ping more often than
 # every five minutes.
 KEEPALIVE = [("grpc.keepalive_time_ms", 330_000), ("grpc.keepalive_timeout_ms", 20_000)]
+
+OPEN = Credentials()  # no TLS and no token
+
+M = TypeVar("M", bound=Message)
 
 
 class Outcome(NamedTuple):
@@ -31,8 +39,13 @@ class Outcome(NamedTuple):
 class Stream:
     """A Play stream to the simulator at an address, for `arenas` of the game that `spec` describes."""
 
-    def __init__(self, address: str, spec: pb.GameSpec, arenas: int) -> None:
-        self.address, self._spec = address, spec
+    def __init__(self, address: str, spec: pb.GameSpec, arenas: int, seconds: float) -> None:
+        """Prepare a stream. seconds: how long to wait for each response."""
+        self.address, self._spec, self._seconds = address, spec, seconds
+        self._place = f"{spec.name}, {arenas} arenas"  # for errors
+        self._steps = 0
+        self._late = False  # whether a response did not come in time
+        self._heard = math.inf  # when the last response came, in the time of the loop
         self._codecs = [Codec(behavior, arenas) for behavior in spec.behaviors]
         picture = spec.picture
         self._picture = Format(pb.DTYPE_UINT8, (picture.height, picture.width, 3), "step.pictures")
@@ -52,10 +65,11 @@ class Stream:
         that the request could not be sent. In the second case, try again.
         """
         for _ in range(ATTEMPTS):
-            self._channel = grpc.aio.insecure_channel(self.address, options=self._options)
-            self._call = rpc.SimulatorServiceStub(self._channel).Play()
+            self._channel = OPEN.aio_channel(self.address, self._options)
+            self._call = self._channel.stream_stream(f"/{SERVICE}/Play", pb.PlayRequest.SerializeToString)()
+            self._place = f"{start.game}, arenas {start.first_arena} to {start.first_arena + start.arenas - 1}"
             try:
-                response = await self._exchange(pb.PlayRequest(start=start))
+                response = await self._wait(self._exchange(pb.PlayRequest(start=start)))
                 break
             except _NotSent:
                 await self.close()
@@ -73,7 +87,7 @@ class Stream:
 
     async def send(self, acts: Sequence[ActArrays]) -> None:
         """Send the actions of one timestep without waiting for the step; `receive` returns it."""
-        await self._finish_pending()
+        await self._prepare()
         self._pending = asyncio.create_task(self._exchange(_act_request(acts)))
         await asyncio.sleep(0)  # lets the task begin to send
 
@@ -82,15 +96,15 @@ class Stream:
         if self._pending is None:
             raise SimulatorError("receive() without send(): no response is on its way")
         pending, self._pending = self._pending, None
-        return self._unpack(self._require(await pending, "step").step)
+        return self._unpack(self._require(await self._wait(pending), "step").step)
 
     async def step(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> Outcome:
         """Send the actions of one timestep and return what followed, with pictures of the arenas in `draw`.
 
         Raises SimulatorError.
         """
-        await self._finish_pending()
-        response = await self._exchange(_act_request(acts, draw))
+        await self._prepare()
+        response = await self._wait(self._exchange(_act_request(acts, draw)))
         outcome = self._unpack(self._require(response, "step").step)
         if len(outcome.pictures) != len(draw):
             raise SimulatorError(
@@ -100,14 +114,14 @@ class Stream:
 
     async def reset(self, reset: pb.Reset) -> Outcome:
         """Begin new episodes and return their first observations. Raises SimulatorError."""
-        await self._finish_pending()
-        response = await self._exchange(pb.PlayRequest(reset=reset))
+        await self._prepare()
+        response = await self._wait(self._exchange(pb.PlayRequest(reset=reset)))
         return self._unpack(self._require(response, "step").step)
 
     async def save(self) -> dict[str, bytes]:
         """Return a snapshot of all arenas. Raises SimulatorError."""
-        await self._finish_pending()
-        response = await self._exchange(pb.PlayRequest(save=pb.Save()))
+        await self._prepare()
+        response = await self._wait(self._exchange(pb.PlayRequest(save=pb.Save())))
         return dict(self._require(response, "snapshot").snapshot.parts)
 
     async def close(self) -> None:
@@ -121,29 +135,67 @@ class Stream:
             self._call.cancel()
             await self._channel.close()
 
-    async def _finish_pending(self) -> None:
-        """Drop a response that was not received, because an interrupt came after `send`.
+    async def _prepare(self) -> None:
+        """Get ready for a request.
 
-        gRPC does not support two reads at a time.
+        A response that was not received, because an interrupt came after `send`, is dropped: gRPC does not support two
+        reads at a time. After a pause, in which the loop did not run, the stream may have ended: if a request were sent
+        before the loop has noticed, gRPC would hide the reason.
         """
         if self._pending is not None:
             pending, self._pending = self._pending, None
-            await pending
+            await self._wait(pending)
+        if asyncio.get_running_loop().time() - self._heard > PAUSE_SECONDS:
+            for _ in range(3):  # for the socket, the queue of gRPC and the task that takes the status
+                await asyncio.sleep(0)
+
+    async def _wait(self, response: Awaitable[pb.PlayResponse]) -> pb.PlayResponse:
+        """Return a response. Raises SimulatorLost if it does not come in time.
+
+        The time begins with the wait, not with the request: a caller may do something else in between. A timer that
+        ends the call is cheaper than asyncio's timeouts.
+        """
+        loop = asyncio.get_running_loop()
+        timer = loop.call_later(self._seconds, self._give_up)
+        try:
+            return await response
+        finally:
+            timer.cancel()
+            self._heard = loop.time()
+
+    def _give_up(self) -> None:
+        self._late = True
+        self._call.cancel()
 
     async def _exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
+        kind = request.WhichOneof("request")
+        self._steps += kind == "act"
         try:
             await self._call.write(request)
         except asyncio.InvalidStateError:
             pass  # the stream has ended; reading from it raises the reason
+        except asyncio.CancelledError:
+            raise self._too_late(kind) from None
         except grpc.RpcError as error:
             raise _NotSent(f"lost the simulator at {self.address}: the stream has ended") from error
         try:
-            response: pb.PlayResponse = await self._call.read()
+            data = await self._call.read()
+        except asyncio.CancelledError:
+            raise self._too_late(kind) from None
         except grpc.RpcError as error:
             raise from_grpc(error, self.address) from error
-        if response is grpc.aio.EOF:
+        if data is grpc.aio.EOF:
             raise SimulatorLost(f"the simulator at {self.address} ended the session")
-        return response
+        return parse(pb.PlayResponse, data, self.address)
+
+    def _too_late(self, kind: str | None) -> BaseException:
+        """Return the error for a call that was cancelled: by its timer, or by an interrupt."""
+        if not self._late:
+            return asyncio.CancelledError()
+        return SimulatorLost(
+            f"the simulator at {self.address} has not answered for {self._seconds:g} s: {self._place}, step "
+            f"{self._steps}, waiting for the answer to {kind}; look at its log, or allow more time with timeout_seconds"
+        )
 
     def _require(self, response: pb.PlayResponse, wanted: str) -> pb.PlayResponse:
         """Return the response if it is of the wanted kind. Raises SimulatorError."""
@@ -162,6 +214,19 @@ class Stream:
         except TensorError as error:
             raise SimulatorError(f"the simulator at {self.address} broke the contract: {error}") from error
         return Outcome(steps, step.simulate_seconds, pictures)
+
+
+def parse(kind: type[M], data: bytes, address: str) -> M:
+    """Return the message in a response. Raises SimulatorError.
+
+    gRPC's own deserialization would log a traceback and return None for what cannot be parsed.
+    """
+    try:
+        return kind.FromString(data)
+    except DecodeError as error:
+        raise SimulatorError(
+            f"the simulator at {address} sent what is no {kind.DESCRIPTOR.name}: {error}; check its version"
+        ) from error
 
 
 def _act_request(acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
