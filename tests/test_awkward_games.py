@@ -106,7 +106,7 @@ def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved(awkw
     with pytest.raises(DivergedError, match=r"the network of player is no longer finite .*smaller learning_rate"):
         train(config("generous", 600), tmp_path, [awkward], resume=False, report=lambda *_: None)
     arrays, manifest = load_checkpoint(tmp_path)
-    assert 150 < manifest["timesteps"] < 200
+    assert 150 < manifest.timesteps < 200
     assert all(np.isfinite(array).all() for name, array in arrays.items() if "/network." in name)
 
 

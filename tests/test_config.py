@@ -1,9 +1,11 @@
 """Configurations are checked, merged and overridden; the experiments' files are as the paper has them."""
 
+import os
 from pathlib import Path
 
 import pytest
 
+from joybridge.trainer.checkpoint import Manifest, save_checkpoint
 from joybridge.trainer.config import (
     OTHER_NAMES,
     Config,
@@ -12,6 +14,7 @@ from joybridge.trainer.config import (
     dump_config,
     keep_config,
     load_config,
+    run_name,
 )
 from joybridge.trainer.errors import ConfigError
 
@@ -82,6 +85,50 @@ def test_a_wrong_file_is_refused_naming_the_key(text, message, tmp_path):
         load_config(write(tmp_path, text))
 
 
+LAUGHS = "game: g\noptions:\n  a0: &a0 ha\n" + "".join(
+    f"  a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LAUGHS, "its aliases make it too large"),
+        ("game: g\noptions: &a {b: *a}", "is not YAML|too large"),
+        ("game: " + "[" * 30_000, "it is nested more than 10 times"),
+        ("game: g\nseed: 0x" + "f" * 30_000, "seed: got an integer of very many digits"),
+        ("game: g\nseed: " + "9" * 5000, "is not YAML"),
+        ("game: g\nseed: " + "x" * 30_000, "seed: got 'xxx"),
+        (
+            "game: g\n" + "#" * 70_000,
+            "cannot read the configuration .*config.yaml: 70,008 bytes, expected at most 65,536",
+        ),
+        ("game: g\nextends: /dev/zero", "cannot read the configuration /dev/zero: not a regular file"),
+        ("game: g\nextends: pipe", "cannot read the configuration .*pipe: not a regular file"),
+        ("game: g\nextends: .", "cannot read the configuration .*: "),
+        ("game: g\nextends: loop", "cannot read the configuration .*loop"),
+        ('game: g\nextends: "a\\0b"', "cannot read the configuration .*null byte"),
+        ("game: g\nextends: " + "x" * 5000, "cannot read the configuration .*: File name too long"),
+        ("game: !!python/object/apply:os.system [id]", "is not YAML"),
+    ],
+)
+def test_a_file_of_a_stranger_is_refused_in_a_sentence(text, message, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_config(write(tmp_path, text))
+    assert len(str(caught.value)) < 6000
+
+
+def test_files_extend_each_other_ten_times_at_most(tmp_path):
+    write(tmp_path, "game: g", "0.yaml")
+    for number in range(1, 12):
+        write(tmp_path, f"extends: {number - 1}.yaml", f"{number}.yaml")
+    assert load_config(tmp_path / "9.yaml").game == "g"
+    with pytest.raises(ConfigError, match=r"1\.yaml: `extends` leads through more than 10 files"):
+        load_config(tmp_path / "11.yaml")
+
+
 def test_files_that_extend_others_merge_mappings_and_replace_the_rest(tmp_path):
     write(tmp_path, "game: g\npolicy: {epochs: 9, hidden_sizes: [5, 5]}\nseed: 3", "base.yaml")
     config = load_config(write(tmp_path, "extends: base.yaml\npolicy: {hidden_sizes: [7]}"))
@@ -121,6 +168,7 @@ def test_every_name_of_another_library_leads_to_a_key_that_exists():
 
 def test_a_resumed_run_may_grow_but_neither_shrink_nor_change(tmp_path):
     keep_config(Config(game="g", total_timesteps=100), tmp_path)
+    save_checkpoint(tmp_path, {}, Manifest(timesteps=50))
     check_run(Config(game="g", total_timesteps=200, stop=150, log_interval=7), tmp_path, resume=True)
     with pytest.raises(
         ConfigError, match="total_timesteps was 100 and can only grow, got 50; to end earlier, set stop"
@@ -128,3 +176,33 @@ def test_a_resumed_run_may_grow_but_neither_shrink_nor_change(tmp_path):
         check_run(Config(game="g", total_timesteps=50), tmp_path, resume=True)
     with pytest.raises(ConfigError, match=r"seed changed .* use another --run"):
         check_run(Config(game="g", total_timesteps=200, seed=1), tmp_path, resume=True)
+
+
+def test_a_run_that_has_saved_nothing_may_begin_anew_with_another_configuration(tmp_path):
+    keep_config(Config(game="g", seed=1), tmp_path)
+    for resume in (False, True):
+        check_run(Config(game="g"), tmp_path, resume=resume)
+    save_checkpoint(tmp_path, {}, Manifest(timesteps=50))
+    with pytest.raises(ConfigError, match="already holds a run"):
+        check_run(Config(game="g", seed=1), tmp_path, resume=False)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "name"),
+    [
+        ([], "g-base-s0"),
+        (["seed=3", "stop=500", "keep=5", "log_interval=7"], "g-base-s3"),
+        (["policy.learning_rate=1e-3"], "g-base-learning_rate=1e-3-s0"),
+        (["policy.epochs=2", "arenas=4"], "g-base-arenas=4-epochs=2-s0"),
+        (["arenas=4", "policy.epochs=9", "policy.epochs=2"], "g-base-arenas=4-epochs=2-s0"),
+        (["policy.hidden_sizes=[64, 64]", "options.level=../x"], "g-base-hidden_sizes=64_64-options.level=.._x-s0"),
+    ],
+)
+def test_the_default_name_of_a_run_tells_what_was_overridden(overrides, name, tmp_path):
+    config = load_config(write(tmp_path, "game: g"), overrides)
+    assert run_name(config, "base", overrides) == name
+
+
+def test_a_very_long_name_of_a_run_is_cut_and_still_its_own(tmp_path):
+    names = {run_name(Config(game="g"), "base", [f"policy.sensors={'x' * 300}{end}"]) for end in "ab"}
+    assert len(names) == 2 and all(len(name) < 150 for name in names)

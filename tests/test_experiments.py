@@ -1,7 +1,6 @@
 """Grids: finished runs are skipped, a failed run stops no other, and a killed grid ends with the same results."""
 
 import csv
-import fcntl
 import os
 import shutil
 import signal
@@ -15,11 +14,13 @@ from typing import Any
 import pytest
 
 import joybridge.experiments
-from joybridge.experiments import Job, Process, ResultName, RunName, find_results, grid, job, run_grid, start
+from joybridge.experiments import Job, Process, ResultName, RunName, cluster, find_results, grid, run_grid, start
 from joybridge.experiments.cluster import read_files, write_files
 from joybridge.experiments.display import Display, time_left
 from joybridge.experiments.grid import keep_results
 from joybridge.trainer.checkpoint import has_checkpoint
+from joybridge.trainer.errors import RunLockedError
+from joybridge.trainer.run_lock import locked
 from tools.paper.__main__ import main as paper
 
 pytestmark = pytest.mark.slow
@@ -180,13 +181,14 @@ def test_a_ray_cluster_resumes_killed_runs_to_the_same_results_and_reports_failu
 
 
 def test_a_run_that_another_process_is_training_is_refused(configs, tmp_path, monkeypatch):
-    monkeypatch.setattr(job, "LOCK_SECONDS", 0.0)
+    monkeypatch.setattr(cluster, "PARENT_SECONDS", 0.0)
     taken = make_job(configs, tmp_path)
-    taken.run.mkdir()
-    with (taken.run / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    sentence = f"{taken.run} is being trained by process {os.getpid()} on "
+    with locked(taken.run):
+        with pytest.raises(RunLockedError, match=sentence):
+            cluster.RemoteRun(None, taken)
         failed = run_grid([taken], 1, tmp_path / "results")
-    assert failed == {taken: f"another process is training {taken.run}; end it first"}
+    assert failed[taken].startswith(f"error: {sentence}")
 
 
 class Endless:
@@ -272,10 +274,10 @@ def test_files_of_a_run_are_copied_and_old_checkpoints_are_deleted(tmp_path):
     first = {
         "metrics-a.csv": b"1",
         "log.txt": b"x",
-        "checkpoints/000001/arrays": b"a",
-        "checkpoints/000001/manifest": b"m",
+        "checkpoints/000000000001/arrays": b"a",
+        "checkpoints/000000000001/manifest": b"m",
     }
-    second = {"metrics-a.csv": b"12", "log.txt": b"xy", "checkpoints/000002/arrays": b"b"}
+    second = {"metrics-a.csv": b"12", "log.txt": b"xy", "checkpoints/000000000002/arrays": b"b"}
     write_files(there, first)
     assert read_files(there) == first
     write_files(here, read_files(there))

@@ -224,9 +224,17 @@ def test_what_a_finalizer_wants_after_the_end_is_not_done(loop):
     loop.run_soon(wait_forever)
 
 
-def test_a_block_without_interrupts_ignores_them_and_restores_the_handlers():
+def test_an_interrupt_in_a_block_without_interrupts_is_raised_after_it():
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        handler = signal.signal(number, signal.default_int_handler)
+        done = []
+        with pytest.raises(KeyboardInterrupt):
+            _raise_in_block(number, done)
+        assert done == [number]
+        assert signal.signal(number, handler) is signal.default_int_handler
+
+
+def _raise_in_block(number: int, done: list[int]) -> None:
     with uninterrupted():
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGTERM)
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
+        done.append(number)

@@ -1,6 +1,7 @@
 """Training from the command line to the files of a run, and everything that may go wrong with the simulator."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -75,7 +76,7 @@ def whole(address, tmp_path_factory) -> Path:
 
 def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
     assert {path.name for path in whole.iterdir()} == {
-        "config.yaml", "simulators.json", "metrics-hunter.csv", "tensorboard", "checkpoints",
+        "config.yaml", "simulators.json", "metrics-hunter.csv", "tensorboard", "checkpoints", "lock",
     }  # fmt: skip
     rows = read_rows(whole / "metrics-hunter.csv")
     assert [row["timesteps"] for row in rows] == [400, 800, 1200, 1600]
@@ -85,7 +86,7 @@ def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
         assert 4.0 < row["entropy"] <= np.log(11 * 11 * 3)  # of a policy that has hardly begun
         assert row["timesteps_per_second"] > 0
     assert list((whole / "tensorboard" / "hunter").glob("events*"))
-    assert load_checkpoint(whole)[1]["timesteps"] == 1920
+    assert load_checkpoint(whole)[1].timesteps == 1920
 
 
 def test_the_same_seed_gives_the_same_weights_bit_for_bit_with_a_simulator_of_its_own(whole, tmp_path):
@@ -154,7 +155,7 @@ def trainer_with_a_row(run: Path, *command: str) -> Iterator[tuple[subprocess.Po
 
 def resume_and_compare(run: Path, tmp_path: Path, address: str) -> None:
     """Resume a run that was cut off; it must end like one that was not."""
-    done = load_checkpoint(run)[1]["timesteps"]
+    done = load_checkpoint(run)[1].timesteps
     end = f"stop={done + 300}"
     assert train(run, *SMALL, end, "--resume", "--simulator", address).status == 0
     assert train(tmp_path / "straight", *SMALL, end, "--simulator", address).status == 0
@@ -178,11 +179,11 @@ def test_a_simulator_killed_in_the_middle_gives_an_error_a_checkpoint_and_an_exa
 
         killer = Thread(target=kill)
         killer.start()
-        result = train(run, *SMALL, "--simulator", own)
+        result = train(run, *SMALL, "--simulator", own, "--wait", "1")
         killer.join()
     assert result.status == 1
-    assert f"error: lost the simulator at {own}" in result.errors
-    assert "--resume" in result.errors
+    assert f"no simulator at {own} after 1 s" in result.errors
+    assert re.search(r"saved at [\d,]+ timesteps; continue with: joybridge train .* --resume", result.errors)
     resume_and_compare(run, tmp_path, address)
 
 

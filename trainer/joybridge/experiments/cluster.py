@@ -11,14 +11,18 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import joybridge
-from joybridge.experiments.job import POLL_SECONDS, Job, lifeline, take_lock
+from joybridge.experiments.job import Job, lifeline
+from joybridge.trainer.checkpoint import checkpoints
 from joybridge.trainer.config import dump_config, load_config
+from joybridge.trainer.run_lock import PARENT_SECONDS, locked
 
 CORES = 2  # that a run uses
+POLL_SECONDS = 0.1
 # Environment of a cluster on this machine: addresses on loopback only, no usage statistics sent.
 PRIVATE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
 
@@ -56,7 +60,7 @@ class Cluster:
         return max(1, int(self.ray.cluster_resources().get("CPU", 0)) // CORES)
 
     def start(self, job: Job) -> "RemoteRun":
-        """Start or resume a run on the cluster. Raises BlockingIOError if another process is training the run."""
+        """Start or resume a run on the cluster. Raises RunLockedError if another process is training the run."""
         return RemoteRun(self.ray, job)
 
 
@@ -64,11 +68,10 @@ class RemoteRun:
     """A run on the cluster, with the methods of a process."""
 
     def __init__(self, ray: Any, job: Job) -> None:
-        """Start the run with the files in the run's folder. Raises BlockingIOError, see `take_lock`."""
+        """Start the run with the files in the run's folder. Raises RunLockedError."""
         self.ray, self.job = ray, job
-        job.run.mkdir(parents=True, exist_ok=True)
-        self.lock = (job.run / "lock").open("w")
-        take_lock(self.lock.fileno(), job)
+        self.lock = ExitStack()
+        self.lock.enter_context(locked(job.run, PARENT_SECONDS))
         worker = ray.remote(num_cpus=CORES)(Worker)
         self.worker = worker.remote(job, dump_config(load_config(job.config)), read_files(job.run))
         self.answer = self.worker.poll.remote()
@@ -169,7 +172,7 @@ def write_files(run: Path, files: Mapping[str, bytes]) -> None:
     for path in fresh.glob("checkpoints/*"):
         if not (run / "checkpoints" / path.name).exists():
             path.rename(run / "checkpoints" / path.name)
-    for path in run.glob("checkpoints/[0-9]*"):
+    for path in checkpoints(run):
         if files and not any(name.startswith(f"checkpoints/{path.name}/") for name in files):
             shutil.rmtree(path)
     shutil.rmtree(fresh, ignore_errors=True)

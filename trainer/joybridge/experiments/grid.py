@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from joybridge.contract.errors import JoybridgeError
 from joybridge.experiments.display import Display
 from joybridge.experiments.job import Job, Process, start
 from joybridge.experiments.names import ResultName, find_results
 from joybridge.trainer.config import load_config
-from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import write_atomically
 from joybridge.trainer.metrics import Row, read_rows
 
@@ -46,7 +46,7 @@ def run_grid(
                     job = waiting.pop(0)
                     try:
                         running[job] = begin(job)
-                    except (OSError, ConfigError) as error:
+                    except (OSError, JoybridgeError) as error:
                         failed[job] = str(error)
                         display.end(job, failed[job])
                 for job, process in list(running.items()):

@@ -1,11 +1,9 @@
 """One training run of a grid: its configuration, its folder, and the trainer process that makes it."""
 
-import fcntl
 import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,9 +14,6 @@ from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
 from joybridge.trainer.config import changes, load_config, run_config
 from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.metrics import read_rows
-
-LOCK_SECONDS = 10.0  # to wait for the lock of a run's folder
-POLL_SECONDS = 0.1
 
 
 @dataclass(frozen=True)
@@ -60,7 +55,7 @@ class Job:
         """Return whether the run has reached its number of timesteps with the configuration as it is now."""
         try:
             config = load_config(self.config, self.settings())
-            if not has_checkpoint(self.run) or load_checkpoint(self.run)[1]["timesteps"] < config.end:
+            if not has_checkpoint(self.run) or load_checkpoint(self.run)[1].timesteps < config.end:
                 return False
             return not changes(run_config(self.run), config)
         except (CheckpointError, ConfigError):  # the trainer reports the same error when the job is started
@@ -104,15 +99,13 @@ class Process(Protocol):
 def start(job: Job) -> Process:
     """Start or resume a run as a process on this machine, with its output in log.txt in the run's folder.
 
-    Raises BlockingIOError if another process is training the run.
+    If another process is training the run, the new one ends with an error.
     """
     job.run.mkdir(parents=True, exist_ok=True)
-    with (job.run / "log.txt").open("ab") as log, (job.run / "lock").open("w") as lock:
-        take_lock(lock.fileno(), job)
+    with (job.run / "log.txt").open("ab") as log:
         return subprocess.Popen(
-            job.command(job.config, job.run),
-            stdin=lifeline(), stdout=log, stderr=subprocess.STDOUT, pass_fds=[lock.fileno()],
-        )  # fmt: skip
+            job.command(job.config, job.run), stdin=lifeline(), stdout=log, stderr=subprocess.STDOUT
+        )
 
 
 @cache
@@ -122,18 +115,3 @@ def lifeline() -> int:
     A trainer that has it as standard input saves a checkpoint and ends when it closes.
     """
     return os.pipe()[0]
-
-
-def take_lock(lock: int, job: Job) -> None:
-    """Lock a run's folder through an open file, which stays open as long as the run is trained.
-
-    Waits up to LOCK_SECONDS, because the trainers of a killed grid are still saving. Raises BlockingIOError.
-    """
-    deadline = time.monotonic() + LOCK_SECONDS
-    while True:
-        try:
-            return fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                raise BlockingIOError(f"another process is training {job.run}; end it first") from None
-        time.sleep(POLL_SECONDS)

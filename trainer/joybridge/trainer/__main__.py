@@ -16,9 +16,12 @@ from threading import Thread
 
 from joybridge.contract.address import address
 from joybridge.contract.errors import JoybridgeError
-from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
-from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config
+from joybridge.trainer.checkpoint import checkpoints, has_checkpoint, load_checkpoint
+from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config, run_name
 from joybridge.trainer.config_files import find_config
+from joybridge.trainer.errors import StorageError
+from joybridge.trainer.run_lock import PARENT_SECONDS, locked
+from joybridge.trainer.signals import interrupt_on_signals, leaving_on_signals
 from joybridge.trainer.simulators import (
     Simulators,
     choose_simulators,
@@ -36,15 +39,17 @@ from joybridge.trainer.wire.client import SimulatorError
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.trainer") -> int:
     """Run the command line and return its exit status."""
     options = parse(arguments, prog)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells turn it off for programs in the background
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    interrupt_on_signals()
     try:
         options.function(options)
     except JoybridgeError as error:
-        print(f"error: {error}", file=sys.stderr)
+        _say(f"error: {error}")
+        return 1
+    except OSError as error:
+        _say(f"error: {error.filename or 'the output'}: {error.strerror or error}")
         return 1
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        _say("interrupted")
         return 130
     return 0
 
@@ -73,7 +78,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
     trains.add_argument("overrides", nargs="*", metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4")
-    trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME-sSEED")
+    trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME[-KEY=VALUE…]-sSEED")
     trains.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
     trains.add_argument(
         "--with-parent", action="store_true",
@@ -160,33 +165,44 @@ def _train(options: argparse.Namespace) -> None:
         _end_with_parent()
     path = find_config(options.config)
     config = load_config(path, options.overrides)
-    run = options.run or Path("runs") / f"{config.game}-{path.stem}-s{config.seed}"
+    run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
     check_run(config, run, resume=options.resume)
-    if options.resume and config.total_timesteps > (before := run_config(run).total_timesteps):
+    resume = options.resume and has_checkpoint(run)
+    if resume and config.total_timesteps > (before := run_config(run).total_timesteps):
         _say(
             f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
-    begin = load_checkpoint(run)[1]["timesteps"] if options.resume else 0
-    simulators = _choose_simulators(options, last_simulators(run) if options.resume else Simulators(), config)
-    with open_simulators(simulators, options.wait, _say) as addresses:
-        from joybridge.trainer.progress import Display
-        from joybridge.trainer.train import train
+    simulators = _choose_simulators(options, last_simulators(run) if resume else Simulators(), config)
+    patience = PARENT_SECONDS if options.with_parent else 0.0
+    with locked(run, patience), open_simulators(simulators, options.wait, _say) as connect:
+        addresses = connect()
+        with leaving_on_signals():
+            from joybridge.trainer.progress import Display
+            from joybridge.trainer.train import train
 
+        saved = checkpoints(run)
+        begin = int(saved[-1].name) if saved else 0
         print(f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done", flush=True)
         remember(run, simulators)
         try:
             with Display(config.layout, config.end, begin) as display:
-                train(config, run, addresses, resume=options.resume, report=display.report)
-        except (KeyboardInterrupt, SimulatorError):
-            if has_checkpoint(run):
-                command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume"]
-                for name in ("simulator", "game"):
-                    for value in getattr(options, name):
-                        command += [f"--{name}", value]
-                _say(f"saved; continue with: {shlex.join(command)}")
+                train(config, run, addresses, resume=options.resume, report=display.report, revive=connect)
+        except (KeyboardInterrupt, SimulatorError, StorageError):
+            _say(_continuation(run, options))
             raise
     _say_next("evaluate", str(run))
+
+
+def _continuation(run: Path, options: argparse.Namespace) -> str:
+    """Return what is saved of a run that has ended early, and the command that continues it."""
+    command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume"]
+    for name in ("simulator", "game"):
+        for value in getattr(options, name):
+            command += [f"--{name}", value]
+    saved = checkpoints(run)
+    done = f"saved at {int(saved[-1].name):,} timesteps; continue" if saved else "nothing is saved yet; begin again"
+    return f"{done} with: {shlex.join(command)}"
 
 
 def _evaluate(options: argparse.Namespace) -> None:
@@ -197,7 +213,8 @@ def _evaluate(options: argparse.Namespace) -> None:
     configs = [play_config(run, overrides) for overrides in plays.values()]
     load_checkpoint(run)
     simulators = _choose_simulators(options, last_simulators(run), configs[0])
-    with open_simulators(simulators, options.wait, _say) as addresses:
+    with open_simulators(simulators, options.wait, _say) as connect:
+        addresses = connect()
         from joybridge.trainer.evaluate import evaluate, summary
 
         results = {
@@ -227,7 +244,8 @@ def _record(options: argparse.Namespace) -> None:
     video_format(options.output)
     load_checkpoint(options.run)
     simulators = _choose_simulators(options, last_simulators(options.run), config)
-    with open_simulators(simulators, options.wait, _say) as addresses:
+    with open_simulators(simulators, options.wait, _say) as connect:
+        addresses = connect()
         from joybridge.trainer.record import record
 
         frames = record(
@@ -269,7 +287,8 @@ def _end_with_parent() -> None:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    with suppress(OSError):  # the terminal is gone
+        print(text, file=sys.stderr, flush=True)
 
 
 def _say_next(*words: str) -> None:

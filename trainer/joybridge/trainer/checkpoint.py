@@ -1,74 +1,186 @@
-"""Checkpoints: safetensors for arrays, JSON for the rest, written so that a crash never leaves half of one.
+"""Checkpoints: safetensors for arrays, JSON for the rest, and the SHA-256 of both, so that a damaged one is noticed.
 
-A run's `checkpoints/` holds one folder per checkpoint, named by its timesteps; the last two are kept.
+A run's `checkpoints/` holds one folder per checkpoint, named by its timesteps in twelve digits; the newest ones are
+kept. `SHA256SUMS` is in the format of `sha256sum --check`. Anything else in `checkpoints/` is neither read nor deleted.
 """
 
-import json
+import hashlib
+import logging
 import shutil
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from typing import Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save
+from safetensors.numpy import load, save
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.errors import CheckpointError
-from joybridge.trainer.files import sync_folder, write_synced
+from joybridge.trainer.files import read_file, storing, sync_folder, write_synced
 
-KEPT = 2
-FORMAT = 3
+log = logging.getLogger("joybridge.trainer")
+
+FORMAT = 4
+ARRAYS, MANIFEST, SUMS = "arrays.safetensors", "manifest.json", "SHA256SUMS"
+LONGEST_ARRAYS = 2**32  # bytes
+LONGEST_TEXT = 2**20  # bytes of the other two files
 
 
-def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: dict[str, Any]) -> Path:
-    """Write a checkpoint atomically, forget those before the last two, and return its folder.
+class Manifest(BaseModel):
+    """What a checkpoint holds besides arrays."""
 
-    manifest must hold "timesteps".
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
+
+    format: int = FORMAT
+    timesteps: int = Field(ge=0, lt=10**12)
+    snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
+    arrays_bytes: int = Field(0, ge=0, le=LONGEST_ARRAYS)  # size of the arrays' file
+
+
+class _Format(BaseModel):
+    """The part of a manifest that every version of Joybridge has."""
+
+    format: int
+
+
+def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: Manifest, keep: int = 2) -> Path:
+    """Write a checkpoint atomically, delete those before the newest `keep`, and return its folder.
+
+    Raises StorageError; then nothing of the new checkpoint is left, and the older ones are still there.
     """
     folder = run / "checkpoints"
-    target = folder / f"{manifest['timesteps']:012d}"
-    if target.exists():  # the run has not moved on since its last checkpoint
+    target = folder / f"{manifest.timesteps:012d}"
+    if target.exists() and _is_whole(target):  # the run has not moved on since its last checkpoint
         return target
-    temporary = folder / f".{target.name}.new"
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
-    write_synced(temporary / "arrays.safetensors", save(arrays))
-    write_synced(temporary / "manifest.json", json.dumps({"format": FORMAT} | manifest, indent=1).encode())
-    sync_folder(temporary)
-    temporary.rename(target)
-    sync_folder(folder)
-    for old in _folders(run)[:-KEPT]:
-        shutil.rmtree(old)
+    temporary = folder / ".new"
+    with storing(folder):
+        shutil.rmtree(temporary, ignore_errors=True)  # of a run that was killed
+        try:
+            temporary.mkdir(parents=True)
+            data = save(arrays)
+            text = manifest.model_copy(update={"arrays_bytes": len(data)}).model_dump_json(indent=1).encode()
+            write_synced(temporary / ARRAYS, data)
+            write_synced(temporary / MANIFEST, text)
+            write_synced(temporary / SUMS, _sums(data, text))
+            sync_folder(temporary)
+            if target.exists():
+                _remove(target)  # a damaged one
+            temporary.rename(target)
+        except BaseException:
+            shutil.rmtree(temporary, ignore_errors=True)
+            raise
+        sync_folder(folder)
+    older = [path for path in reversed(checkpoints(run)) if path.name < target.name]
+    for old in older[keep - 1 :]:
+        _delete(old)
     return target
 
 
-def load_checkpoint(run: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return arrays and manifest of the newest checkpoint. Raises CheckpointError."""
-    folders = _folders(run)
+def load_checkpoint(run: Path) -> tuple[dict[str, Array], Manifest]:
+    """Return arrays and manifest of the newest checkpoint that is whole; log those that are not.
+
+    Raises CheckpointError.
+    """
+    folders = checkpoints(run)
     if not folders:
         raise CheckpointError(f"{run} holds no checkpoint; train it first, or name another run")
-    newest = folders[-1]
+    errors = []
+    for folder in reversed(folders):
+        try:
+            arrays, manifest = read_checkpoint(folder)
+        except CheckpointError as error:
+            errors.append(error)
+            continue
+        for error in errors:
+            _warn(f"{error}; using the checkpoint before it, of {manifest.timesteps:,} timesteps")
+        return arrays, manifest
+    others = f"; neither can the {len(errors) - 1} before it" if len(errors) > 1 else ""
+    raise CheckpointError(f"{errors[0]}{others}") from errors[0]
+
+
+def read_checkpoint(folder: Path) -> tuple[dict[str, Array], Manifest]:
+    """Return arrays and manifest of one checkpoint. Raises CheckpointError unless it is whole."""
     try:
-        manifest = json.loads((newest / "manifest.json").read_text())
-        arrays = load_file(newest / "arrays.safetensors")
-    except (OSError, ValueError, SafetensorError) as error:
-        raise CheckpointError(f"{newest} cannot be read ({error}); delete it to use the one before") from error
-    if manifest.get("format") != FORMAT:
-        raise CheckpointError(
-            f"{newest} has format {manifest.get('format')}, expected {FORMAT}; use the version of "
-            "joybridge that wrote it, or train a new run"
-        )
-    return arrays, manifest
+        text = read_file(folder / MANIFEST, LONGEST_TEXT)
+        _check_format(folder, text)
+        manifest = Manifest.model_validate_json(text)
+        data = read_file(folder / ARRAYS, manifest.arrays_bytes)
+        if read_file(folder / SUMS, LONGEST_TEXT) != _sums(data, text):
+            raise CheckpointError(f"{folder} is damaged: its files do not match {SUMS}")
+        if folder.name != f"{manifest.timesteps:012d}":
+            raise CheckpointError(f"{folder} holds the checkpoint of {manifest.timesteps} timesteps; rename it")
+        return load(data), manifest
+    except (OSError, ValueError, SafetensorError, KeyError) as error:  # KeyError: a type that NumPy does not have
+        raise CheckpointError(f"{folder} cannot be read: {_explain(error)}") from error
+
+
+def checkpoints(run: Path) -> list[Path]:
+    """Return the folders of a run's checkpoints, oldest first: those named by twelve digits, and no links."""
+    folders = (run / "checkpoints").glob("[0-9]" * 12)
+    return sorted(path for path in folders if path.is_dir() and not path.is_symlink())
 
 
 def has_checkpoint(run: Path) -> bool:
-    """Return whether a run can be resumed."""
-    return bool(_folders(run))
-
-
-def _folders(run: Path) -> list[Path]:
-    return sorted(path for path in (run / "checkpoints").glob("[0-9]*") if path.is_dir())
+    """Return whether a run has saved anything."""
+    return bool(checkpoints(run))
 
 
 def select(arrays: dict[str, Array], prefix: str) -> dict[str, Array]:
     """Return the arrays whose names begin with `prefix`, without it."""
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+
+
+def _sums(arrays: bytes, manifest: bytes) -> bytes:
+    """Return the content of SHA256SUMS."""
+    files = ((arrays, ARRAYS), (manifest, MANIFEST))
+    return "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for data, name in files).encode()
+
+
+def _check_format(folder: Path, manifest: bytes) -> None:
+    found = _Format.model_validate_json(manifest).format
+    if found != FORMAT:
+        raise CheckpointError(
+            f"{folder} has format {found}, expected {FORMAT}; use the version of joybridge that wrote it, "
+            "or train a new run"
+        )
+
+
+def _is_whole(folder: Path) -> bool:
+    try:
+        read_checkpoint(folder)
+    except CheckpointError:
+        return False
+    return True
+
+
+def _delete(folder: Path) -> None:
+    """Delete a checkpoint; a folder with other files, or with the checkpoint of other timesteps, is somebody else's."""
+    with suppress(OSError, ValidationError):
+        manifest = Manifest.model_validate_json(read_file(folder / MANIFEST, LONGEST_TEXT))
+        names = {path.name for path in folder.iterdir()}
+        if names <= {ARRAYS, MANIFEST, SUMS} and folder.name == f"{manifest.timesteps:012d}":
+            _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Delete a folder so that no part of it is taken for a checkpoint, even if this process is killed meanwhile."""
+    old = folder.with_name(".old")
+    shutil.rmtree(old, ignore_errors=True)  # of a run that was killed
+    folder.rename(old)
+    shutil.rmtree(old)
+
+
+@cache  # commands load a checkpoint twice
+def _warn(text: str) -> None:
+    log.warning("%s", text)
+
+
+def _explain(error: Exception) -> str:
+    """Return the reason of an error in a few words."""
+    if isinstance(error, ValidationError):
+        first = error.errors(include_input=False, include_url=False)[0]
+        return ": ".join([MANIFEST, *map(str, first["loc"]), first["msg"]])
+    if isinstance(error, OSError):
+        return f"{Path(str(error.filename)).name}: {error.strerror}" if error.filename else str(error)
+    return f"{ARRAYS}: {error}"

@@ -1,6 +1,7 @@
 """The configuration of a run: every key with its default, checked. Files hold only what differs."""
 
 import difflib
+import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -12,9 +13,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import write_atomically
+from joybridge.trainer.files import storing, write_atomically
 
-MAY_CHANGE = ("stop", "checkpoint_interval", "log_interval", "evaluate_over")  # in a resumed run
+MAY_CHANGE = (  # in a resumed run
+    "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "restarts", "log_interval",
+    "evaluate_over",
+)  # fmt: skip
 OF_THE_GAME = ("options", "parameters")  # may differ from the training when a trained policy plays
 
 # How the value of a key is written that holds several values, or values by name.
@@ -22,6 +26,9 @@ FORMS = {
     "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
     "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
+
+LONGEST_NAME = 120  # characters of the default name of a run
+LONGEST_VALUE = 200  # characters of a wrong value in an error
 
 # Names of other libraries, and earlier ones of Joybridge, with the key to use instead.
 OTHER_NAMES = {
@@ -85,6 +92,10 @@ class Config(_Checked):
     stop: int | None = Field(None, ge=1)  # end earlier, after so many timesteps, with the schedules unchanged
     log_interval: int = Field(300_000, ge=1)  # timesteps between two rows of metrics
     checkpoint_interval: int = Field(1_000_000, ge=1)  # timesteps between two checkpoints
+    checkpoint_seconds: float = Field(60.0, gt=0)  # seconds between two checkpoints, if this is sooner
+    keep: int = Field(2, ge=1)  # checkpoints that are kept, the newest ones
+    timeout_seconds: float = Field(30.0, gt=0)  # to wait for an answer of a simulator before it is taken for lost
+    restarts: int = Field(10, ge=0)  # how often training goes on after a simulator was lost
     evaluate_over: str | None = None  # option whose choices, but the default, evaluation plays equally often
     policy: PolicyConfig = PolicyConfig()  # what all policies share
     policies: dict[str, dict[str, Any]] = {}  # policy name -> what differs for it
@@ -112,6 +123,24 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
     return config
 
 
+def run_name(config: Config, name: str, overrides: Sequence[str]) -> str:
+    """Return the default name of a run's folder, from the name of the configuration's file and its overrides.
+
+    Keys that may change in a resumed run are left out. The order of overrides does not matter.
+    """
+    pairs = {key.removeprefix("policy."): value for key, value in (override.split("=", 1) for override in overrides)}
+    kept = [key for key in sorted(pairs) if key not in (*MAY_CHANGE, "seed", "game")]
+    text = "-".join([config.game, name, *(f"{_slug(key)}={_slug(pairs[key])}" for key in kept)])
+    if len(text) > LONGEST_NAME:
+        text = f"{text[:LONGEST_NAME]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    return f"{text}-s{config.seed}"
+
+
+def _slug(text: str) -> str:
+    """Return a text as a part of a file name."""
+    return re.sub(r"[^\w.+-]+", "_", text).strip("_")
+
+
 def dump_config(config: Config) -> str:
     """Return the whole configuration as YAML that `load_config` reads back."""
     return dump_yaml(config.model_dump())
@@ -120,9 +149,10 @@ def dump_config(config: Config) -> str:
 def check_run(config: Config, run: Path, *, resume: bool) -> None:
     """Raise ConfigError unless `config` can be trained in the folder `run`.
 
-    A resumed run must have been configured alike; only MAY_CHANGE may differ, and `total_timesteps` may grow.
+    A resumed run must have been configured alike; only MAY_CHANGE may differ, and `total_timesteps` may grow. If it has
+    saved nothing, it begins anew.
     """
-    if resume:
+    if resume and (has_checkpoint(run) or not run.is_dir()):
         before = run_config(run)
         changed = changes(before, config)
         if before.total_timesteps < config.total_timesteps:
@@ -137,13 +167,14 @@ def check_run(config: Config, run: Path, *, resume: bool) -> None:
                 f"cannot resume {run}: {', '.join(changed)} changed (was {json.dumps(changed)}); use another --run for "
                 "a new configuration"
             )
-    elif has_checkpoint(run):
+    elif not resume and has_checkpoint(run):
         raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")
 
 
 def keep_config(config: Config, run: Path) -> None:
-    """Write the whole configuration into the folder of a run."""
-    run.mkdir(parents=True, exist_ok=True)
+    """Write the whole configuration into the folder of a run. Raises StorageError."""
+    with storing(run):
+        run.mkdir(parents=True, exist_ok=True)
     write_atomically(run / "config.yaml", dump_config(config).encode())
 
 
@@ -202,7 +233,17 @@ def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
             raise ConfigError(_unknown(key, value)) from None
         if first["type"] == "missing":
             raise ConfigError(f"{key}: it is missing; every configuration has this key") from None
-        raise ConfigError(f"{key}: got {value!r}; {_expected(key, value, first['type']) or first['msg']}") from None
+        reason = _expected(key, value, first["type"]) or first["msg"]
+        raise ConfigError(f"{key}: got {_show(value)}; {reason}") from None
+
+
+def _show(value: object) -> str:
+    """Return a value as it was written, cut to a reasonable length."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write an integer of more than 4300 digits
+        text = "an integer of very many digits"
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} …"
 
 
 def _expected(key: str, value: object, problem: str) -> str:

@@ -12,12 +12,16 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
 
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.files import read_file
 
 _INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
 _CHECKOUT = Path(__file__).parents[3] / "configs"
 FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
+LARGEST = 2**16  # bytes of a file, and values in it
+DEEPEST = 10  # mappings and lists inside each other; files that extend each other
 BASE = "common"  # stem of files that other files extend; they are not trained themselves
 
 
@@ -46,32 +50,62 @@ def find_config(text: str) -> Path:
 
 def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return the keys and values of a file, on top of those of the file that it extends. Raises ConfigError."""
-    if path.resolve() in seen:
-        raise ConfigError(f"{path}: `extends` leads back to the file itself")
     try:
-        text = path.read_text(encoding="utf-8")
+        real, text = path.resolve(), read_file(path, LARGEST).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path} is not YAML: {error}") from error
     except OSError as error:
         raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+    except (ValueError, RuntimeError) as error:  # a path with a null character, a circle of links
+        raise ConfigError(f"cannot read the configuration {str(path)!r}: {error}") from error
+    if real in seen:
+        raise ConfigError(f"{path}: `extends` leads back to the file itself")
+    if len(seen) == DEEPEST:
+        raise ConfigError(f"{path}: `extends` leads through more than {DEEPEST} files")
     data = parse_yaml(text, str(path))
     if not isinstance(data, dict):
         raise ConfigError(f"{path} holds {type(data).__name__}, expected keys and values")
     base = data.pop("extends", None)
     if base is None:
         return data
-    return merge(read_yaml(path.parent / str(base), (*seen, path.resolve())), data)
+    return merge(read_yaml(path.parent / str(base), (*seen, real)), data)
 
 
 def parse_yaml(text: str, what: str) -> Any:
     """Return the content of a YAML text; `what` names it in errors. Raises ConfigError."""
     try:
-        return YAML(typ="safe", pure=True).load(text)
+        _check_depth(text)
+        data = YAML(typ="safe", pure=True).load(text)
+        _check_size(data)
     except (YAMLError, ValueError) as error:  # ValueError: a date that does not exist
         problem = getattr(error, "problem", None) or str(error)
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark is not None else ""
         raise ConfigError(f"{what} is not YAML{where}: {problem}") from error
+    return data
+
+
+def _check_depth(text: str) -> None:
+    """Raise ValueError for a text that is nested so deeply that reading it would take very long."""
+    depth = 0
+    for event in YAML(typ="safe", pure=True).parse(text):
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if depth > DEEPEST:
+            raise ValueError(f"it is nested more than {DEEPEST} times")
+
+
+def _check_size(data: Any) -> None:
+    """Raise ValueError if YAML's aliases (`*name`) make the content very much larger than its text."""
+    left, parts = LARGEST, [data]
+    while parts:
+        part = parts.pop()
+        left -= 1 + (len(part) if isinstance(part, str) else 0)
+        if left < 0:
+            raise ValueError("its aliases make it too large")
+        if isinstance(part, dict):
+            parts += [*part.keys(), *part.values()]
+        elif isinstance(part, list | tuple | set):
+            parts += part
 
 
 def dump_yaml(data: dict[str, Any]) -> str:

@@ -5,6 +5,9 @@ JoybridgeError
 ├── CheckpointError    a checkpoint that is missing or cannot be read
 ├── DivergedError      an update has made a network useless
 └── ExportError        an exported policy that does not play as the trainer does
+├── StorageError       a file or folder that cannot be written
+├── RunLockedError     a run that another process is training
+└── DivergedError      an update has made a network useless
 """
 
 from joybridge.contract.errors import JoybridgeError
@@ -16,6 +19,14 @@ class ConfigError(JoybridgeError, ValueError):
 
 class CheckpointError(JoybridgeError):
     """A checkpoint that is missing or cannot be read; the text names the file and what to do."""
+
+
+class StorageError(JoybridgeError):
+    """A file or folder that cannot be written; the text names it and the reason."""
+
+
+class RunLockedError(JoybridgeError):
+    """A run that another process is training; the text names the process."""
 
 
 class DivergedError(JoybridgeError):

@@ -8,6 +8,7 @@ import numpy as np
 from torch.utils.tensorboard import SummaryWriter
 
 from joybridge.contract.tensors import Array
+from joybridge.trainer.files import storing
 from joybridge.trainer.metrics import Row, read_cells, write_cells
 
 
@@ -41,13 +42,17 @@ class Logger:
     """Writes the rows of one policy to metrics-NAME.csv and to TensorBoard, under the folder of a run."""
 
     def __init__(self, run: Path, policy: str, after: int) -> None:
-        """Begin, or continue after so many timesteps; later rows, of a run that was cut off, are dropped."""
+        """Begin, or continue after so many timesteps; later rows, of a run that was cut off, are dropped.
+
+        Raises CheckpointError for a file of metrics that cannot be read, and StorageError.
+        """
         name = re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)  # never a path of its own
         self.mean = RunningMean()
         self.path = run / f"metrics-{name}.csv"
         self.rows = [cells for cells in read_cells(self.path) if float(cells["timesteps"]) <= after]
         write_cells(self.path, self.rows)
-        self.board = SummaryWriter(run / "tensorboard" / name, purge_step=after + 1)
+        with storing(run / "tensorboard"):
+            self.board = SummaryWriter(run / "tensorboard" / name, purge_step=after + 1)
 
     def write(self, timesteps: int, episodes: Row, times: Row) -> Row:
         """Write a row: figures of the episodes since the last one, means over its updates, and times; return it."""
@@ -56,9 +61,10 @@ class Logger:
             {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
         )
         write_cells(self.path, self.rows)
-        for name, value in row.items():
-            self.board.add_scalar(name, value, timesteps)
-        self.board.flush()
+        with storing(self.path.parent / "tensorboard"):
+            for name, value in row.items():
+                self.board.add_scalar(name, value, timesteps)
+            self.board.flush()
         return row
 
     def close(self) -> None:

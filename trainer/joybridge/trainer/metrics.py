@@ -4,7 +4,10 @@ import csv
 import io
 from pathlib import Path
 
-from joybridge.trainer.files import write_atomically
+from joybridge.trainer.errors import CheckpointError
+from joybridge.trainer.files import read_file, write_atomically
+
+LARGEST = 2**26  # bytes of a file of metrics
 
 Row = dict[str, float]
 Cells = dict[str, str]  # a row as text
@@ -29,11 +32,23 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def read_cells(path: Path) -> list[Cells]:
-    """Return the rows of a metrics file as text, none where there is no file; empty cells are left out."""
-    if not path.exists():
+    """Return the rows of a metrics file as text, none where there is no file; empty cells are left out.
+
+    Raises CheckpointError unless all cells are numbers and every row has its timesteps.
+    """
+    try:
+        text = read_file(path, LARGEST).decode()
+        rows = [{name: cell for name, cell in cells.items() if cell} for cells in csv.DictReader(io.StringIO(text))]
+        if not all(float(cells["timesteps"]) >= 0 for cells in rows):
+            raise ValueError("negative timesteps")
+        for cells in rows:
+            for cell in cells.values():
+                float(cell)
+    except FileNotFoundError:
         return []
-    with path.open(newline="") as file:
-        return [{name: cell for name, cell in cells.items() if cell} for cells in csv.DictReader(file)]
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+        raise CheckpointError(f"{path} is no file of metrics ({error}); move it away") from error
+    return rows
 
 
 def write_cells(path: Path, rows: list[Cells]) -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.checkpoint import load_checkpoint, save_checkpoint, select
+from joybridge.trainer.checkpoint import Manifest, load_checkpoint, save_checkpoint, select
+from joybridge.trainer.errors import CheckpointError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.pipeline import Group
 from joybridge.trainer.policy import Policy
@@ -22,30 +23,39 @@ class RunState:
     arrays: dict[str, Array] = field(default_factory=dict)
     snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
 
-    def save(self, run: Path) -> None:
-        """Write a checkpoint."""
-        save_checkpoint(run, self.arrays, {"timesteps": self.timesteps, "snapshots": self.snapshots})
+    def save(self, run: Path, keep: int) -> None:
+        """Write a checkpoint, and keep so many. Raises StorageError."""
+        save_checkpoint(run, self.arrays, Manifest(timesteps=self.timesteps, snapshots=self.snapshots), keep)
 
     def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger]) -> None:
         """Put policies and loggers into this state. Raises CheckpointError."""
-        for policy, logger in zip(policies, loggers, strict=True):
-            policy.load(select(self.arrays, f"{policy.actor.name}/policy/"))
-            logger.mean.load(select(self.arrays, f"{policy.actor.name}/means/"))
+        try:
+            for policy, logger in zip(policies, loggers, strict=True):
+                policy.load(select(self.arrays, f"{policy.actor.name}/policy/"))
+                logger.mean.load(select(self.arrays, f"{policy.actor.name}/means/"))
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:  # arrays of other names, types or shapes
+            raise CheckpointError(
+                f"the checkpoint does not fit this game, layout or version ({type(error).__name__}: {error}); "
+                "train a new run"
+            ) from error
 
     def session_snapshots(self) -> list[Snapshot] | None:
-        """Return the snapshots of the sessions, or None where there are none."""
+        """Return the snapshots of the sessions, or None where there are none. Raises CheckpointError."""
         if self.snapshots is None:
             return None
-        return [
-            {name: self.arrays[f"simulator/{index}/{name}"].tobytes() for name in names}
-            for index, names in enumerate(self.snapshots)
-        ]
+        try:
+            return [
+                {name: self.arrays[f"simulator/{index}/{name}"].tobytes() for name in names}
+                for index, names in enumerate(self.snapshots)
+            ]
+        except KeyError as error:
+            raise CheckpointError(f"the checkpoint holds no array {error}, which its manifest names") from error
 
 
 def load_state(run: Path) -> RunState:
     """Return the state in the newest checkpoint of a run. Raises CheckpointError."""
     arrays, manifest = load_checkpoint(run)
-    return RunState(manifest["timesteps"], arrays, manifest["snapshots"])
+    return RunState(manifest.timesteps, arrays, manifest.snapshots)
 
 
 def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group]) -> RunState:

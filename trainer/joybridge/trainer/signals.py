@@ -1,25 +1,59 @@
-"""Ignore the signals that end a program while it must not end."""
+"""The signals that end a program: what they do, and how they are held back while a checkpoint is written."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
-__all__ = ["uninterrupted"]
+__all__ = ["interrupt_on_signals", "leaving_on_signals", "uninterrupted"]
+
+_SIGNALS = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+
+
+def interrupt_on_signals() -> None:
+    """Let SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt. A program that nohup started keeps ignoring SIGHUP."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells turn it off for programs in the background
+    for number in _SIGNALS[1:]:
+        if signal.getsignal(number) is not signal.SIG_IGN or number is signal.SIGTERM:
+            signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT))
+
+
+@contextmanager
+def leaving_on_signals() -> Iterator[None]:
+    """Let the signals end the process at once in the block, which imports compiled modules.
+
+    There, an exception would be a traceback from the midst of an import; in torch's own code it would abort.
+    """
+    handlers = {number: signal.signal(number, _leave) for number in _SIGNALS if signal.getsignal(number)}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ignore SIGINT and SIGTERM in the block. A signal that comes in the block is lost.
+    """Hold back SIGINT, SIGTERM and SIGHUP in the block; one that came is raised after it.
 
     Outside the main thread, to which Python delivers signals, do nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    held: list[int] = []
+    handlers = {number: signal.signal(number, lambda number, _: held.append(number)) for number in _SIGNALS}
     try:
         yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler or signal.SIG_DFL)
+        if held:
+            signal.raise_signal(held[0])
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    os.write(2, b"interrupted\n")
+    os._exit(130)

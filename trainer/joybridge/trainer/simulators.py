@@ -1,8 +1,8 @@
 """Which simulators a command uses: the given ones, those of the run's last training, or one that it starts."""
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -10,13 +10,16 @@ from pydantic import TypeAdapter, ValidationError
 
 from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import write_atomically
+from joybridge.trainer.files import read_file, storing, write_atomically
 from joybridge.trainer.wire.client import describe, wait_for
 from joybridge.trainer.wire.errors import NoSuchGame, SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
 
 FILE = "simulators.json"  # in the folder of a run
+LONGEST = 2**16  # bytes of it
 LAST_SECONDS = 2.0  # to wait for the simulators of the last training
+
+Connect = Callable[[], Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -28,21 +31,22 @@ class Simulators:
 
 
 def remember(run: Path, simulators: Simulators) -> None:
-    """Keep in the folder of a run what it is trained with."""
-    if simulators == Simulators():
-        (run / FILE).unlink(missing_ok=True)
-        return
-    run.mkdir(parents=True, exist_ok=True)
+    """Keep in the folder of a run what it is trained with. Raises StorageError."""
+    with storing(run):
+        if simulators == Simulators():
+            (run / FILE).unlink(missing_ok=True)
+            return
+        run.mkdir(parents=True, exist_ok=True)
     write_atomically(run / FILE, json.dumps(asdict(simulators)).encode())
 
 
 def last_simulators(run: Path) -> Simulators:
     """Return what a run was last trained with; none if it does not say. Raises ConfigError."""
     path = run / FILE
-    if not path.exists():
-        return Simulators()
     try:
-        return TypeAdapter(Simulators).validate_json(path.read_bytes())
+        return TypeAdapter(Simulators).validate_json(read_file(path, LONGEST))
+    except FileNotFoundError:
+        return Simulators()
     except (OSError, ValidationError) as error:
         raise ConfigError(f"{path} cannot be read ({error}); delete it, and name the simulator or the game") from error
 
@@ -67,18 +71,23 @@ def choose_simulators(wanted: Simulators, last: Simulators, config: Config, say:
 
 
 @contextmanager
-def open_simulators(simulators: Simulators, wait: float, say: Callable[[str], None]) -> Iterator[list[str]]:
-    """Yield addresses at which simulators answer; one that is started here ends with the block.
+def open_simulators(simulators: Simulators, wait: float, say: Callable[[str], None]) -> Iterator[Connect]:
+    """Yield a function that returns addresses at which simulators answer, for the first time and after a loss.
 
-    wait: seconds to wait for the simulators of others. Raises SimulatorError.
+    Each call starts a simulator in place of the one before, which ends with the block; or it waits for the simulators
+    of others, `wait` seconds for each. It raises SimulatorError.
     """
-    if simulators.addresses:
-        for address in simulators.addresses:
-            wait_for(address, wait, say)
-        yield list(simulators.addresses)
-        return
-    with simulator_process(simulators.games) as address:
+    with ExitStack() as running:
+
+        def connect() -> Sequence[str]:
+            running.close()
+            for address in simulators.addresses:
+                wait_for(address, wait, say)
+            return simulators.addresses or [running.enter_context(simulator_process(simulators.games))]
+
         try:
-            yield [address]
+            yield connect
         except NoSuchGame as error:
+            if simulators.addresses:
+                raise
             raise NoSuchGame(f"{error}; if another server has the game, name it with --simulator") from error

@@ -6,13 +6,16 @@ captured state, with the same results as a run that never stopped.
 """
 
 import math
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 import torch
 
 from joybridge.trainer.actor import make_actors
+from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.config import Config, check_run, keep_config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.logger import Logger
@@ -24,6 +27,7 @@ from joybridge.trainer.ppo.gae import gae
 from joybridge.trainer.ppo.schedule import anneal
 from joybridge.trainer.ppo.update import ppo_update
 from joybridge.trainer.profiler import Profiler
+from joybridge.trainer.recovery import Revive, recovering
 from joybridge.trainer.run_state import RunState, capture, load_state
 from joybridge.trainer.signals import uninterrupted
 from joybridge.trainer.wire.client import describe
@@ -31,15 +35,38 @@ from joybridge.trainer.wire.client import describe
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 
 
-def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report) -> None:
+def train(
+    config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report, revive: Revive | None = None
+) -> None:
     """Train `config` in the folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
-    Raises ConfigError, CheckpointError, SimulatorError and DivergedError. Once the first decision is made, the last
-    state between two rollouts is saved on any exception.
+    revive: called when a simulator is lost; returns the addresses of simulators that answer. Without it, training ends.
+
+    Raises ConfigError, CheckpointError, StorageError, SimulatorError and DivergedError. The last state between two
+    rollouts is saved on any exception.
     """
     torch.set_num_threads(1)  # two threads are slower than one when the simulator keeps the other core busy
     check_run(config, run, resume=resume)
-    state = load_state(run) if resume else RunState()
+    state = load_state(run) if has_checkpoint(run) else RunState()
+    saved, saved_at = state.timesteps, time.monotonic()
+    states = recovering(partial(play_and_learn, config, run, report), state, addresses, revive, config.restarts)
+    try:
+        with closing(states):
+            for state in states:
+                late = time.monotonic() - saved_at >= config.checkpoint_seconds
+                if late or state.timesteps - saved >= config.checkpoint_interval:
+                    state.save(run, config.keep)
+                    saved, saved_at = state.timesteps, time.monotonic()
+    finally:
+        if state.timesteps:
+            with uninterrupted():
+                state.save(run, config.keep)
+
+
+def play_and_learn(
+    config: Config, run: Path, report: Report, addresses: Sequence[str], state: RunState
+) -> Generator[RunState, None, None]:
+    """Continue a run from a state, with new sessions. Yield the state after each cycle."""
     spec = describe(addresses[0], config.game, config.options)
     balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
     policies = [
@@ -48,42 +75,32 @@ def train(config: Config, run: Path, addresses: Sequence[str], *, resume: bool, 
     ]
     cycle, stretch = rollout_cycle(policies)
     keep_config(config, run)
-
     timesteps, lanes = state.timesteps, policies[0].lanes
     with ExitStack() as opened:
         groups = open_groups(config, addresses, state.session_snapshots())
         for group in groups:
             opened.callback(group.session.close)
         loggers = [opened.enter_context(closing(Logger(run, policy.actor.name, timesteps))) for policy in policies]
-        if resume:
+        if state.arrays:
             state.restore(policies, loggers)
         if state.snapshots is None:
             for policy in policies:
                 policy.begin([group.session.steps for group in groups])
-        state = capture(timesteps, policies, loggers, groups)
-        saved = timesteps
         profiler = Profiler()
-        try:
-            while timesteps < config.end:
-                for _ in range(cycle // stretch):
-                    for _ in collect(groups, policies, profiler, steps=stretch):
-                        timesteps += lanes
-                        profiler.timesteps += lanes
-                        with profiler.measure("learn"):
-                            for policy, logger in zip(policies, loggers, strict=True):
-                                if policy.rollout.full:
-                                    logger.mean.add(learn(policy, timesteps / config.total_timesteps))
-                        if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
-                            row = log(timesteps, policies, loggers, profiler)
-                            report(timesteps, row, row)
-                state = capture(timesteps, policies, loggers, groups)
-                if timesteps - saved >= config.checkpoint_interval:
-                    state.save(run)
-                    saved = timesteps
-                report(timesteps, profiler.live(), None)
-        finally:
-            with uninterrupted():
-                state.save(run)
+        while timesteps < config.end:
+            for _ in range(cycle // stretch):
+                for _ in collect(groups, policies, profiler, steps=stretch):
+                    timesteps += lanes
+                    profiler.timesteps += lanes
+                    with profiler.measure("learn"):
+                        for policy, logger in zip(policies, loggers, strict=True):
+                            if policy.rollout.full:
+                                logger.mean.add(learn(policy, timesteps / config.total_timesteps))
+                    if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
+                        row = log(timesteps, policies, loggers, profiler)
+                        report(timesteps, row, row)
+            yield capture(timesteps, policies, loggers, groups)
+            report(timesteps, profiler.live(), None)
 
 
 def learn(policy: Policy, progress: float) -> Row:

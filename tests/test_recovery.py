@@ -1,0 +1,159 @@
+"""Training goes on by itself when a simulator is lost, and ends with the same bits."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from joybridge.trainer import recovery
+from joybridge.trainer.checkpoint import load_checkpoint
+from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.recovery import recovering
+from joybridge.trainer.run_state import RunState
+from joybridge.trainer.train import train
+from joybridge.trainer.wire.errors import SimulatorLost, SimulatorShutDown
+from joybridge.trainer.wire.launch import simulator_process
+
+LANES, ROLLOUT, ROLLOUTS = 4, 16, 6
+CONFIG = Config(
+    game="shooting_birds", layout="bucket-3", arenas=LANES, total_timesteps=LANES * ROLLOUT * ROLLOUTS,
+    log_interval=LANES, restarts=5,
+    policy=PolicyConfig(rollout_steps=ROLLOUT, time_horizon=ROLLOUT, minibatch_size=32, hidden_sizes=[8]),
+)  # fmt: skip
+TIMING = {"timesteps_per_second", "simulate", "wire", "act", "learn"}
+
+
+class Simulator:
+    """A simulator that can be killed and started again."""
+
+    def __init__(self, running: ExitStack) -> None:
+        self.running, self.starts = running, 0
+
+    def start(self) -> list[str]:
+        self.running.close()
+        self.starts += 1
+        before = children()
+        address = self.running.enter_context(simulator_process())
+        (self.process,) = children() - before
+        return [address]
+
+    def end(self, number: int) -> None:
+        """End the process, and wait until it has ended."""
+        os.kill(self.process, number)
+        os.waitid(os.P_PID, self.process, os.WEXITED | os.WNOWAIT)
+
+
+def children() -> set[int]:
+    return {int(text) for text in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
+
+
+@pytest.fixture
+def simulator() -> Iterator[Simulator]:
+    with ExitStack() as running:
+        yield Simulator(running)
+
+
+def killing(simulator: Simulator, number: int, moments: Sequence[int]) -> Callable[..., None]:
+    """Return a report that ends the simulator when the run first reaches each of some timesteps."""
+    left = list(moments)
+
+    def report(timesteps: int, *_: object) -> None:
+        if left and timesteps >= left[0]:
+            left.pop(0)
+            simulator.end(number)
+
+    return report
+
+
+def outcome(run: Path) -> tuple[dict[str, bytes], list[dict[str, float]]]:
+    rows = read_rows(run / "metrics-hunter.csv")
+    return (
+        {name: array.tobytes() for name, array in load_checkpoint(run)[0].items()},
+        [{name: value for name, value in row.items() if name not in TIMING} for row in rows],
+    )
+
+
+def test_a_run_whose_simulator_is_killed_at_any_moment_ends_like_one_that_is_left_alone(simulator, tmp_path, caplog):
+    quiet = killing(simulator, signal.SIGKILL, [])
+    train(CONFIG, tmp_path / "quiet", simulator.start(), resume=False, report=quiet)
+    moments = [LANES, LANES * ROLLOUT, LANES * ROLLOUT * 3 + LANES * 5, CONFIG.end - LANES * 3]
+    report = killing(simulator, signal.SIGKILL, moments)
+    simulator.starts = 0
+    train(CONFIG, tmp_path / "run", simulator.start(), resume=False, report=report, revive=simulator.start)
+    assert simulator.starts == 1 + len(moments)
+    assert outcome(tmp_path / "run") == outcome(tmp_path / "quiet")
+    assert len(outcome(tmp_path / "run")[1]) == ROLLOUT * ROLLOUTS
+    assert "lost the simulator at " in caplog.text
+    assert "training goes on from 192 timesteps (restart 3 of 5)" in caplog.text
+
+
+def test_a_run_that_has_used_up_its_restarts_saves_and_ends(simulator, tmp_path):
+    report = killing(simulator, signal.SIGKILL, [LANES * (ROLLOUT + 1), LANES * (ROLLOUT * 2 + 1)])
+    config = CONFIG.model_copy(update={"restarts": 1})
+    with pytest.raises(SimulatorLost):
+        train(config, tmp_path, simulator.start(), resume=False, report=report, revive=simulator.start)
+    assert simulator.starts == 2
+    assert load_checkpoint(tmp_path)[1].timesteps == LANES * ROLLOUT * 2
+
+
+# Without simulators
+
+
+class Script:
+    """A simulator's life: how many states each session yields, and how it is lost then."""
+
+    def __init__(self, *lives: tuple[int, type[SimulatorLost] | None]) -> None:
+        self.lives = list(lives)
+        self.begun: list[tuple[str, int]] = []
+
+    def proceed(self, addresses, state):
+        count, end = self.lives.pop(0)
+        self.begun.append((addresses[0], state.timesteps))
+        for timesteps in range(state.timesteps + 1, state.timesteps + 1 + count):
+            yield RunState(timesteps)
+        if end is not None:
+            raise end("gone")
+
+    def run(self, restarts: int) -> list[int]:
+        names = iter("bcdefgh")
+        states = recovering(self.proceed, RunState(), ["a"], lambda: [next(names)], restarts)
+        return [state.timesteps for state in states]
+
+
+@pytest.fixture
+def pauses(monkeypatch) -> list[float]:
+    seconds: list[float] = []
+    monkeypatch.setattr(recovery.time, "sleep", seconds.append)
+    return seconds
+
+
+def test_it_goes_on_at_the_new_address_from_the_last_state(pauses):
+    script = Script((3, SimulatorLost), (0, SimulatorLost), (2, None))
+    assert script.run(restarts=2) == [1, 2, 3, 4, 5]
+    assert script.begun == [("a", 0), ("b", 3), ("c", 3)]
+
+
+def test_it_pauses_longer_each_time_it_does_not_get_on(pauses):
+    script = Script(*[(0, SimulatorLost)] * 6, (1, SimulatorLost), (1, None))
+    script.run(restarts=7)
+    assert pauses == [1, 2, 4, 8, 16]
+    pauses.clear()
+    with pytest.raises(SimulatorLost):
+        Script(*[(0, SimulatorLost)] * 8).run(restarts=7)
+    assert pauses == [1, 2, 4, 8, 16, 30]
+
+
+def test_announced_ends_without_any_progress_count(pauses):
+    with pytest.raises(SimulatorShutDown):
+        Script(*[(0, SimulatorShutDown)] * 5).run(restarts=3)
+    assert Script((1, SimulatorShutDown), (1, SimulatorShutDown), (1, None)).run(restarts=0) == [1, 2, 3]
+
+
+def test_what_the_run_does_itself_wrong_is_not_tried_again(pauses):
+    script = Script((1, ValueError), (1, None))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="gone"):
+        script.run(restarts=3)
