@@ -227,7 +227,7 @@ def test_what_a_finalizer_wants_after_the_end_is_not_done(loop):
 def test_an_interrupt_in_a_block_without_interrupts_is_raised_after_it():
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         handler = signal.signal(number, signal.default_int_handler)
-        done = []
+        done: list[int] = []
         with pytest.raises(KeyboardInterrupt):
             _raise_in_block(number, done)
         assert done == [number]

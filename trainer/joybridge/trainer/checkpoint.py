@@ -92,8 +92,8 @@ def load_checkpoint(run: Path) -> tuple[dict[str, Array], Manifest]:
         except CheckpointError as error:
             errors.append(error)
             continue
-        for error in errors:
-            _warn(f"{error}; using the checkpoint before it, of {manifest.timesteps:,} timesteps")
+        for problem in errors:
+            _warn(f"{problem}; using the checkpoint before it, of {manifest.timesteps:,} timesteps")
         return arrays, manifest
     others = f"; neither can the {len(errors) - 1} before it" if len(errors) > 1 else ""
     raise CheckpointError(f"{errors[0]}{others}") from errors[0]
