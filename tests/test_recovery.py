@@ -2,13 +2,13 @@
 
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from joybridge.trainer import recovery
 from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.metrics import read_rows
@@ -127,7 +127,7 @@ class Script:
 @pytest.fixture
 def pauses(monkeypatch) -> list[float]:
     seconds: list[float] = []
-    monkeypatch.setattr(recovery.time, "sleep", seconds.append)
+    monkeypatch.setattr(time, "sleep", seconds.append)
     return seconds
 
 

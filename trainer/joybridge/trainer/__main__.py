@@ -259,7 +259,8 @@ def _export(options: argparse.Namespace) -> None:
     config = play_config(options.run, options.overrides)
     load_checkpoint(options.run)
     simulators = _choose_simulators(options, last_simulators(options.run), config)
-    with open_simulators(simulators, options.wait, _say) as addresses:
+    with open_simulators(simulators, options.wait, _say) as connect:
+        addresses = connect()
         from joybridge.trainer.export import export
 
         exported = export(

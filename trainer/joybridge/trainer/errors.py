@@ -3,11 +3,10 @@
 JoybridgeError
 ├── ConfigError        a configuration that cannot be used
 ├── CheckpointError    a checkpoint that is missing or cannot be read
-├── DivergedError      an update has made a network useless
-└── ExportError        an exported policy that does not play as the trainer does
 ├── StorageError       a file or folder that cannot be written
 ├── RunLockedError     a run that another process is training
-└── DivergedError      an update has made a network useless
+├── DivergedError      an update has made a network useless
+└── ExportError        an exported policy that does not play as the trainer does
 """
 
 from joybridge.contract.errors import JoybridgeError
