@@ -245,7 +245,7 @@ class Faulty(Game):
             "reward that no float can hold": TimeStep(observation, rewards={"reward": 10**400}),
             "metric that no float can hold": TimeStep(observation, metrics={"score": 10**400}, terminated=True),
             "nothing returned": None,
-            "mask that is a number": TimeStep(observation, masks={"press": 1}),
+            "mask that is a number": TimeStep(observation, masks={"press": 1}),  # type: ignore[dict-item]
         }
         if self.option["fault"] in of_a_wrong_kind:
             return of_a_wrong_kind[self.option["fault"]]
