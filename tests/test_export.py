@@ -2,6 +2,8 @@
 
 import importlib.util
 import json
+import shutil
+import subprocess
 import sys
 from itertools import islice
 from pathlib import Path
@@ -24,7 +26,8 @@ from joybridge.trainer.wire.client import describe
 
 pytestmark = pytest.mark.usefixtures("signals")
 
-RUNTIME = Path(__file__).parents[1] / "proto" / "examples" / "python" / "policy.py"
+EXAMPLES = Path(__file__).parents[1] / "proto" / "examples"
+RUNTIME = EXAMPLES / "python" / "policy.py"
 LAYOUTS = ["hybrid", "bucket-3", "threshold-0.0", "threshold-0.5", "multiagent"]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
 
@@ -232,6 +235,53 @@ def test_without_onnx_the_extra_is_named(simulator, tmp_path, monkeypatch, capsy
     monkeypatch.delitem(sys.modules, "joybridge.trainer.export")
     assert cli.main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 2
     assert "needs the module onnxruntime; install it with `pip install 'joybridge[export]'`" in capsys.readouterr().err
+
+
+PLAY_ALL = """
+import { readFileSync } from "node:fs";
+import { Policy } from "POLICY";
+const { document, decisions } = JSON.parse(readFileSync(0, "utf8"));
+const policy = new Policy(document);
+let state = policy.begin();
+const played = decisions.map(({ sensors, masks, normal, uniform, ends }) => {
+  const action = policy.act(sensors, state, masks, { normal: () => normal.shift(), uniform: () => uniform.shift() });
+  state = ends ? policy.begin() : action.state;
+  return { axes: [...action.axes], choices: [...action.choices] };
+});
+console.log(JSON.stringify(played));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="install Node.js to play a policy in JavaScript")
+@pytest.mark.parametrize("deterministic", [False, True], ids=["sampled", "deterministic"])
+@pytest.mark.parametrize("layout", ["threshold-0.5", "multiagent"])
+def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, simulator, tmp_path):
+    run = make_run(tmp_path / "run", simulator, layout=layout)
+    decisions, wanted = [], []
+    with open_play(run, simulator, seed=3, deterministic=deterministic) as play:
+        document = documents(play, deterministic=deterministic)
+        behavior = play.spec.behaviors[0]
+        for decision in islice(play.decisions(), 100):
+            before, after, (act,) = decision.before[0], decision.after[0], decision.acts
+            assert before.masks is not None
+            names = [sensor.name for sensor in behavior.sensors]
+            sensors = {name: array[0].ravel().tolist() for name, array in zip(names, before.observations, strict=True)}
+            branches = [branch.name for branch in behavior.device.branches]
+            masks = {name: mask[0].tolist() for name, mask in zip(branches, before.masks, strict=True)}
+            normal = [float(x) for player in play.players for x in player.noise.normal[0]]
+            uniform = [float(x) for player in play.players for x in player.noise.uniform[0]]
+            ends = bool(after.terminated[0] or after.truncated[0])
+            decisions.append({"sensors": sensors, "masks": masks, "normal": normal, "uniform": uniform, "ends": ends})
+            wanted.append((act.axes[0].copy(), act.choices[0].copy()))
+    program = PLAY_ALL.replace("POLICY", (EXAMPLES / "javascript" / "policy.mjs").as_uri())
+    given = json.dumps({"document": json.loads(encode(document)), "decisions": decisions})
+    result = subprocess.run(
+        ["node", "--input-type=module", "-e", program], input=given, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    for played, (axes, choices) in zip(json.loads(result.stdout), wanted, strict=True):
+        np.testing.assert_allclose(played["axes"], axes, rtol=0, atol=1e-5)
+        assert played["choices"] == choices.tolist()
 
 
 def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
