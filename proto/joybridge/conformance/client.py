@@ -158,8 +158,8 @@ class Stream:
 
     def cancel(self) -> None:
         """Cancel the stream."""
+        self.responses.cancel()  # first: the end of the requests alone would close the stream in order
         self.requests.put(None)  # ends gRPC's thread that waits for the next request
-        self.responses.cancel()
 
     def __enter__(self) -> Self:
         return self
