@@ -16,7 +16,7 @@ from joybridge import cli
 from joybridge.trainer import export as exporting
 from joybridge.trainer.__main__ import main
 from joybridge.trainer.actor import make_actors
-from joybridge.trainer.checkpoint import save_checkpoint
+from joybridge.trainer.checkpoint import Manifest, save_checkpoint
 from joybridge.trainer.config import Config, PolicyConfig, keep_config
 from joybridge.trainer.export import Exported, compare
 from joybridge.trainer.onnx_model import build_model
@@ -41,7 +41,7 @@ def make_run(folder: Path, simulator: str, **settings) -> Path:
             drawn = rng.normal(0.0, 0.7, array.shape).astype(np.float32)
             arrays[f"{actor.name}/policy/network.{name}"] = drawn
     keep_config(config, folder)
-    save_checkpoint(folder, arrays, {"timesteps": 64, "snapshots": None})
+    save_checkpoint(folder, arrays, Manifest(timesteps=64))
     return folder
 
 
@@ -177,7 +177,10 @@ def test_masks_hold_for_noise_at_both_ends(simulator, tmp_path):
                 assert masks_keep(acts.choices, before.masks)
 
 
-def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(simulator, tmp_path, capsys):
+def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(
+    simulator, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(exporting, "DECISIONS", 8)
     run = make_run(tmp_path / "run", simulator, layout="multiagent")
     files = [tmp_path / "new" / name for name in ("a.onnx", "b.onnx", "a.json")]
     for file in files:
@@ -222,6 +225,12 @@ def test_an_untrained_run_and_a_wrong_file_name_are_refused_before_a_simulator_i
     assert "got 'policy.pt', expected a file whose name ends in .onnx or .json" in capsys.readouterr().err
 
 
+def test_a_place_where_nothing_can_be_written_is_named(simulator, tmp_path, capsys):
+    run = make_run(tmp_path / "run", simulator)
+    assert main(["export", str(run), str(run / "config.yaml" / "policy.onnx"), "--simulator", simulator]) == 1
+    assert f"error: cannot write {run / 'config.yaml'}" in capsys.readouterr().err
+
+
 def test_a_checkpoint_of_another_game_is_refused(simulator, tmp_path, capsys):
     run = make_run(tmp_path / "run", simulator)
     keep_config(Config(game="ends", policy=SMALL), run)
@@ -253,8 +262,7 @@ console.log(JSON.stringify(played));
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="install Node.js to play a policy in JavaScript")
-@pytest.mark.parametrize("deterministic", [False, True], ids=["sampled", "deterministic"])
-@pytest.mark.parametrize("layout", ["threshold-0.5", "multiagent"])
+@pytest.mark.parametrize(("layout", "deterministic"), [("threshold-0.5", True), ("multiagent", False)])
 def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, simulator, tmp_path):
     run = make_run(tmp_path / "run", simulator, layout=layout)
     decisions, wanted = [], []

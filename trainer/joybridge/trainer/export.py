@@ -11,7 +11,7 @@ import onnxruntime as ort
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.errors import ConfigError, ExportError
-from joybridge.trainer.files import write_atomically
+from joybridge.trainer.files import storing, write_atomically
 from joybridge.trainer.onnx_model import build_model
 from joybridge.trainer.playing import Play, open_play
 from joybridge.trainer.policy_document import decode, encode, make_document
@@ -92,8 +92,8 @@ def export(
 
     output: its suffix is .onnx or .json. behavior: its name; None if the game has one. Before it is written, the
     content plays beside the trainer at the simulator at `address`. overrides: "key=value" each, options and parameters
-    of the game that differ from the training. Raises SimulatorError, CheckpointError, ConfigError and ExportError; then
-    nothing is written.
+    of the game that differ from the training. Raises SimulatorError, CheckpointError, ConfigError, StorageError and
+    ExportError; then nothing is written.
     """
     with open_play(
         run, address, seed=seed, episodes=ARENAS, arenas_limit=ARENAS, deterministic=deterministic, overrides=overrides
@@ -112,7 +112,8 @@ def export(
             f"{output}: the exported policy differs from the trainer in {found.different} of {found.decisions} "
             f"decisions and makes {found.forbidden} forbidden choices, so nothing is written; please report this"
         )
-    output.parent.mkdir(parents=True, exist_ok=True)
+    with storing(output):
+        output.parent.mkdir(parents=True, exist_ok=True)
     content = model if output.suffix == ".onnx" else data
     write_atomically(output, content)
     ties = f", {found.different} ties excepted" if found.different else ""
