@@ -2,10 +2,6 @@
 
 import hashlib
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +11,7 @@ from joybridge.contract.spec import check_spec
 from joybridge.games.beastly_rivals import rules as r
 from joybridge.games.beastly_rivals.game import BeastlyRivals
 from joybridge.games.locomotion import LOCOMOTIONS
+from tests.support.measured import interpreted
 
 OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on"}
 NEAR = 1e-12
@@ -215,13 +212,7 @@ def digest_of_a_short_run() -> str:
 
 
 def test_interpreted_rules_give_the_bytes_of_compiled_ones():
-    code = f"from tests.{Path(__file__).stem} import digest_of_a_short_run; print(digest_of_a_short_run())"
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parents[1], env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.split()[-1] == digest_of_a_short_run()
+    assert interpreted("tests.support.digest", "tests.test_beastly_rivals_game").split()[-1] == digest_of_a_short_run()
 
 
 def test_drawing_shows_the_state_and_leaves_it_alone():

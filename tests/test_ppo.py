@@ -1,11 +1,7 @@
 """The loss, its gradient in closed form, and the update."""
 
-import os
-import subprocess
-import sys
 from dataclasses import astuple
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +15,7 @@ from joybridge.trainer.ppo.loss import Batch, autograd_gradient, joint_log_probs
 from joybridge.trainer.ppo.networks import Network, flatten_parameters
 from joybridge.trainer.ppo.schedule import Coefficients, anneal
 from joybridge.trainer.ppo.update import Learner, explained_variance, ppo_update
+from tests.support.measured import interpreted
 
 SPACES = {
     "discrete": (ActionSpace(0, (11, 11, 3)), True, False),
@@ -73,12 +70,7 @@ def test_the_closed_form_gradient_is_autograds(name, seed):
 @pytest.mark.slow
 def test_interpreted_kernels_pass_the_tests_of_compiled_ones():
     tests = "test_the_closed_form and 0- or test_masked_choices or test_the_likeliest"
-    run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-k", tests, "tests/test_ppo.py", "tests/test_distributions.py"],
-        cwd=Path(__file__).parents[1], env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stdout
+    interpreted("pytest", "-k", tests, "tests/test_ppo.py", "tests/test_distributions.py")
 
 
 def test_the_ratio_is_joint_over_axes_and_branches():

@@ -16,6 +16,7 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
+from joybridge.contract.address import READY
 from joybridge.contract.codec import Codec, Format, pack
 from joybridge.contract.spec import check_spec
 from joybridge.contract.versions import REVISION
@@ -24,6 +25,7 @@ from joybridge.simulator.catalog import CatalogError, load_games
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.games import FAULTS, PICTURE, PLACES
+from tests.support.measured import measured
 from tests.support.servers import ROOT, end, games, refuses_to_start, server
 from tests.support.wire import SAVE, SECONDS, Player, Stream, act, describe, record, refused, reset, rows, start
 
@@ -32,6 +34,16 @@ PAPER = ["beastly_rivals", "shooting_birds"]  # the built-in games that draw the
 LISTED = [*BUILT_IN, *OWN]
 GOOD = ["hybrid", "duel", "ends", *BUILT_IN]
 LARGEST_SEED = 2**64 - 1
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    """Yield the address of a server process that is measured if the tests are."""
+    command = [*measured("joybridge.simulator"), "serve", "--address", "127.0.0.1:0", "--with-parent", *games(*PLACES)]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().removeprefix(READY).strip()
+        process.terminate()
 
 
 def floats(*values):

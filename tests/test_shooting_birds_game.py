@@ -2,11 +2,7 @@
 
 import hashlib
 import math
-import os
-import subprocess
-import sys
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +14,7 @@ from joybridge.contract.tensors import Array
 from joybridge.games.locomotion import LOCOMOTIONS
 from joybridge.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
 from joybridge.simulator.randomness import BLOCK
+from tests.support.measured import interpreted
 from tests.support.wire import pack_step
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
@@ -524,17 +521,7 @@ def digest_of_a_short_run() -> str:
 
 
 def test_interpreted_rules_give_the_bytes_of_compiled_ones():
-    code = f"from tests.{Path(__file__).stem} import digest_of_a_short_run; print(digest_of_a_short_run())"
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=Path(__file__).parents[1],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.split()[-1] == digest_of_a_short_run()
+    assert interpreted("tests.support.digest", "tests.test_shooting_birds_game").split()[-1] == digest_of_a_short_run()
 
 
 # -------------------------------------------------------------------------------- baseline and pictures
