@@ -381,6 +381,20 @@ def test_after_several_timeouts_the_other_checks_of_a_game_are_not_run():
     assert results[-1].outcome == FAILED and results[-1].got == f"not run after {MOST_TIMEOUTS} timeouts"
 
 
+class Steady(Gauntlet):
+    """Takes a part of the deadline for each decision."""
+
+    def step(self, acts):
+        time.sleep(0.06)
+        return super().step(acts)
+
+
+def test_a_session_of_slow_steps_may_take_longer_than_the_deadline_of_a_response():
+    with serving(BrokenServer(set(), game=Steady)) as address, Client(address, 0.5) as client:
+        recording = subject.Subject(client, Gauntlet.name).record(subject.SHORT)
+    assert recording.end is None and len(recording.steps) == subject.SHORT + 1
+
+
 class NoList(Service):
     """A server that is not complete yet."""
 

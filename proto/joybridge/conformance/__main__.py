@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     checker.add_argument("--list", action="store_true", help="list the families, checks and rules, and exit")
     checker.add_argument(
         "--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS",
-        help="the longest time of a call; a session is one call. Default: %(default)g",
+        help="the longest wait for a response. Default: %(default)g",
     )  # fmt: skip
     add_credentials_arguments(checker)
     checker.add_argument("--quiet", action="store_true", help="print failures, warnings and the summary only")

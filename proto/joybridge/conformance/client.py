@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from queue import SimpleQueue
+from threading import Event, Timer
 from types import TracebackType
 from typing import Any, Self
 
@@ -40,7 +41,7 @@ OK = Status(grpc.StatusCode.OK, "")
 class Exchange:
     """The responses of one stream and the status with which it ended."""
 
-    responses: list[pb.PlayResponse]
+    responses: list[Any]  # of Play: PlayResponse
     status: Status
 
     @property
@@ -57,7 +58,7 @@ class Client:
     """One connection to the server under test."""
 
     def __init__(self, address: str, seconds: float, credentials: Credentials = OPEN) -> None:
-        """Connect. `seconds` is the deadline of each call."""
+        """Connect. `seconds` is the longest wait for a response."""
         self.address = address
         self.seconds = seconds
         self.credentials = credentials
@@ -97,22 +98,20 @@ class Client:
         spec: pb.GameSpec = _expect_response(answer, f"DescribeGame({game!r}, {dict(options or {})})")
         return spec
 
-    def play(self, requests: Sequence[Request], **fields: Any) -> Exchange:
+    def play(self, requests: Sequence[Any], **fields: Any) -> Exchange:
         """Send all requests of a stream at once. `fields` are those of `stream`. Raises TimedOut."""
         stream = self.stream(iter(requests), **fields)
-        responses: list[pb.PlayResponse] = []
-        try:
-            responses.extend(stream)
-        except grpc.RpcError as error:
-            return Exchange(responses, _status(error, self.seconds))
-        return Exchange(responses, OK)
+        responses: list[Any] = []
+        while not isinstance(response := _next(stream, self.seconds), Status):
+            responses.append(response)
+        return Exchange(responses, response)
 
     def stream(
         self, requests: Iterator[Any], method: str = f"/{SERVICE}/Play", response: Any = pb.PlayResponse, **fields: Any
     ) -> Any:
         """Open a stream, by default Play, and return the iterator of its responses. `fields` are gRPC's."""
         open_stream = self.channel.stream_stream(method, encode, response.FromString)
-        return open_stream(requests, timeout=self.seconds, metadata=self.credentials.metadata, **fields)
+        return open_stream(requests, metadata=self.credentials.metadata, **fields)
 
     def close(self) -> None:
         """Close the connection and every stream on it."""
@@ -143,12 +142,7 @@ class Stream:
 
     def receive(self) -> pb.PlayResponse | Status:
         """Return the next response, or the status if the stream ended. Raises TimedOut."""
-        try:
-            response: pb.PlayResponse = next(self.responses)
-        except StopIteration:
-            return OK
-        except grpc.RpcError as error:
-            return _status(error, self.seconds)
+        response: pb.PlayResponse | Status = _next(self.responses, self.seconds)
         return response
 
     def half_close(self) -> pb.PlayResponse | Status:
@@ -173,6 +167,32 @@ class Stream:
 def encode(request: Any) -> bytes:
     """Return the bytes of a request; bytes are returned unchanged."""
     return request if isinstance(request, bytes) else request.SerializeToString()
+
+
+def _next(responses: Any, seconds: float) -> Any:
+    """Return the next response of a stream, or its status if it ended. Raises TimedOut after so many seconds.
+
+    A deadline of gRPC would be one of the whole stream, which a slow server may exceed with many quick responses.
+    """
+    late = Event()
+
+    def give_up() -> None:
+        late.set()
+        responses.cancel()
+
+    timer = Timer(seconds, give_up)
+    timer.daemon = True
+    timer.start()
+    try:
+        return next(responses)
+    except StopIteration:
+        return OK
+    except grpc.RpcError as error:
+        if late.is_set():
+            raise TimedOut(f"no response within {seconds:g} s", "a response") from error
+        return _status(error, seconds)
+    finally:
+        timer.cancel()
 
 
 def _status(error: Any, seconds: float) -> Status:

@@ -16,7 +16,7 @@ from joybridge.conformance.subject import Subject
 from joybridge.contract.credentials import Credentials
 from joybridge.contract.errors import JoybridgeError
 
-DEADLINE = 30.0  # seconds of a call; a session is one call, and its first may wait until the game is compiled
+DEADLINE = 30.0  # seconds until a response; the first of a session may wait until the game is compiled
 MOST_TIMEOUTS = 3  # of one game; its other checks then fail without being run
 FULL = "RESOURCE_EXHAUSTED"  # in what came, of a check that expects another status
 SERVER = "server"  # the name in the results for checks of the whole server
@@ -32,7 +32,7 @@ def run_checks(
 ) -> Iterator[Result]:  # fmt: skip
     """Yield the results of the checks of the whole server, then of those of each game.
 
-    games: the games to check, by default all. seconds: the deadline of each call. After MOST_TIMEOUTS timeouts the
+    games: the games to check, by default all. seconds: how long to wait for a response. After MOST_TIMEOUTS timeouts the
     other checks of a game fail without being run. Raises Unreachable if no server responds, and SelectionError if the
     server does not have one of the games.
     """

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import grpc
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
 from grpc_health.v1 import health_pb2
 from grpc_reflection.v1alpha import reflection_pb2
@@ -72,12 +71,10 @@ def _reflect(
     failures = []
     for version in REFLECTIONS:
         method = f"/{version}.ServerReflection/ServerReflectionInfo"
-        call = subject.client.stream(iter([request]), method, reflection_pb2.ServerReflectionResponse)
-        try:
-            for answer in call:
-                return answer
-        except grpc.RpcError as error:
-            failures.append(f"{error.code().name} from {version}")
+        exchange = subject.client.play([request], method=method, response=reflection_pb2.ServerReflectionResponse)
+        if exchange.responses:
+            return exchange.responses[0]
+        failures.append(f"{exchange.status.code.name} from {version}")
     raise Violation(" and ".join(failures) or "no response", "a response")
 
 
