@@ -32,9 +32,9 @@ def run_checks(
 ) -> Iterator[Result]:  # fmt: skip
     """Yield the results of the checks of the whole server, then of those of each game.
 
-    games: the games to check, by default all. seconds: how long to wait for a response. After MOST_TIMEOUTS timeouts the
-    other checks of a game fail without being run. Raises Unreachable if no server responds, and SelectionError if the
-    server does not have one of the games.
+    games: the games to check, by default all. seconds: the longest wait for a response. After MOST_TIMEOUTS timeouts
+    the other checks of a game fail without being run. Raises Unreachable if no server responds, and SelectionError if
+    the server does not have one of the games.
     """
     of_server = [check for check in checks if check.per_server]
     of_game = [check for check in checks if not check.per_server]
