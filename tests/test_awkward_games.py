@@ -46,7 +46,7 @@ def config(game: str, stop: int, **policy: object) -> Config:
 def talked(awkward, tmp_path_factory) -> Path:
     """Return a run of a game without snapshots that was stopped in the middle of episodes."""
     run = tmp_path_factory.mktemp("talked") / "run"
-    with Display("hybrid", 324, 0) as display:
+    with Display("run talkative", "hybrid", 324, 0) as display:
         train(config("talkative", 324), run, [awkward], resume=False, report=display.report)
     return run
 

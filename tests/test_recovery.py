@@ -24,7 +24,7 @@ CONFIG = Config(
     log_interval=LANES, restarts=5,
     policy=PolicyConfig(rollout_steps=ROLLOUT, time_horizon=ROLLOUT, minibatch_size=32, hidden_sizes=[8]),
 )  # fmt: skip
-TIMING = {"timesteps_per_second", "simulate", "wire", "act", "learn"}
+TIMING = {"seconds", "timesteps_per_second", "simulate", "wire", "act", "learn"}
 
 
 class Simulator:

@@ -79,6 +79,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
     trains.add_argument("overrides", nargs="*", metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4")
     trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME[-KEY=VALUE…]-sSEED")
+    trains.add_argument(
+        "--from", dest="weights_from", metavar="RUN",
+        help="begin with the policies that another run has trained, and with fresh schedules",
+    )  # fmt: skip
     trains.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
     trains.add_argument(
         "--with-parent", action="store_true",
@@ -88,6 +92,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays.add_argument("run", type=Path, help="folder of a run")
     plays.add_argument(
         "--seed", type=_at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"
+    )
+    plays.add_argument(
+        "--checkpoint", default="", metavar="WHICH", help="timesteps of a checkpoint, or best; default: the newest"
     )
     plays.add_argument("--deterministic", action="store_true", help="take the most probable action instead of sampling")
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
@@ -164,10 +171,14 @@ def _train(options: argparse.Namespace) -> None:
     if options.with_parent:
         _end_with_parent()
     path = find_config(options.config)
+    if options.weights_from:
+        options.overrides.append(f"weights_from={options.weights_from}")
     config = load_config(path, options.overrides)
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
+    if config.weights_from and not resume:
+        load_checkpoint(Path(config.weights_from))
     if resume and config.total_timesteps > (before := run_config(run).total_timesteps):
         _say(
             f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
@@ -183,11 +194,19 @@ def _train(options: argparse.Namespace) -> None:
 
         saved = checkpoints(run)
         begin = int(saved[-1].name) if saved else 0
-        print(f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done", flush=True)
+        heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
         remember(run, simulators)
         try:
-            with Display(config.layout, config.end, begin) as display:
-                train(config, run, addresses, resume=options.resume, report=display.report, revive=connect)
+            with Display(heading, config.layout, config.end, begin) as display:
+                train(
+                    config,
+                    run,
+                    addresses,
+                    resume=options.resume,
+                    report=display.report,
+                    revive=connect,
+                    say=display.say,
+                )
         except (KeyboardInterrupt, SimulatorError, StorageError):
             _say(_continuation(run, options))
             raise
@@ -211,7 +230,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     if sweep:
         plays = {setting: [*options.overrides, setting] for setting in sweep.settings}
     configs = [play_config(run, overrides) for overrides in plays.values()]
-    load_checkpoint(run)
+    load_checkpoint(run, options.checkpoint)
     simulators = _choose_simulators(options, last_simulators(run), configs[0])
     with open_simulators(simulators, options.wait, _say) as connect:
         addresses = connect()
@@ -220,7 +239,7 @@ def _evaluate(options: argparse.Namespace) -> None:
         results = {
             setting: evaluate(
                 run, addresses[0], episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
-                say=_say, overrides=overrides,
+                say=_say, overrides=overrides, checkpoint=options.checkpoint,
             )
             for setting, overrides in plays.items()
         }  # fmt: skip
@@ -242,7 +261,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 def _record(options: argparse.Namespace) -> None:
     config = play_config(options.run, options.overrides)
     video_format(options.output)
-    load_checkpoint(options.run)
+    load_checkpoint(options.run, options.checkpoint)
     simulators = _choose_simulators(options, last_simulators(options.run), config)
     with open_simulators(simulators, options.wait, _say) as connect:
         addresses = connect()
@@ -251,13 +270,14 @@ def _record(options: argparse.Namespace) -> None:
         frames = record(
             options.run, addresses[0], options.output, seconds=options.seconds, seed=options.seed,
             deterministic=options.deterministic, say=_say, overrides=options.overrides,
+            checkpoint=options.checkpoint,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
 
 
 def _export(options: argparse.Namespace) -> None:
     config = play_config(options.run, options.overrides)
-    load_checkpoint(options.run)
+    load_checkpoint(options.run, options.checkpoint)
     simulators = _choose_simulators(options, last_simulators(options.run), config)
     with open_simulators(simulators, options.wait, _say) as connect:
         addresses = connect()
@@ -265,7 +285,7 @@ def _export(options: argparse.Namespace) -> None:
 
         exported = export(
             options.run, addresses[0], options.output, behavior=options.behavior, seed=options.seed,
-            deterministic=options.deterministic, overrides=options.overrides,
+            deterministic=options.deterministic, overrides=options.overrides, checkpoint=options.checkpoint,
         )  # fmt: skip
     print(exported)
 

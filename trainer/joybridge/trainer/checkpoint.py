@@ -22,6 +22,7 @@ from joybridge.trainer.files import read_file, storing, sync_folder, write_synce
 log = logging.getLogger("joybridge.trainer")
 
 FORMAT = 4
+BEST = "best"  # name of the folder of the best checkpoint
 ARRAYS, MANIFEST, SUMS = "arrays.safetensors", "manifest.json", "SHA256SUMS"
 LONGEST_ARRAYS = 2**32  # bytes
 LONGEST_TEXT = 2**20  # bytes of the other two files
@@ -35,6 +36,7 @@ class Manifest(BaseModel):
     format: int = FORMAT
     timesteps: int = Field(ge=0, lt=10**12)
     snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
+    score: float | None = None  # what the metric `best` was, if a row of metrics was just written
     arrays_bytes: int = Field(0, ge=0, le=LONGEST_ARRAYS)  # size of the arrays' file
 
 
@@ -44,14 +46,17 @@ class _Format(BaseModel):
     format: int
 
 
-def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: Manifest, keep: int = 2) -> Path:
+def save_checkpoint(
+    run: Path, arrays: dict[str, Array], manifest: Manifest, keep: int = 2, *, best: bool = False
+) -> Path:
     """Write a checkpoint atomically, delete those before the newest `keep`, and return its folder.
 
-    Raises StorageError; then nothing of the new checkpoint is left, and the older ones are still there.
+    best: write it as the best one instead, in place of the former best. Raises StorageError; then nothing of the new
+    checkpoint is left, and the older ones are still there.
     """
     folder = run / "checkpoints"
-    target = folder / f"{manifest.timesteps:012d}"
-    if target.exists() and _is_whole(target):  # the run has not moved on since its last checkpoint
+    target = folder / (BEST if best else f"{manifest.timesteps:012d}")
+    if not best and target.exists() and _is_whole(target):  # the run has not moved on since its last checkpoint
         return target
     temporary = folder / ".new"
     with storing(folder):
@@ -65,24 +70,33 @@ def save_checkpoint(run: Path, arrays: dict[str, Array], manifest: Manifest, kee
             write_synced(temporary / SUMS, _sums(data, text))
             sync_folder(temporary)
             if target.exists():
-                _remove(target)  # a damaged one
+                _remove(target)  # a damaged one, or the former best
             temporary.rename(target)
         except BaseException:
             shutil.rmtree(temporary, ignore_errors=True)
             raise
         sync_folder(folder)
+    if best:
+        return target
     older = [path for path in reversed(checkpoints(run)) if path.name < target.name]
     for old in older[keep - 1 :]:
         _delete(old)
     return target
 
 
-def load_checkpoint(run: Path) -> tuple[dict[str, Array], Manifest]:
-    """Return arrays and manifest of the newest checkpoint that is whole; log those that are not.
+def load_checkpoint(run: Path, which: str = "") -> tuple[dict[str, Array], Manifest]:
+    """Return arrays and manifest of a checkpoint: "best", its timesteps, or "" for the newest.
 
-    Raises CheckpointError.
+    The newest is the newest that is whole; those that are not are logged. Raises CheckpointError.
     """
     folders = checkpoints(run)
+    if which:
+        names = {str(int(folder.name)): folder for folder in folders}
+        if (best := run / "checkpoints" / BEST).is_dir():
+            names[BEST] = best
+        if which not in names:
+            raise CheckpointError(f"{run} has no checkpoint {which!r}; it has {', '.join(names) or 'none'}")
+        return read_checkpoint(names[which])
     if not folders:
         raise CheckpointError(f"{run} holds no checkpoint; train it first, or name another run")
     errors = []
@@ -108,7 +122,7 @@ def read_checkpoint(folder: Path) -> tuple[dict[str, Array], Manifest]:
         data = read_file(folder / ARRAYS, manifest.arrays_bytes)
         if read_file(folder / SUMS, LONGEST_TEXT) != _sums(data, text):
             raise CheckpointError(f"{folder} is damaged: its files do not match {SUMS}")
-        if folder.name != f"{manifest.timesteps:012d}":
+        if folder.name not in (BEST, f"{manifest.timesteps:012d}"):
             raise CheckpointError(f"{folder} holds the checkpoint of {manifest.timesteps} timesteps; rename it")
         return load(data), manifest
     except (OSError, ValueError, SafetensorError, KeyError) as error:  # KeyError: a type that NumPy does not have
@@ -124,6 +138,14 @@ def checkpoints(run: Path) -> list[Path]:
 def has_checkpoint(run: Path) -> bool:
     """Return whether a run has saved anything."""
     return bool(checkpoints(run))
+
+
+def best_score(run: Path) -> float | None:
+    """Return the score of a run's best checkpoint, None if there is none that is whole."""
+    try:
+        return load_checkpoint(run, BEST)[1].score
+    except CheckpointError:
+        return None
 
 
 def select(arrays: dict[str, Array], prefix: str) -> dict[str, Array]:

@@ -96,6 +96,8 @@ class Config(_Checked):
     keep: int = Field(2, ge=1)  # checkpoints that are kept, the newest ones
     timeout_seconds: float = Field(30.0, gt=0)  # to wait for an answer of a simulator before it is taken for lost
     restarts: int = Field(10, ge=0)  # how often training goes on after a simulator was lost
+    best: str = "reward"  # metric whose highest value marks the best checkpoint; "-length": the lowest
+    weights_from: str | None = None  # folder of a run whose trained policies this one begins with
     evaluate_over: str | None = None  # option whose choices, but the default, evaluation plays equally often
     policy: PolicyConfig = PolicyConfig()  # what all policies share
     policies: dict[str, dict[str, Any]] = {}  # policy name -> what differs for it

@@ -29,19 +29,21 @@ class Evaluation:
 
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
-    overrides: Sequence[str] = (),
+    overrides: Sequence[str] = (), checkpoint: str = "",
 ) -> dict[str, Evaluation]:  # fmt: skip
     """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
 
-    overrides: "key=value" each, options and parameters of the game that differ from the training.
+    overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
+    its timesteps, or "" for the newest.
 
     Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
     often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
     the original's figures. Raises SimulatorError, CheckpointError or ConfigError.
     """
     with open_play(
-        run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides
-    ) as play:
+        run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
+        checkpoint=checkpoint,
+    ) as play:  # fmt: skip
         say(play.heading())
         rounds = math.ceil(episodes / play.arenas)
         balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""

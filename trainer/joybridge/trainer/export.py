@@ -86,18 +86,19 @@ class Exported:
 
 def export(
     run: Path, address: str, output: Path, *, behavior: str | None, seed: int, deterministic: bool,
-    overrides: Sequence[str] = (),
+    overrides: Sequence[str] = (), checkpoint: str = "",
 ) -> str:  # fmt: skip
     """Write the policies that play one behavior of a run into one file; return what was written, in words.
 
     output: its suffix is .onnx or .json. behavior: its name; None if the game has one. Before it is written, the
     content plays beside the trainer at the simulator at `address`. overrides: "key=value" each, options and parameters
-    of the game that differ from the training. Raises SimulatorError, CheckpointError, ConfigError, StorageError and
-    ExportError; then nothing is written.
+    of the game that differ from the training. checkpoint: "best", its timesteps, or "" for the newest. Raises
+    SimulatorError, CheckpointError, ConfigError, StorageError and ExportError; then nothing is written.
     """
     with open_play(
-        run, address, seed=seed, episodes=ARENAS, arenas_limit=ARENAS, deterministic=deterministic, overrides=overrides
-    ) as play:
+        run, address, seed=seed, episodes=ARENAS, arenas_limit=ARENAS, deterministic=deterministic, overrides=overrides,
+        checkpoint=checkpoint,
+    ) as play:  # fmt: skip
         index = _find_behavior(play.spec, behavior)
         actors = [player.actor for player in play.players if player.actor.behavior == index]
         about = {

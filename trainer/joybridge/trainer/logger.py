@@ -1,6 +1,7 @@
 """The metrics of one policy: a row every `log_interval` timesteps, to a CSV file and to TensorBoard."""
 
 import re
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -51,12 +52,15 @@ class Logger:
         self.path = run / f"metrics-{name}.csv"
         self.rows = [cells for cells in read_cells(self.path) if float(cells["timesteps"]) <= after]
         write_cells(self.path, self.rows)
+        before = float(self.rows[-1].get("seconds", 0)) if self.rows else 0.0
+        self._begin = time.monotonic() - before
         with storing(run / "tensorboard"):
             self.board = SummaryWriter(run / "tensorboard" / name, purge_step=after + 1)
 
     def write(self, timesteps: int, episodes: Row, times: Row) -> Row:
         """Write a row: figures of the episodes since the last one, means over its updates, and times; return it."""
-        row = {"timesteps": timesteps, **episodes, **self.mean.summarize(), **times}
+        seconds = time.monotonic() - self._begin
+        row = {"timesteps": timesteps, "seconds": seconds, **episodes, **self.mean.summarize(), **times}
         self.rows.append(
             {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
         )

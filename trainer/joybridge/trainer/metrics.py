@@ -16,7 +16,7 @@ ACTIVITIES = ("simulate", "wire", "act", "learn")  # fractions of the time
 # What the loss reports of a minibatch; the entropy of each branch follows.
 STATISTICS = ("policy_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
 _COLUMNS = {
-    "timesteps", "episodes", "reward", "reward_std", "length", *STATISTICS, "value", "explained_variance",
+    "timesteps", "seconds", "episodes", "reward", "reward_std", "length", *STATISTICS, "value", "explained_variance",
     "grad_norm", "learning_rate", "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
 

@@ -136,13 +136,14 @@ class Play:
 @contextmanager
 def open_play(
     run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False,
-    overrides: Sequence[str] = (),
+    overrides: Sequence[str] = (), checkpoint: str = "",
 ) -> Iterator[Play]:  # fmt: skip
-    """Load the newest checkpoint of a run and open a session at a simulator; the session is closed on leaving.
+    """Load a checkpoint of a run and open a session at a simulator; the session is closed on leaving.
 
-    overrides: "key=value" each, options and parameters of the game that differ from the training. episodes: 0 plays one
-    arena under the options of the run. Otherwise arenas for so many episodes at once, at most `arenas_limit` per choice
-    of the option `evaluate_over`; arenas of the same choice are side by side.
+    checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
+    game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
+    so many episodes at once, at most `arenas_limit` per choice of the option `evaluate_over`; arenas of the same choice
+    are side by side.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
     torch.set_num_threads(1)  # networks this small are slower with more
@@ -150,7 +151,7 @@ def open_play(
     spec = describe(address, config.game, config.options)
     options = balanced_options(config, spec) if episodes else {"": config.options}
     arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
-    state = load_state(run)
+    state = load_state(run, checkpoint)
     players = []
     for actor in make_actors(config, spec):
         actor.load(policy_state(state.arrays, actor.name))

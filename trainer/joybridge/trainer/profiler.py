@@ -12,11 +12,15 @@ if TYPE_CHECKING:  # the profiler itself needs nothing of the wire
     from joybridge.trainer.wire.sharded_session import ShardedSession
 
 
+LIVE_SECONDS = 0.5  # between two live figures
+
+
 class Profiler:
     """Seconds by activity, and timesteps, since the last row of metrics."""
 
     def __init__(self) -> None:
         self.restart()
+        self._shown = self.begin
 
     def restart(self) -> None:
         """Start over."""
@@ -46,6 +50,14 @@ class Profiler:
         elapsed = max(time.perf_counter() - self.begin, 1e-9)
         fractions = {name: seconds / elapsed for name, seconds in self.seconds.items()}
         return {"timesteps_per_second": self.timesteps / elapsed, **fractions}
+
+    def due(self) -> bool:
+        """Return whether it is time to show live figures again."""
+        now = time.perf_counter()
+        if now - self._shown < LIVE_SECONDS:
+            return False
+        self._shown = now
+        return True
 
     def summarize(self) -> Row:
         """Return what `live` does, and start over."""

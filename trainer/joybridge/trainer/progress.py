@@ -19,8 +19,9 @@ LEARNER = ("entropy", "approx_kl", "explained_variance")  # of the statistics of
 class Display:
     """Shows the progress of one run; `report` is given to `train`."""
 
-    def __init__(self, name: str, end: int, begin: int) -> None:
-        """Show a run that goes from `begin` to `end` timesteps."""
+    def __init__(self, heading: str, name: str, end: int, begin: int) -> None:
+        """Show a run that goes from `begin` to `end` timesteps. heading: printed once it has begun."""
+        self.heading = heading
         self.console = Console(highlight=False)
         self.bar = Progress(
             TextColumn("[bold]{task.description}"),
@@ -36,6 +37,9 @@ class Display:
 
     def report(self, timesteps: int, live: Row, row: Row | None) -> None:
         """Show where the run is: live figures, and now and then a new row of metrics."""
+        if self.heading:
+            self.say(self.heading)
+            self.heading = ""
         shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
         speed = _speed(live["timesteps_per_second"])
         if row is not None:

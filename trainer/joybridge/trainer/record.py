@@ -20,15 +20,18 @@ SLOWEST = 5.0  # for turn-based games
 
 def record(
     run: Path, address: str, output: Path, *, seconds: float, seed: int, deterministic: bool,
-    say: Callable[[str], None], overrides: Sequence[str] = (),
+    say: Callable[[str], None], overrides: Sequence[str] = (), checkpoint: str = "",
 ) -> int:  # fmt: skip
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
     The picture is the simulator's, score included. overrides: "key=value" each, options and parameters of the game that
-    differ from the training. Raises SimulatorError, CheckpointError or ConfigError.
+    differ from the training. checkpoint: "best", its timesteps, or "" for the newest. Raises SimulatorError,
+    CheckpointError or ConfigError.
     """
     form = video_format(output)
-    with open_play(run, address, seed=seed, deterministic=deterministic, overrides=overrides) as play:
+    with open_play(
+        run, address, seed=seed, deterministic=deterministic, overrides=overrides, checkpoint=checkpoint
+    ) as play:
         say(play.heading())
         spec = play.spec
         if not spec.HasField("picture"):

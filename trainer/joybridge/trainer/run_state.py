@@ -22,10 +22,18 @@ class RunState:
     timesteps: int = 0  # of the lanes of the first policy
     arrays: dict[str, Array] = field(default_factory=dict)
     snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
+    score: float | None = None  # of the row of metrics that was just written; None: there was none
 
     def save(self, run: Path, keep: int) -> None:
         """Write a checkpoint, and keep so many. Raises StorageError."""
-        save_checkpoint(run, self.arrays, Manifest(timesteps=self.timesteps, snapshots=self.snapshots), keep)
+        save_checkpoint(run, self.arrays, self._manifest(), keep)
+
+    def save_as_best(self, run: Path) -> None:
+        """Write the best checkpoint in place of the former best. Raises StorageError."""
+        save_checkpoint(run, self.arrays, self._manifest(), best=True)
+
+    def _manifest(self) -> Manifest:
+        return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score)
 
     def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger]) -> None:
         """Put policies and loggers into this state. Raises CheckpointError."""
@@ -52,9 +60,9 @@ class RunState:
             raise CheckpointError(f"the checkpoint holds no array {error}, which its manifest names") from error
 
 
-def load_state(run: Path) -> RunState:
-    """Return the state in the newest checkpoint of a run. Raises CheckpointError."""
-    arrays, manifest = load_checkpoint(run)
+def load_state(run: Path, checkpoint: str = "") -> RunState:
+    """Return the state in a checkpoint of a run, see `load_checkpoint`. Raises CheckpointError."""
+    arrays, manifest = load_checkpoint(run, checkpoint)
     return RunState(manifest.timesteps, arrays, manifest.snapshots)
 
 
@@ -71,6 +79,18 @@ def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger
         for index, snapshot in enumerate(snapshots):
             arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}
     return RunState(timesteps, arrays, parts)
+
+
+def take_weights(policies: Sequence[Policy], run: Path) -> int:
+    """Give policies the networks that a run has trained; return for how many timesteps. Raises CheckpointError."""
+    state = load_state(run)
+    for policy in policies:
+        network = policy_state(state.arrays, policy.actor.name)
+        if not network:
+            known = sorted({name.partition("/policy/")[0] for name in state.arrays if "/policy/network." in name})
+            raise CheckpointError(f"{run} has no policy {policy.actor.name!r}; it has {', '.join(known)}")
+        policy.actor.load(network)
+    return state.timesteps
 
 
 def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Array]:

@@ -9,17 +9,19 @@ import math
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import torch
 
 from joybridge.trainer.actor import make_actors
-from joybridge.trainer.checkpoint import has_checkpoint
+from joybridge.trainer.advice import Adviser
+from joybridge.trainer.checkpoint import best_score, has_checkpoint
 from joybridge.trainer.config import Config, check_run, keep_config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.logger import Logger
-from joybridge.trainer.metrics import Row
+from joybridge.trainer.metrics import Row, is_trainers
 from joybridge.trainer.options import balanced_options
 from joybridge.trainer.pipeline import collect, group_bounds, open_groups
 from joybridge.trainer.policy import Policy
@@ -28,7 +30,7 @@ from joybridge.trainer.ppo.schedule import anneal
 from joybridge.trainer.ppo.update import ppo_update
 from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.recovery import Revive, recovering
-from joybridge.trainer.run_state import RunState, capture, load_state
+from joybridge.trainer.run_state import RunState, capture, load_state, take_weights
 from joybridge.trainer.signals import uninterrupted
 from joybridge.trainer.wire.client import describe
 
@@ -36,11 +38,13 @@ Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new
 
 
 def train(
-    config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report, revive: Revive | None = None
-) -> None:
+    config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report, revive: Revive | None = None,
+    say: Callable[[str], None] = print,
+) -> None:  # fmt: skip
     """Train `config` in the folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
     revive: called when a simulator is lost; returns the addresses of simulators that answer. Without it, training ends.
+    say: called with remarks on the run, a line each.
 
     Raises ConfigError, CheckpointError, StorageError, SimulatorError and DivergedError. The last state between two
     rollouts is saved on any exception.
@@ -49,22 +53,25 @@ def train(
     check_run(config, run, resume=resume)
     state = load_state(run) if has_checkpoint(run) else RunState()
     saved, saved_at = state.timesteps, time.monotonic()
-    states = recovering(partial(play_and_learn, config, run, report), state, addresses, revive, config.restarts)
+    highest, best = best_score(run), None
+    states = recovering(partial(play_and_learn, config, run, report, say), state, addresses, revive, config.restarts)
     try:
         with closing(states):
             for state in states:
+                if state.score is not None and (highest is None or state.score > highest):
+                    highest, best = state.score, state
                 late = time.monotonic() - saved_at >= config.checkpoint_seconds
                 if late or state.timesteps - saved >= config.checkpoint_interval:
-                    state.save(run, config.keep)
-                    saved, saved_at = state.timesteps, time.monotonic()
+                    save(state, best, run, config.keep)
+                    saved, saved_at, best = state.timesteps, time.monotonic(), None
     finally:
         if state.timesteps:
             with uninterrupted():
-                state.save(run, config.keep)
+                save(state, best, run, config.keep)
 
 
 def play_and_learn(
-    config: Config, run: Path, report: Report, addresses: Sequence[str], state: RunState
+    config: Config, run: Path, report: Report, say: Callable[[str], None], addresses: Sequence[str], state: RunState
 ) -> Generator[RunState, None, None]:
     """Continue a run from a state, with new sessions. Yield the state after each cycle."""
     spec = describe(addresses[0], config.game, config.options)
@@ -74,6 +81,7 @@ def play_and_learn(
         for actor in make_actors(config, spec, config.accelerator)
     ]
     cycle, stretch = rollout_cycle(policies)
+    metric, sign = best_metric(config, policies[0])
     keep_config(config, run)
     timesteps, lanes = state.timesteps, policies[0].lanes
     with ExitStack() as opened:
@@ -83,24 +91,54 @@ def play_and_learn(
         loggers = [opened.enter_context(closing(Logger(run, policy.actor.name, timesteps))) for policy in policies]
         if state.arrays:
             state.restore(policies, loggers)
+        elif config.weights_from:
+            trained = take_weights(policies, Path(config.weights_from))
+            say(f"begins with the policies of {config.weights_from} after {trained:,} timesteps")
         if state.snapshots is None:
             for policy in policies:
                 policy.begin([group.session.steps for group in groups])
+        advisers = [Adviser(policy, spec.behaviors[policy.actor.behavior]) for policy in policies]
         profiler = Profiler()
+        report(timesteps, profiler.live(), None)
         while timesteps < config.end:
+            score = None
             for _ in range(cycle // stretch):
                 for _ in collect(groups, policies, profiler, steps=stretch):
                     timesteps += lanes
                     profiler.timesteps += lanes
                     with profiler.measure("learn"):
-                        for policy, logger in zip(policies, loggers, strict=True):
+                        for policy, logger, adviser in zip(policies, loggers, advisers, strict=True):
                             if policy.rollout.full:
+                                for remark in adviser.look():
+                                    say(remark)
                                 logger.mean.add(learn(policy, timesteps / config.total_timesteps))
                     if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
                         row = log(timesteps, policies, loggers, profiler)
                         report(timesteps, row, row)
-            yield capture(timesteps, policies, loggers, groups)
+                        score = sign * row[metric] if metric in row else score
+                    elif profiler.due():
+                        report(timesteps, profiler.live(), None)
+            yield replace(capture(timesteps, policies, loggers, groups), score=score)
             report(timesteps, profiler.live(), None)
+
+
+def save(state: RunState, best: RunState | None, run: Path, keep: int) -> None:
+    """Write a checkpoint, and the best one if it is a new one. Raises StorageError."""
+    state.save(run, keep)
+    if best is not None:
+        best.save_as_best(run)
+
+
+def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
+    """Return the metric that marks the best checkpoint, and 1 if its highest value does, -1 if its lowest.
+
+    It is one of the rows of `policy`. Raises ConfigError.
+    """
+    metric = config.best.removeprefix("-")
+    known = ["reward", "length", *policy.episodes.metrics]
+    if metric not in known and not is_trainers(metric):
+        raise ConfigError(f"best: there is no metric {metric!r}; {policy.actor.name} has {', '.join(known)}")
+    return metric, -1 if config.best.startswith("-") else 1
 
 
 def learn(policy: Policy, progress: float) -> Row:

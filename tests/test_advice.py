@@ -1,0 +1,80 @@
+"""What is odd in the rollouts of a run is said in one line, once, and nothing is said of what is not."""
+
+import numpy as np
+import pytest
+
+from joybridge.simulator.catalog import load_games
+from joybridge.trainer.actor import make_actors
+from joybridge.trainer.advice import SAME_DECISIONS, Adviser
+from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.policy import Policy
+from tests.support.games import PLACES
+
+LANES, STEPS = 50, 100
+SPEC = load_games(PLACES)["hybrid"].describe({"size": "small", "masks": "off"})
+ROLLOUTS = SAME_DECISIONS // (LANES * STEPS)
+RNG = np.random.default_rng(0)
+
+
+def lively(layout: str) -> tuple[Policy, Adviser]:
+    """Return a policy whose rollout is as it should be, and who looks at it."""
+    config = Config(game="hybrid", layout=layout, policy=PolicyConfig(rollout_steps=STEPS, frame_stack=2))
+    (actor,) = make_actors(config, SPEC)
+    policy = Policy(actor, SPEC.behaviors[0], [0, LANES])
+    rollout = policy.rollout
+    rollout.observations[:] = RNG.uniform(-1, 1, rollout.observations.shape)
+    rollout.rewards[:] = RNG.uniform(-1, 1, rollout.rewards.shape)
+    rollout.continuous[:] = RNG.normal(size=rollout.continuous.shape)
+    for branch, size in enumerate(rollout.space.branches):
+        rollout.discrete[..., branch] = RNG.integers(size, size=rollout.discrete.shape[:2])
+    return policy, Adviser(policy, SPEC.behaviors[0])
+
+
+def said(adviser: Adviser, rollouts: int = ROLLOUTS) -> list[str]:
+    return [line for _ in range(rollouts) for line in adviser.look()]
+
+
+@pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "threshold-0.0"])
+def test_nothing_is_said_about_a_lively_policy(layout):
+    assert said(lively(layout)[1], 2 * ROLLOUTS) == []
+
+
+def test_a_sensor_with_large_numbers_is_named_once_with_the_largest():
+    policy, adviser = lively("hybrid")
+    frame = policy.actor.encoder.size  # place 2, count 1, image 4, lamps 3
+    policy.rollout.observations[7, 3, frame + 5] = -255.0
+    policy.rollout.observations[:, :, 2] = 99.0  # of an older frame: it has been seen as the newest before
+    (line,) = said(adviser)
+    assert line.startswith("player: sensor 'image' reaches 255; policies learn best from numbers of about -1 to 1")
+
+
+def test_rewards_beyond_sense_are_named_once():
+    policy, adviser = lively("hybrid")
+    policy.rollout.rewards[5, 5] = -1e12
+    (line,) = said(adviser)
+    assert line.startswith("player: a decision is rewarded with up to ±1e+12;") and "policy.reward_weights" in line
+
+
+@pytest.mark.parametrize(
+    ("layout", "column", "never"), [("hybrid", 1, 0), ("bucket-5", 3, 1), ("threshold-0.0", 3, -1)]
+)
+def test_a_button_that_is_never_pressed_is_named_once_in_every_layout(layout, column, never):
+    policy, adviser = lively(layout)
+    target = policy.rollout.continuous if layout.startswith("threshold") else policy.rollout.discrete
+    target[..., column] = never
+    assert said(adviser, ROLLOUTS - 1) == []
+    (line,) = said(adviser, 3)
+    assert line.startswith(
+        f"player: 'press' was never pressed in {SAME_DECISIONS:,} decisions; if this is not the best"
+    )
+
+
+def test_a_single_other_choice_begins_the_count_anew():
+    policy, adviser = lively("hybrid")
+    policy.rollout.discrete[..., 0] = 2
+    assert said(adviser, ROLLOUTS - 1) == []
+    policy.rollout.discrete[0, 0, 0] = 1
+    assert said(adviser, 1) == []
+    policy.rollout.discrete[..., 0] = 2
+    assert said(adviser, ROLLOUTS - 1) == []
+    assert said(adviser, 1)[0].startswith("player: 'gear' was always 'high' in 20,000 decisions")

@@ -1,0 +1,112 @@
+"""A run goes on from what another one has learned, keeps its best state, and says how long it has taken."""
+
+import re
+
+import numpy as np
+import pytest
+
+from joybridge.trainer.__main__ import main
+from joybridge.trainer.checkpoint import load_checkpoint
+from joybridge.trainer.config import run_config
+from joybridge.trainer.metrics import read_rows
+
+pytestmark = pytest.mark.usefixtures("signals")
+
+SMALL = [
+    "arenas=4", "total_timesteps=640", "log_interval=128", "policy.frame_stack=1", "policy.hidden_sizes=[8]",
+    "policy.rollout_steps=16", "policy.time_horizon=16", "policy.minibatch_size=32",
+]  # fmt: skip
+WEIGHT = "player/policy/network.actor.hidden.0.weight"
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    path = tmp_path_factory.mktemp("going_on") / "hybrid.yaml"
+    path.write_text("game: hybrid")
+    return path
+
+
+@pytest.fixture(scope="module")
+def trained(config, simulator):
+    run = config.with_name("trained")
+    assert main(["train", str(config), *SMALL, "--run", str(run), "--simulator", simulator]) == 0
+    return run
+
+
+def test_a_run_begins_with_the_weights_of_another_and_keeps_its_name(trained, config, simulator, tmp_path, capsys):
+    run = tmp_path / "next"
+    more = ["policy.learning_rate=1e-12", "parameters.drift=0.5", "total_timesteps=64"]
+    new = ["--run", str(run), "--simulator", simulator]
+    assert main(["train", str(config), *SMALL, *more, "--from", str(trained), *new]) == 0
+    printed = capsys.readouterr()
+    assert f"begins with the policies of {trained} after 640 timesteps\n" in printed.out
+    assert printed.err.endswith(f"next: joybridge evaluate {run}\n")
+    before, after = (load_checkpoint(one)[0] for one in (trained, run))
+    np.testing.assert_allclose(after[WEIGHT], before[WEIGHT], atol=1e-6)
+    assert (int(after["player/policy/updates"]), run_config(run).weights_from) == (1, str(trained))
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["policy.hidden_sizes=[9]"], "player: the trained network does not fit: hidden_sizes was [8], now [9]"),
+        (["options.size=large"], "the sensors had 10 numbers, now 16 (place 2, count 1, image 10, lamps 3)"),
+        (["layout=multiagent"], "trained has no policy 'axes'; it has player"),
+    ],
+)
+def test_what_does_not_fit_is_named(more, message, trained, config, simulator, tmp_path, capsys):
+    new = ["--run", str(tmp_path / "next"), "--simulator", simulator]
+    assert main(["train", str(config), *SMALL, *more, "--from", str(trained), *new]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_run_that_is_not_there_is_refused_before_a_simulator_is_waited_for(config, tmp_path, capsys):
+    new = ["--run", str(tmp_path / "next"), "--simulator", "127.0.0.1:1"]
+    assert main(["train", str(config), *SMALL, "--from", str(tmp_path / "gone"), *new]) == 1
+    errors = capsys.readouterr().err
+    assert "gone holds no checkpoint" in errors and "waiting" not in errors
+
+
+def test_the_best_checkpoint_is_that_of_the_best_row_and_can_be_played(trained, simulator, capsys):
+    rows = read_rows(trained / "metrics-player.csv")
+    best = max(rows, key=lambda row: row["reward"])
+    manifest = load_checkpoint(trained, "best")[1]
+    assert manifest.score == pytest.approx(best["reward"], rel=1e-4)
+    assert manifest.timesteps == best["timesteps"]
+    for which, timesteps in (("best", best["timesteps"]), ("640", 640)):
+        assert main(["evaluate", str(trained), "--checkpoint", which, "--episodes", "4", "--simulator", simulator]) == 0
+        assert f"episodes after {timesteps:,.0f} timesteps" in capsys.readouterr().out
+    assert main(["record", str(trained), "play.mp4", "--checkpoint", "9", "--simulator", simulator]) == 1
+    assert re.search(r"has no checkpoint '9'; it has .*640, best\n", capsys.readouterr().err)
+
+
+def test_a_lengthened_run_goes_on_counting_and_gives_up_its_best_only_for_a_better_one(trained, simulator, capsys):
+    before, best = read_rows(trained / "metrics-player.csv"), load_checkpoint(trained, "best")[1]
+    again = ["--run", str(trained), "--resume", "--simulator", simulator]
+    assert main(["train", str(trained / "config.yaml"), "total_timesteps=896", *again]) == 0
+    assert "is lengthened from 640 to 896 timesteps: learning rate" in capsys.readouterr().err
+    rows = read_rows(trained / "metrics-player.csv")
+    assert [row["timesteps"] for row in rows] == [128 * number for number in range(1, 8)]
+    assert rows[: len(before)] == before
+    seconds = [row["seconds"] for row in rows]
+    assert seconds == sorted(seconds) and seconds[0] > 0
+    later = load_checkpoint(trained, "best")[1]
+    assert later.score is not None and best.score is not None
+    assert later == best if max(row["reward"] for row in rows[5:]) < best.score else later.score > best.score
+
+
+def test_the_lowest_value_may_be_the_best_and_an_unknown_metric_is_refused(config, simulator, tmp_path, capsys):
+    run = ["--run", str(tmp_path / "run"), "--simulator", simulator]
+    assert main(["train", str(config), *SMALL, "best=pressed", *run]) == 1
+    wanted = "best: there is no metric 'pressed'; player has reward, length, game_length, presses"
+    assert wanted in capsys.readouterr().err
+    assert main(["train", str(config), *SMALL, "best=-presses", *run]) == 0
+    rows = read_rows(tmp_path / "run/metrics-player.csv")
+    score = load_checkpoint(tmp_path / "run", "best")[1].score
+    assert score == pytest.approx(-min(row["presses"] for row in rows), rel=1e-4)
+
+
+def test_what_is_odd_in_the_first_rollouts_is_said_once(config, simulator, tmp_path, capsys):
+    more = ["policy.reward_weights.gain=1e4", "total_timesteps=192"]
+    assert main(["train", str(config), *SMALL, *more, "--run", str(tmp_path / "run"), "--simulator", simulator]) == 0
+    assert capsys.readouterr().out.count("player: a decision is rewarded with up to ±") == 1
