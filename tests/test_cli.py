@@ -12,7 +12,6 @@ from joybridge import cli
 from joybridge.contract.address import READY
 from joybridge.trainer.wire.errors import SimulatorLost
 from joybridge.trainer.wire.launch import simulator_process
-from tests.support.environment import without_coverage
 from tests.support.wire import SECONDS
 
 
@@ -80,17 +79,13 @@ cli.main(["list"])
 
 
 def test_an_interrupt_while_a_command_is_imported_ends_it_without_a_traceback():
-    result = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False, env=without_coverage()
-    )
+    result = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (-signal.SIGINT, "", "")
 
 
 def test_a_server_works_and_ends_with_standard_error_closed():
     command = [sys.executable, "-m", "joybridge", "serve", "--address", "127.0.0.1:0"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, env=without_coverage(), preexec_fn=lambda: os.close(2)
-    ) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=lambda: os.close(2)) as process:
         assert process.stdout is not None and process.stdout.readline().startswith(READY)
         process.terminate()
         try:

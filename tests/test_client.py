@@ -22,7 +22,6 @@ from joybridge.trainer.wire.errors import SimulatorShutDown
 from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import Gauntlet, Honest
-from tests.support.environment import without_coverage
 from tests.support.instructions import run_with
 
 TIMESTEPS = 20
@@ -178,7 +177,7 @@ def run_alone(script: str) -> None:
     """Run a program that must end without output; some failures would make it hang."""
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", script],
-        capture_output=True, text=True, timeout=120, env=without_coverage(),
+        capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 

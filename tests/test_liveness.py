@@ -14,7 +14,6 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from joybridge.contract.codec import pack
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
-from tests.support.environment import without_coverage
 from tests.support.hanging_games import HANGING, PLACES, RAISED
 from tests.support.servers import Server, end, games, server
 from tests.support.wire import SECONDS, Player, Stream, act, refused, start
@@ -110,7 +109,7 @@ def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(has
 
 
 def test_a_client_that_leaves_with_pictures_unread_is_no_error():
-    with server("--address", "127.0.0.1:0", stderr=subprocess.PIPE, env=without_coverage()) as process:
+    with server("--address", "127.0.0.1:0", stderr=subprocess.PIPE) as process:
         with Player(process.address, "shooting_birds") as player, Player(process.address, "archer") as greedy:
             pictures = act(*greedy.acts(), draw=[0, 1] * 8)
             for _ in range(9):
@@ -125,7 +124,7 @@ def test_a_client_that_leaves_with_pictures_unread_is_no_error():
 
 def test_a_signal_ends_a_server_whose_games_hang_and_the_log_says_where():
     arguments = ["--address", "127.0.0.1:0", *games(*PLACES)]
-    with server(*arguments, stderr=subprocess.PIPE, env=without_coverage()) as process:
+    with server(*arguments, stderr=subprocess.PIPE) as process:
         with Stream(process.address) as one, Stream(process.address) as other:
             assert process.stdout is not None
             for stream, how in ((one, "loop"), (other, "sleep")):
@@ -143,7 +142,7 @@ def test_a_signal_ends_a_server_whose_games_hang_and_the_log_says_where():
 def test_a_signal_ends_a_server_even_if_its_event_loop_hangs():
     arguments = ["--address", "127.0.0.1:0", *games(*PLACES)]
     with (
-        server(*arguments, stderr=subprocess.PIPE, env=without_coverage()) as process,
+        server(*arguments, stderr=subprocess.PIPE) as process,
         Stream(process.address) as stream,
     ):
         stream.ask(start("hangs_the_loop"))

@@ -18,7 +18,6 @@ import pytest
 from matplotlib.image import imread
 
 from joybridge.trainer.metrics import read_rows
-from tests.support.environment import without_coverage
 
 pytestmark = pytest.mark.slow
 
@@ -54,7 +53,7 @@ class Terminal:
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         with self.log.open("w") as log:
             self.shell = subprocess.Popen(
-                ["bash"], cwd=folder, env={**without_coverage(), "PATH": path}, stdin=subprocess.PIPE, stdout=log,
+                ["bash"], cwd=folder, env={**os.environ, "PATH": path}, stdin=subprocess.PIPE, stdout=log,
                 stderr=subprocess.STDOUT, text=True, start_new_session=True,
             )  # fmt: skip
         self.begin = 0  # of the present block's output in the log
