@@ -502,12 +502,18 @@ def test_agents_take_turns(make):
     assert infos.keys() == {"player_0", "player_1"}
 
 
-@pytest.mark.parametrize("layout", ["hybrid", "multiagent"])
-@pytest.mark.parametrize("game", [*BUILT_IN, "chase"])
+PARALLEL = [
+    *((game, "hybrid") for game in [*BUILT_IN, "chase"]),
+    ("shooting_birds", "multiagent"),
+    ("chase", "multiagent"),
+]
+
+
+@pytest.mark.parametrize(("game", "layout"), PARALLEL)
 def test_pettingzoos_tests_pass(make, game, layout):
     settings = {"layout": layout, "forbidden": "first_allowed"}  # PettingZoo's tests look for masks in observations
-    parallel_api_test(make(BridgeParallelEnv, game, **settings), num_cycles=200)
-    parallel_seed_test(lambda: make(BridgeParallelEnv, game, **settings), num_cycles=100)
+    parallel_api_test(make(BridgeParallelEnv, game, **settings), num_cycles=100)
+    parallel_seed_test(lambda: make(BridgeParallelEnv, game, **settings), num_cycles=60)
 
 
 def test_the_same_seed_plays_the_same_game(make):
