@@ -18,18 +18,20 @@ PACKAGES = {
     "joybridge.conformance": ROOT / "proto/joybridge/conformance",
     "joybridge.simulator": ROOT / "simulator/joybridge/simulator",
     "joybridge.games": ROOT / "simulator/joybridge/games",
+    "joybridge.adapters": ROOT / "simulator/joybridge/adapters",
     "joybridge.trainer": ROOT / "trainer/joybridge/trainer",
     "joybridge.gym": ROOT / "trainer/joybridge/gym",
     "joybridge.experiments": ROOT / "trainer/joybridge/experiments",
 }
 CONTRACT = {"joybridge.v1", "joybridge.contract"}
-SIMULATOR = CONTRACT | {"joybridge.simulator", "joybridge.games"}
+SIMULATOR = CONTRACT | {"joybridge.simulator", "joybridge.games", "joybridge.adapters"}
 MAY_IMPORT = {  # of ours; each package may import itself as well
     "joybridge.v1": set(),
     "joybridge.contract": CONTRACT,
     "joybridge.conformance": CONTRACT,
     "joybridge.simulator": SIMULATOR,
     "joybridge.games": SIMULATOR,
+    "joybridge.adapters": SIMULATOR,
     "joybridge.trainer": CONTRACT,
     "joybridge.gym": CONTRACT | {"joybridge.trainer"},
     "joybridge.experiments": CONTRACT | {"joybridge.trainer"},
@@ -41,6 +43,7 @@ MAY_NOT_IMPORT = {  # of others'; nobody imports the tools and the tests
     "joybridge.conformance": LEARNING | {"pygame", "numba"},
     "joybridge.simulator": LEARNING,
     "joybridge.games": LEARNING,
+    "joybridge.adapters": LEARNING - {"gymnasium", "pettingzoo"} | {"pygame", "numba"},
     "joybridge.trainer": {"pygame"},
     "joybridge.gym": {"pygame", "torch", "pydantic"},
     "joybridge.experiments": {"pygame"},

@@ -63,7 +63,10 @@ def test_settings_are_checked_before_a_simulator_is_waited_for(arguments, messag
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["train", CONFIG, "--game", "a:B", "--simulator", "127.0.0.1:1"], "--game is for a simulator that this"),
+        (
+            ["train", CONFIG, "--game", "a:B", "--simulator", "127.0.0.1:1"],
+            "are for a simulator that this command starts",
+        ),
         (["evaluate", "run", "--simulator", "a:1", "--simulator", "b:2"], "evaluate uses one simulator, got 2"),
         (["train", CONFIG, "--sed", "1"], "unrecognized arguments: --sed"),
         (["train", CONFIG, "--simulator", "foo"], "got 'foo', expected HOST:PORT"),

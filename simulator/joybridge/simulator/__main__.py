@@ -76,6 +76,18 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         metavar="MODULE:CLASS",
         help="add this game to the built-in and installed ones (repeatable); the current folder is searched first",
     )
+    for option, metavar, text in (
+        ("gym", "ID", "add an environment of Gymnasium: its ID, or module:ID"),
+        ("pettingzoo", "MODULE", "add an environment of PettingZoo: the module with its parallel_env or env"),
+    ):
+        games.add_argument(
+            f"--{option}",
+            action="append",
+            dest="game",
+            type=f"{option}:{{}}".format,
+            metavar=metavar,
+            help=f"{text} (repeatable); arguments may follow, quoted, as in '{metavar} key=value'",
+        )
     server = commands.add_parser("serve", parents=[games], help="serve games over gRPC until interrupted")
     server.add_argument(
         "--address",

@@ -1,7 +1,8 @@
 """Which games a server offers: the built-in ones, those of installed packages, and those given with `--game`.
 
 A game's place is "MODULE:CLASS"; the class is a `Game` or a `BatchedGame`. Installed packages register their places
-in the entry point group "joybridge.games".
+in the entry point group "joybridge.games". The places of environments of other libraries, which `--gym` and
+`--pettingzoo` give, are "gym:ID" and "pettingzoo:MODULE"; arguments may follow.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 Catalog = dict[str, type[BatchedGame]]  # by name
 
+ADAPTERS = {"gym": "joybridge.adapters.gymnasium", "pettingzoo": "joybridge.adapters.pettingzoo"}
 EXTRA = ("numba", "pygame")  # what `pip install 'joybridge[simulator]'` installs
 
 
@@ -38,8 +40,9 @@ def load_games(places: Sequence[str] = ()) -> Catalog:
 
 
 def load_game(place: str) -> type[BatchedGame]:
-    """Return the game at "MODULE:CLASS", its specs checked. Raises CatalogError."""
-    game = _import(place)
+    """Return the game at a place, its specs checked. Raises CatalogError."""
+    kind, _, environment = place.partition(":")
+    game = _adapt(kind, environment) if kind in ADAPTERS else _import(place)
     if not (isinstance(game, type) and issubclass(game, Game | BatchedGame)):
         raise CatalogError(f"game {place!r} is not a subclass of joybridge.simulator.Game or BatchedGame")
     try:
@@ -51,6 +54,22 @@ def load_game(place: str) -> type[BatchedGame]:
     except Exception as error:
         raise CatalogError(f"game {place!r} cannot be described: {type(error).__name__}: {error}") from error
     return served
+
+
+def _adapt(kind: str, environment: str) -> type[Game]:
+    """Return the game that an environment of another library becomes. Raises CatalogError."""
+    try:
+        adapter = import_module(ADAPTERS[kind])
+    except ModuleNotFoundError as error:
+        raise CatalogError(
+            f"--{kind} needs the module {error.name}; install it with `pip install 'joybridge[gym]'`"
+        ) from error
+    try:
+        return adapter.adapt(environment)  # type: ignore[no-any-return]
+    except JoybridgeError as error:
+        raise CatalogError(f"--{kind} {environment!r}: {error}") from error
+    except Exception as error:  # whatever an environment raises
+        raise CatalogError(f"--{kind} {environment!r} does not work: {type(error).__name__}: {error}") from error
 
 
 def _import(place: str) -> object:

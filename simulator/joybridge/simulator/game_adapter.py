@@ -115,10 +115,8 @@ class GameAdapter(BatchedGame):
             raise GameError(
                 f"arena {arena}: got {len(timesteps)} timesteps, expected {len(self.agents)}, one per agent"
             )
-        if len({(one.terminated, one.truncated) for one in timesteps}) != 1:
-            raise GameError(
-                f"arena {arena}: the episode ended for some agents only, expected the same end for all of them"
-            )
+        if len({one.terminated or one.truncated for one in timesteps}) != 1:
+            raise GameError(f"arena {arena}: the episode ended for some agents only, expected its end for all of them")
         return timesteps
 
     def _earn(self, arena: int, timesteps: list[TimeStep]) -> None:
@@ -140,9 +138,9 @@ class GameAdapter(BatchedGame):
             self._observations(behavior, timesteps), np.zeros_like(self.earned[b]), np.zeros(len(timesteps), bool),
             np.zeros(len(timesteps), bool), self._masks(behavior, timesteps),
         )  # fmt: skip
-        for arena, timestep in ends:
-            step.terminated[lanes[arena]] = timestep.terminated
-            step.truncated[lanes[arena]] = timestep.truncated
+        ended_lanes = lanes[list(ended)].reshape(-1)
+        step.terminated[ended_lanes] = [timestep.terminated for _, timestep in ends]
+        step.truncated[ended_lanes] = [timestep.truncated for _, timestep in ends]
         deciding = np.array([timestep.deciding for _, timestep in timesteps])
         if not deciding.all():
             step.deciding = deciding
@@ -151,7 +149,7 @@ class GameAdapter(BatchedGame):
         step.rewards[due] = self.earned[b][due]
         self.earned[b][due] = 0.0
         if ends:
-            step.ended = lanes[list(ended)].reshape(-1).astype(np.int32)
+            step.ended = ended_lanes.astype(np.int32)
             step.final_observations = self._observations(behavior, ends)
             step.metrics = self._metrics(behavior, ends)
         return step

@@ -74,6 +74,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         help="another game for the simulator that this command starts; the current folder is searched first; a run "
         "remembers its game",
     )  # fmt: skip
+    for option, metavar in (("gym", "ID"), ("pettingzoo", "MODULE")):
+        shared.add_argument(
+            f"--{option}", action="append", dest="game", type=f"{option}:{{}}".format, metavar=metavar,
+            help="an environment for the simulator that this command starts, as in `joybridge serve`",
+        )  # fmt: skip
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
@@ -132,7 +137,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     else:
         options.overrides += rest  # argparse does not see key=value pairs that follow an option
     if options.simulator and options.game:
-        parser.error("--game is for a simulator that this command starts; give it to the running one instead")
+        parser.error(
+            "--game, --gym and --pettingzoo are for a simulator that this command starts; give them to the running one"
+        )
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     return options

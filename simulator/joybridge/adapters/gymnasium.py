@@ -1,0 +1,105 @@
+"""An environment of Gymnasium as a game with one agent: `joybridge serve --gym CartPole-v1`.
+
+Each episode begins with a seed from the arena's stream. Environments are not closed: the `close` of those that draw
+with pygame ends pygame for all other arenas as well.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import isfinite
+from numbers import Real
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+
+from joybridge.adapters.rendering import choose_rendering, tick_seconds
+from joybridge.adapters.settings import MAX_ARENAS, SEEDS, read_settings
+from joybridge.adapters.spaces import AgentSpaces
+from joybridge.contract.tensors import Array
+from joybridge.simulator import Game, TimeStep, behavior, spec, termination, transition, truncation
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def adapt(text: str) -> type[Game]:
+    """Return the game for "ID KEY=VALUE …"; the ID may be "module:ID".
+
+    Raises AdapterError, and whatever the environment raises.
+    """
+    environment, arguments = read_settings(text)
+    make = partial(gymnasium.make, environment, disable_env_checker=True)  # the adapter checks what comes back
+    arguments, picture = choose_rendering(make, arguments)
+    env = make(**arguments)
+    spaces = AgentSpaces(env.observation_space, env.action_space)
+    metrics = _numbers_of(env, spaces)
+    members = {
+        "name": environment.rpartition(":")[2], "description": f"{text}, an environment of Gymnasium.",
+        "make": staticmethod(partial(make, **arguments)), "spaces": spaces, "metrics": metrics,
+    }  # fmt: skip
+    game: Any = type("AdaptedGame", (GymnasiumGame,), members)
+    game.made = spec(
+        game,
+        [behavior("agent", sensors=spaces.sensors, axes=spaces.axes, branches=spaces.branches, metrics=metrics)],
+        tick_seconds=tick_seconds(env), max_episode_decisions=env.spec.max_episode_steps or 0,
+        max_arenas=MAX_ARENAS, picture=picture,
+    )  # fmt: skip
+    return game  # type: ignore[no-any-return]
+
+
+class GymnasiumGame(Game):
+    """One environment. `adapt` creates the subclass for each ID."""
+
+    make: ClassVar[Any]
+    spaces: ClassVar[AgentSpaces]
+    metrics: ClassVar[list[str]]
+    made: ClassVar[pb.GameSpec]
+
+    @classmethod
+    def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
+        """Return the spec that was made from the spaces."""
+        return cls.made
+
+    def __init__(self) -> None:
+        """Make the environment."""
+        self.env = self.make()
+        self.action_masks = _action_masks(self.env)
+
+    def reset(self) -> TimeStep:
+        """Begin an episode with the next seed of the arena's stream."""
+        observation, info = self.env.reset(seed=int(self.rng.integers(SEEDS)))
+        return transition(
+            self.spaces.observe(observation), masks=self.spaces.masks(observation, info, self.action_masks())
+        )
+
+    def step(self, action: Any) -> TimeStep:
+        """Advance the environment. Where it is terminated and truncated at once, the episode is terminated."""
+        observation, reward, terminated, truncated, info = self.env.step(self.spaces.act(action))
+        seen, rewards = self.spaces.observe(observation), {"reward": float(reward)}
+        if terminated or truncated:
+            ended = termination if terminated else truncation
+            return ended(seen, rewards, {name: _number(info.get(name)) or 0.0 for name in self.metrics})
+        return transition(seen, rewards, self.spaces.masks(observation, info, self.action_masks()))
+
+    def draw(self) -> Array:
+        """Return what the environment renders."""
+        return np.asarray(self.env.render())
+
+
+def _action_masks(env: Any) -> Callable[[], Any]:
+    """Return the method `action_masks` of an environment, which by convention returns the mask of its present state."""
+    return env.get_wrapper_attr("action_masks") if env.has_wrapper_attr("action_masks") else lambda: None
+
+
+def _numbers_of(env: Any, spaces: AgentSpaces) -> list[str]:
+    """Return the names of the numbers in `info` after one decision, which become metrics of an episode's last step."""
+    observation, info = env.reset(seed=0)
+    masks = spaces.masks(observation, info, _action_masks(env)())
+    action = {axis.name: (axis.low + axis.high) / 2 for axis in spaces.axes}
+    action |= {branch.name: int(np.argmax(masks.get(branch.name, [True]))) for branch in spaces.branches}
+    info = env.step(spaces.act(action))[-1]
+    return [name for name, value in info.items() if _number(value) is not None]
+
+
+def _number(value: Any) -> float | None:
+    """Return a finite number as a float, None for everything else."""
+    return float(value) if isinstance(value, Real | np.bool_) and isfinite(value) else None

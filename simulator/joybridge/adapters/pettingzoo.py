@@ -1,0 +1,167 @@
+"""A multi-agent environment of PettingZoo as a game: `joybridge serve --pettingzoo pettingzoo.classic.tictactoe_v3`.
+
+Agents whose names differ only in a number at the end, and whose spaces are equal, are one behavior. The episode of an
+arena lasts until no agent is left. An agent that is not there, or whose turn it is not, waits.
+"""
+
+import re
+from collections.abc import Collection, Mapping
+from importlib import import_module
+from typing import Any, ClassVar
+
+import numpy as np
+
+from joybridge.adapters.rendering import choose_rendering, tick_seconds
+from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
+from joybridge.adapters.spaces import AgentSpaces
+from joybridge.contract.tensors import Array
+from joybridge.simulator import Action, Game, TimeStep, behavior, spec, termination, transition, truncation, waiting
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def adapt(text: str) -> type[Game]:
+    """Return the game for "MODULE KEY=VALUE …"; the module has a function `parallel_env` or `env`, or both.
+
+    Raises AdapterError, and whatever the environment raises.
+    """
+    name, arguments = read_settings(text)
+    module = import_module(name)
+    kind = ParallelGame if hasattr(module, "parallel_env") else TurnsGame
+    make = getattr(module, "parallel_env", None) or getattr(module, "env", None)
+    if make is None:
+        raise AdapterError(f"the module {name} has no function parallel_env or env")
+    arguments, picture = choose_rendering(make, arguments)
+    env = make(**arguments)
+    if not getattr(env, "possible_agents", None):
+        raise AdapterError("the environment has no possible_agents; joybridge.v1 needs to know how many there may be")
+    behaviors = _behaviors(env)
+    game: Any = type(
+        "AdaptedGame",
+        (kind,),
+        {
+            "name": name.rpartition(".")[2], "description": f"{text}, an environment of PettingZoo.",
+            "make": staticmethod(lambda: make(**arguments)),
+            "spaces": {agent: spaces for agents, spaces in behaviors.values() for agent in agents},
+        },
+    )  # fmt: skip
+    game.made = spec(
+        game,
+        [
+            behavior(kind, sensors=s.sensors, axes=s.axes, branches=s.branches, agents=len(agents))
+            for kind, (agents, s) in behaviors.items()
+        ],
+        tick_seconds=tick_seconds(env), max_arenas=MAX_ARENAS, picture=picture,
+    )  # fmt: skip
+    return game  # type: ignore[no-any-return]
+
+
+def _behaviors(env: Any) -> dict[str, tuple[list[str], AgentSpaces]]:
+    """Return the agents of each behavior, and their spaces, by the name of the behavior."""
+    kinds: dict[str, list[str]] = {}
+    for agent in env.possible_agents:
+        kinds.setdefault(re.sub(r"_?\d+$", "", agent) or agent, []).append(agent)
+    behaviors = {}
+    for kind, agents in kinds.items():
+        pairs = [(env.observation_space(agent), env.action_space(agent)) for agent in agents]
+        if all(pair == pairs[0] for pair in pairs):
+            behaviors[kind] = (agents, AgentSpaces(*pairs[0]))
+        else:
+            behaviors |= {agent: ([agent], AgentSpaces(*pair)) for agent, pair in zip(agents, pairs, strict=True)}
+    return behaviors
+
+
+class PettingZooGame(Game):
+    """One environment with several agents, in the order of `spaces`."""
+
+    make: ClassVar[Any]
+    spaces: ClassVar[dict[str, AgentSpaces]]  # of every possible agent
+    made: ClassVar[pb.GameSpec]
+
+    @classmethod
+    def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
+        """Return the spec that was made from the spaces."""
+        return cls.made
+
+    def __init__(self) -> None:
+        """Make the environment."""
+        self.env = self.make()
+
+    def reset(self) -> list[TimeStep]:
+        """Begin an episode with the next seed of the arena's stream."""
+        self.terminated: dict[str, bool] = {}  # the agents that have ended: terminated, or else truncated
+        # An agent that is not there yet sees zeros.
+        self.seen: dict[str, Mapping[str, Any]] = {
+            agent: {one.name: np.zeros(one.shape) for one in spaces.sensors} for agent, spaces in self.spaces.items()
+        }
+        return self._begin(int(self.rng.integers(SEEDS)))
+
+    def draw(self) -> Array:
+        """Return what the environment renders."""
+        return np.asarray(self.env.render())
+
+    def _begin(self, seed: int) -> list[TimeStep]:
+        raise NotImplementedError
+
+    def _by_agent(self, action: Any) -> dict[str, Action]:
+        actions = action if isinstance(action, list) else [action]  # of a single agent
+        return dict(zip(self.spaces, actions, strict=True))
+
+    def _timesteps(
+        self, observations: Mapping[str, Any], rewards: Mapping[str, float], infos: Mapping[str, Any],
+        terminations: Mapping[str, bool], truncations: Mapping[str, bool], deciding: Collection[str],
+    ) -> list[TimeStep]:  # fmt: skip
+        """Return a timestep per possible agent; `deciding` are those that act next if they have not ended."""
+        self.seen.update((agent, self.spaces[agent].observe(seen)) for agent, seen in observations.items())
+        ended = {agent for ends in (terminations, truncations) for agent, end in ends.items() if end}
+        self.terminated |= {agent: bool(terminations.get(agent)) for agent in ended}
+        over = ended.issuperset(self.env.agents)
+        timesteps = []
+        for agent, spaces in self.spaces.items():
+            seen, paid = self.seen[agent], {"reward": float(rewards.get(agent, 0.0))}
+            if over:
+                timesteps.append((termination if self.terminated.get(agent, True) else truncation)(seen, paid))
+            elif agent in deciding and agent not in ended:
+                timesteps.append(transition(seen, paid, spaces.masks(observations[agent], infos.get(agent, {}))))
+            else:
+                timesteps.append(waiting(seen, paid))
+        return timesteps
+
+
+class ParallelGame(PettingZooGame):
+    """An environment in which all agents act at once."""
+
+    def _begin(self, seed: int) -> list[TimeStep]:
+        observations, infos = self.env.reset(seed=seed)
+        return self._timesteps(observations, {}, infos, {}, {}, self.env.agents)
+
+    def step(self, action: Any) -> list[TimeStep]:
+        """Advance the environment by the actions of the agents that are there."""
+        actions = self._by_agent(action)
+        chosen = {agent: self.spaces[agent].act(actions[agent]) for agent in self.env.agents}
+        observations, rewards, terminations, truncations, infos = self.env.step(chosen)
+        return self._timesteps(observations, rewards, infos, terminations, truncations, self.env.agents)
+
+
+class TurnsGame(PettingZooGame):
+    """An environment in which one agent acts after the other (AEC)."""
+
+    def _begin(self, seed: int) -> list[TimeStep]:
+        self.env.reset(seed=seed)
+        return self._look({})
+
+    def step(self, action: Any) -> list[TimeStep]:
+        """Advance the environment by the action of the agent whose turn it is."""
+        agent = self.env.agent_selection
+        self.env.step(self.spaces[agent].act(self._by_agent(action)[agent]))
+        return self._look(self.env.rewards)
+
+    def _look(self, rewards: Mapping[str, float]) -> list[TimeStep]:
+        """Return what all agents see, then remove those that have ended, as PettingZoo wants, until one can act."""
+        env = self.env
+        terminations, truncations, rewards = dict(env.terminations), dict(env.truncations), dict(rewards)
+        observations = {agent: env.observe(agent) for agent in env.agents}
+        while env.agents and (terminations[env.agent_selection] or truncations[env.agent_selection]):
+            env.step(None)
+            if env.agents:
+                observations[env.agent_selection] = env.observe(env.agent_selection)
+        return self._timesteps(observations, rewards, env.infos, terminations, truncations, [env.agent_selection])

@@ -1,0 +1,48 @@
+"""Whether the pictures of an environment fit the contract. `render` in the mode "rgb_array" returns them."""
+
+import logging
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from joybridge.contract.limits import MAX_PIXELS
+
+log = logging.getLogger("simulator")
+
+
+def choose_rendering(
+    make: Callable[..., Any], arguments: Mapping[str, Any]
+) -> tuple[dict[str, Any], tuple[int, int] | None]:
+    """Return the arguments for making an environment, and (width, height) of its pictures; None: it has none.
+
+    An environment that has the mode "rgb_array" but whose pictures cannot be sent is served without them; a warning
+    says why.
+    """
+    for driver in ("SDL_VIDEODRIVER", "SDL_AUDIODRIVER"):  # pygame needs neither a display nor a sound card
+        os.environ.setdefault(driver, "dummy")
+    arguments = dict(arguments)
+    env = make(**arguments)
+    if "rgb_array" not in (env.metadata.get("render_modes") or ()):
+        return arguments, None
+    drawing = arguments | {"render_mode": "rgb_array"}
+    try:
+        env = make(**drawing)
+        env.reset(seed=0)
+        picture = np.asarray(env.render())
+        if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or max(picture.shape) > MAX_PIXELS:
+            came = f"{picture.dtype} {list(picture.shape)}"
+            raise ValueError(
+                f"render returned {came}, expected uint8 [height, width, 3] of at most {MAX_PIXELS} pixels"
+            )
+    except Exception as error:
+        log.warning("the environment is served without pictures: %s: %s", type(error).__name__, error)
+        return arguments, None
+    return drawing, (picture.shape[1], picture.shape[0])
+
+
+def tick_seconds(env: Any) -> float:
+    """Return the time between two pictures of an environment, in seconds; 0 if it does not say."""
+    rate = env.metadata.get("render_fps") or 0
+    return 1.0 / rate if rate > 0 else 0.0

@@ -1,0 +1,179 @@
+"""Environments of Gymnasium and PettingZoo as games."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from joybridge.contract.codec import ActArrays
+from joybridge.simulator.batched_game import GameError
+from joybridge.simulator.catalog import CatalogError, load_game, load_games
+from joybridge.simulator.listing import listing
+from joybridge.trainer.__main__ import main
+
+HERE = "tests.support.environments"
+MIXED = f"gym:{HERE}:Mixed-v0"
+
+
+def play(place, arenas=1, first_arena=0, seed=1):
+    return load_game(place)({}, {}, arenas, first_arena, seed)
+
+
+def mixed_act(arenas=1, levers=(0.5, 0.8), whole=3.4):
+    return [
+        ActArrays(np.array([[*levers, whole]] * arenas, np.float32), np.array([[2, 0, 1, 1, 3]] * arenas, np.int32))
+    ]
+
+
+def turn(*choices):
+    return [ActArrays(np.empty((len(choices), 0), np.float32), np.array(choices, np.int32)[:, None])]
+
+
+def test_the_spec_is_made_from_the_spaces():
+    game = load_game(MIXED)
+    assert listing({"Mixed-v0": game}).splitlines() == [
+        f"Mixed-v0: {HERE}:Mixed-v0, an environment of Gymnasium.",
+        "  behavior agent: 1 agent per arena",
+        "    sensors: arm.speed [2], image [2, 3, 3] uint8, lamps [3] bool, pair[0] [3], pair[1] [5]",
+        "    axes: levers[0] -1..1, levers[1] 0.1..0.8, pair[1] -5..5",
+        "    branches: gear (-1 | 0 | 1), keys[0] (released | pressed), keys[1] (released | pressed), "
+        "pair[0][0] (0 | 1),",
+        "        pair[0][1] (0 | 1 | 2 | 3)",
+        "    rewards: reward (weight 1)",
+        "    metrics: height",
+    ]
+    spec = game.describe({})
+    assert (list(spec.behaviors[0].sensors[0].low), list(spec.behaviors[0].sensors[0].high)) == ([-1.0], [np.inf])
+    assert (spec.tick_seconds, spec.picture.width, spec.picture.height) == (0.05, 6, 4)
+
+
+def test_actions_arrive_in_the_form_of_the_action_space():
+    game = play(MIXED)
+    game.step(mixed_act())
+    last = game.games[0].env.unwrapped.last
+    assert last["gear"] == 1 and last["keys"].tolist() == [0, 1]
+    assert last["levers"].tolist() == [0.5, 0.8]  # 0.8 of 32 bits is above the bound of 64 bits
+    assert last["pair"][0].tolist() == [1, 3] and last["pair"][1] == 3
+
+
+def test_discrete_observations_are_one_at_the_value():
+    speed, image, lamps, one, several = play(MIXED).step(mixed_act())[0].observations
+    assert speed.dtype == np.float32 and image.max() == 1 and lamps.tolist() == [[True, False, True]]
+    assert one.tolist() == [[0, 1, 0]]
+    assert several.tolist() == [[0, 1, 0, 1, 0]]
+
+
+def test_an_episode_that_is_terminated_and_truncated_at_once_is_terminated():
+    game = play(MIXED, arenas=2)
+    for _ in range(3):
+        step = game.step(mixed_act(2))[0]
+    assert step.terminated.all() and not step.truncated.any() and step.rewards.tolist() == [[0.5], [0.5]]
+    assert step.final_observations[1].max() == 3 and step.observations[1].max() == 0
+    assert step.metrics.tolist() == [[30.0], [30.0]]
+    assert game.draw(1).max() == 100  # the picture is of the new episode
+
+
+@pytest.mark.parametrize("where", ["info", "parts", "observation", "method"])
+def test_masks_are_found_where_environments_have_them(where):
+    game = play(f"gym:{HERE}:Masked-v0 where={where}")
+    for step in (
+        game.observe()[0],
+        game.step([ActArrays(np.empty((1, 0), np.float32), np.zeros((1, 2), np.int32))])[0],
+    ):
+        assert [mask.tolist() for mask in step.masks] == [[[True, False]], [[True, False, True]]]
+    assert len(game.spec.behaviors[0].sensors) == 1
+
+
+def test_an_arena_plays_the_same_whatever_the_number_of_arenas():
+    many, alone = play(MIXED, arenas=3), play(MIXED, first_arena=2)
+    other = play(MIXED, first_arena=2, seed=2)
+    for _ in range(7):
+        speeds = [game.step(mixed_act(game.arenas))[0].observations[0][-1].tolist() for game in (many, alone, other)]
+        assert speeds[0] == speeds[1] != speeds[2]
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        ("raises", "arena 0: RuntimeError: the arm is stuck"),
+        ("nan", "arena 0: agent: sensor 'arm.speed' is .*nan.*, expected finite numbers"),
+        ("shape", r"arena 0: agent: sensor 'arm.speed' has shape \[1\], expected \[2\]"),
+        ("value", r"arena 0: ValueError: pair\[0\] is 9, expected 1..3"),
+        ("reward", r"arena 0: agent: a reward is \[nan\], expected finite numbers"),
+    ],
+)
+def test_an_environment_that_misbehaves_is_an_error_with_the_place(fault, text):
+    game = play(f"{MIXED} fault={fault}")
+    game.step(mixed_act())
+    with pytest.raises(GameError, match=text):
+        game.step(mixed_act())
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        (f"gym:{HERE}:Spaces-v0 kind=unbounded", r"action\[0\] lies in -inf..3, but an axis needs finite bounds"),
+        (f"gym:{HERE}:Spaces-v0 kind=text", "words is Text, expected Box, Discrete, MultiDiscrete, MultiBinary"),
+        (f"gym:{HERE}:Masked-v0 where=short", "the action mask has 4 flags, expected 5, one per choice"),
+        ("gym:Nowhere-v0", "--gym 'Nowhere-v0' does not work: NameNotFound"),
+        ("gym:CartPole-v1 fast", "got the argument 'fast', expected KEY=VALUE"),
+        ("pettingzoo:nowhere", "No module named 'nowhere'"),
+        ("pettingzoo:json", "the module json has no function parallel_env or env"),
+    ],
+)
+def test_an_environment_that_cannot_be_served_is_named_with_the_reason(place, text):
+    with pytest.raises(CatalogError, match=text):
+        load_game(place)
+
+
+def test_a_missing_library_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.delitem(sys.modules, "joybridge.adapters.gymnasium", raising=False)
+    with pytest.raises(CatalogError, match=r"needs the module gymnasium; .*joybridge\[gym\]"):
+        load_game("gym:CartPole-v1")
+
+
+def test_agents_that_come_and_go_are_lanes_that_wait():
+    game = play("pettingzoo:tests.support.leaving_agents")
+    assert [(b.name, b.agents_per_arena) for b in game.spec.behaviors] == [("runner", 2), ("judge", 1)]
+    runners, judge = game.observe()
+    assert runners.deciding.tolist() == [True, False] and judge.deciding is None
+    act = [ActArrays(np.zeros((2, 1), np.float32), np.empty((2, 0), np.int32)), *turn(0)]
+    deciding, rewards = [], []
+    for _ in range(4):
+        runners, judge = game.step(act)
+        deciding.append(runners.deciding.tolist())
+        rewards.append(runners.rewards[:, 0].tolist())
+    assert deciding == [[True, False], [False, True], [False, True], [True, False]]  # the last: a new episode
+    assert rewards == [[1, 0], [0, 2], [0, 3], [2, 4]]
+    assert (runners.terminated.tolist(), runners.truncated.tolist()) == ([True, False], [False, True])
+    assert judge.truncated.tolist() == [True]
+    assert runners.final_observations[0][:, 0].tolist() == [2, 14]
+
+
+@pytest.mark.filterwarnings("ignore:The old environment creation API:DeprecationWarning")
+def test_turns_of_pettingzoo_are_waiting_and_deciding_lanes():
+    game = play("pettingzoo:pettingzoo.classic.tictactoe_v3")
+    step = game.observe()[0]
+    for move in (0, 3, 1, 4):
+        assert step.deciding.tolist() == ([True, False] if move in (0, 1) else [False, True])
+        assert step.masks is not None and step.masks[0][step.deciding][0, move]
+        step = game.step(turn(move, move))[0]
+        assert not step.masks[0][step.deciding][0, move]
+    step = game.step(turn(2, 2))[0]
+    assert step.terminated.tolist() == [True, True]
+    assert step.rewards[:, 0].tolist() == [1.0, -1.0]
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_on_cartpole(tmp_path, capsys, signals):
+    small = ["arenas=4", "policy.rollout_steps=8", "total_timesteps=256", "log_interval=128", "policy.epochs=1"]
+    run = str(tmp_path / "run")
+    assert main(["train", "gym/cartpole", "--gym", "CartPole-v1 max_episode_steps=20", "--run", run, *small]) == 0
+    assert "next: joybridge evaluate" in capsys.readouterr().err
+
+
+def test_the_catalog_offers_adapted_environments_beside_the_games():
+    games = load_games(["gym:CartPole-v1 max_episode_steps=50"])
+    assert {"orchard", "CartPole-v1"} <= set(games)
+    assert games["CartPole-v1"].describe({}).max_episode_decisions == 50
