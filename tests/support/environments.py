@@ -5,7 +5,7 @@ import numpy as np
 from gymnasium import spaces
 
 
-class Mixed(gymnasium.Env):
+class Mixed(gymnasium.Env):  # type: ignore[misc]
     """Every kind of space at once; `last` is the last action. Terminated and truncated after three decisions."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
@@ -59,7 +59,7 @@ class Mixed(gymnasium.Env):
         return np.full((4, 6, 3), 100 + self.clock, np.uint8)
 
 
-class Masked(gymnasium.Env):
+class Masked(gymnasium.Env):  # type: ignore[misc]
     """The second choice of each branch is forbidden; how that is said depends on `where`."""
 
     def __init__(self, where="info"):
@@ -87,7 +87,7 @@ class Masked(gymnasium.Env):
         return clock, {"action_mask": given[self.where]} if self.where in given else {}
 
 
-class Spaces(gymnasium.Env):
+class Spaces(gymnasium.Env):  # type: ignore[misc]
     """An environment with the given spaces that cannot be served."""
 
     def __init__(self, kind):

@@ -7,7 +7,7 @@ from gymnasium import spaces
 class Leaving:
     """Runner 0 is terminated in the second decision. Runner 1 comes then. All others are truncated in the fourth."""
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": ["human"]}  # noqa: RUF012
     possible_agents = ["runner_0", "runner_1", "judge"]  # noqa: RUF012
 
     def observation_space(self, agent):
