@@ -315,10 +315,11 @@ def test_a_kill_at_any_line_of_saving_leaves_a_checkpoint_that_can_be_loaded(tmp
             return stop
         return None
 
+    previous = sys.gettrace()  # that of coverage
     sys.settrace(stop)
     try:
         keep(tmp_path / "run", 3)
     finally:
-        sys.settrace(None)
+        sys.settrace(previous)
     assert points > 40
     assert len(shapes) == 2

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 TIMESTEPS = 12_000
 DEADLINE_SECONDS = 120.0  # for a run to save its first checkpoint
-TIMING = {"timesteps_per_second", "simulate", "wire", "act", "learn"}
+TIMING = {"seconds", "timesteps_per_second", "simulate", "wire", "act", "learn"}
 
 
 @pytest.fixture(scope="module")
