@@ -99,6 +99,7 @@ class Game(ABC):
     name: ClassVar[str]
     description: ClassVar[str]
     options: ClassVar[Sequence[pb.Option]] = ()
+    in_event_loop: ClassVar[bool] = False  # see BatchedGame
 
     rng: np.random.Generator  # of this arena alone
     option: Mapping[str, str]  # option name -> chosen value

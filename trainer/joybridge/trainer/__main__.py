@@ -7,8 +7,8 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -236,16 +236,14 @@ def _evaluate(options: argparse.Namespace) -> None:
     plays = {"": options.overrides}
     if sweep:
         plays = {setting: [*options.overrides, setting] for setting in sweep.settings}
-    configs = [play_config(run, overrides) for overrides in plays.values()]
-    load_checkpoint(run, options.checkpoint)
-    simulators = _choose_simulators(options, last_simulators(run), configs[0])
-    with open_simulators(simulators, options.wait, _say) as connect:
-        addresses = connect()
+    for overrides in plays.values():
+        play_config(run, overrides)
+    with _player(options) as simulator:
         from joybridge.trainer.evaluate import evaluate, summary
 
         results = {
             setting: evaluate(
-                run, addresses[0], episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
+                run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
                 say=_say, overrides=overrides, checkpoint=options.checkpoint,
             )
             for setting, overrides in plays.items()
@@ -266,16 +264,12 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _record(options: argparse.Namespace) -> None:
-    config = play_config(options.run, options.overrides)
     video_format(options.output)
-    load_checkpoint(options.run, options.checkpoint)
-    simulators = _choose_simulators(options, last_simulators(options.run), config)
-    with open_simulators(simulators, options.wait, _say) as connect:
-        addresses = connect()
+    with _player(options) as simulator:
         from joybridge.trainer.record import record
 
         frames = record(
-            options.run, addresses[0], options.output, seconds=options.seconds, seed=options.seed,
+            options.run, simulator, options.output, seconds=options.seconds, seed=options.seed,
             deterministic=options.deterministic, say=_say, overrides=options.overrides,
             checkpoint=options.checkpoint,
         )  # fmt: skip
@@ -283,18 +277,24 @@ def _record(options: argparse.Namespace) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
+    with _player(options) as simulator:
+        from joybridge.trainer.export import export
+
+        exported = export(
+            options.run, simulator, options.output, behavior=options.behavior, seed=options.seed,
+            deterministic=options.deterministic, overrides=options.overrides, checkpoint=options.checkpoint,
+        )  # fmt: skip
+    print(exported)
+
+
+@contextmanager
+def _player(options: argparse.Namespace) -> Iterator[str]:
+    """Yield the address of a simulator for a run, after its configuration and its checkpoint have been checked."""
     config = play_config(options.run, options.overrides)
     load_checkpoint(options.run, options.checkpoint)
     simulators = _choose_simulators(options, last_simulators(options.run), config)
     with open_simulators(simulators, options.wait, _say) as connect:
-        addresses = connect()
-        from joybridge.trainer.export import export
-
-        exported = export(
-            options.run, addresses[0], options.output, behavior=options.behavior, seed=options.seed,
-            deterministic=options.deterministic, overrides=options.overrides, checkpoint=options.checkpoint,
-        )  # fmt: skip
-    print(exported)
+        yield connect()[0]
 
 
 def _choose_simulators(options: argparse.Namespace, last: Simulators, config: Config) -> Simulators:

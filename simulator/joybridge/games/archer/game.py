@@ -41,6 +41,7 @@ class Archer(Game):
 
     name = "archer"
     description = "Aim ahead of the balloons and loose the arrow in time: an axis, and choices that are masked."
+    in_event_loop = True
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:

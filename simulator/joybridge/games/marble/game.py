@@ -36,6 +36,7 @@ class Marble(Game):
 
     name = "marble"
     description = "Tilt the board until the marble lies in the ring: two axes."
+    in_event_loop = True
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:

@@ -35,6 +35,7 @@ class Orchard(Game):
 
     name = "orchard"
     description = "Catch the apples and close the lid when a wasp comes: two branches at once."
+    in_event_loop = True
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
