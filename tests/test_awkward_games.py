@@ -1,5 +1,7 @@
 """Training games as strangers write them: nothing hangs, lies, or writes where it should not."""
 
+import io
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,19 +53,20 @@ def talked(awkward, tmp_path_factory) -> Path:
     return run
 
 
-def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(capfd):
+def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(monkeypatch):
+    # Not pytest's capture: what is written between its read and its truncation would be lost.
+    heard = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", heard)
     with simulator_process(["tests.support.awkward_games:Talkative"]) as address:
         session = ShardedSession([address], "talkative", arenas=4, seed=0, options=[{}])
         for _ in range(40):  # 320 kB: more than a pipe holds
             session.step([ActArrays(np.zeros((4, 0), np.float32), np.zeros((4, 1), np.int32))])
-        heard, deadline = "", time.monotonic() + 30
-        while "x" * 2000 not in heard:  # while it plays, not only at the end
+        deadline = time.monotonic() + 30
+        while "x" * 2000 not in heard.getvalue():  # while it plays, not only at the end
             assert time.monotonic() < deadline
-            heard += capfd.readouterr().err
         session.close()
-    heard += capfd.readouterr().err
-    assert "a game may print before its simulator listens" in heard
-    assert heard.count("x" * 2000) == 160
+    assert "a game may print before its simulator listens" in heard.getvalue()
+    assert heard.getvalue().count("x" * 2000) == 160
 
 
 def test_names_from_the_wire_are_neither_paths_nor_the_trainers_own_columns(talked):
