@@ -1,6 +1,7 @@
 """A run goes on from what another one has learned, keeps its best state, and says how long it has taken."""
 
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -104,6 +105,25 @@ def test_the_lowest_value_may_be_the_best_and_an_unknown_metric_is_refused(confi
     rows = read_rows(tmp_path / "run/metrics-player.csv")
     score = load_checkpoint(tmp_path / "run", "best")[1].score
     assert score == pytest.approx(-min(row["presses"] for row in rows), rel=1e-4)
+
+
+def test_a_run_that_ended_before_its_first_checkpoint_begins_anew_with_its_game_and_says_so(
+    config, tmp_path, monkeypatch, capsys
+):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    config = config.with_name("own.yaml")
+    config.write_text("game: hybrid")
+    run = ["--run", str(tmp_path / "run"), "--game", "tests.support.games:Hybrid"]
+    with monkeypatch.context() as patch:
+        patch.setattr("joybridge.trainer.train.collect", interrupted)
+        assert main(["train", str(config), *SMALL, *run]) == 130
+    command = capsys.readouterr().err.partition("nothing is saved yet; begin again with: joybridge ")[2].splitlines()[0]
+    assert "--resume" in command and "--game" not in command
+    assert main([*shlex.split(command), "stop=64"]) == 0
+    assert f"{tmp_path / 'run'} ended before anything was saved: it begins anew\n" in capsys.readouterr().err
+    assert load_checkpoint(tmp_path / "run")[1].timesteps == 64
 
 
 def test_what_is_odd_in_the_first_rollouts_is_said_once(config, simulator, tmp_path, capsys):

@@ -184,6 +184,8 @@ def _train(options: argparse.Namespace) -> None:
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
+    if options.resume and not resume:
+        _say(f"{run} ended before anything was saved: it begins anew")
     if config.weights_from and not resume:
         load_checkpoint(Path(config.weights_from))
     if resume and config.total_timesteps > (before := run_config(run).total_timesteps):
@@ -191,7 +193,7 @@ def _train(options: argparse.Namespace) -> None:
             f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
-    simulators = _choose_simulators(options, last_simulators(run) if resume else Simulators(), config)
+    simulators = _choose_simulators(options, last_simulators(run) if options.resume else Simulators(), config)
     patience = PARENT_SECONDS if options.with_parent else 0.0
     with locked(run, patience), open_simulators(simulators, options.wait, _say) as connect:
         addresses = connect()
@@ -223,9 +225,8 @@ def _train(options: argparse.Namespace) -> None:
 def _continuation(run: Path, options: argparse.Namespace) -> str:
     """Return what is saved of a run that has ended early, and the command that continues it."""
     command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume"]
-    for name in ("simulator", "game"):
-        for value in getattr(options, name):
-            command += [f"--{name}", value]
+    for value in options.simulator:  # waited for, unlike one that the run remembers
+        command += ["--simulator", value]
     saved = checkpoints(run)
     done = f"saved at {int(saved[-1].name):,} timesteps; continue" if saved else "nothing is saved yet; begin again"
     return f"{done} with: {shlex.join(command)}"
