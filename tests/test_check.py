@@ -9,13 +9,15 @@ import time
 from pathlib import Path
 from xml.etree import ElementTree
 
+import grpc
 import numpy as np
 import pytest
 
 from joybridge.conformance import subject
 from joybridge.conformance.__main__ import main
-from joybridge.conformance.client import Client
+from joybridge.conformance.client import Client, Status
 from joybridge.conformance.expectations import Violation
+from joybridge.conformance.recording import expect_same_recording
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, WARNING, Result, repair_first, write_junit
 from joybridge.conformance.rules import CHECKS, FAMILIES, sessions
@@ -435,6 +437,28 @@ def test_a_failure_prints_the_rule_both_values_and_the_section(correct):
         "gauntlet  rule_holds: failed", "    rule: A rule.", "    got: \\x00 a & b", "    expected: <c>",
         "    see: bridge.proto, Act",
     ]  # fmt: skip
+
+
+class CannotDraw(Gauntlet):
+    """Fails when it draws."""
+
+    def draw(self, arena):
+        raise KeyError("canvas")
+
+
+def test_a_comparison_tells_the_error_that_ended_a_session(correct):
+    checks = select(names=["drawing_does_not_change_the_episode"])
+    with serving(BrokenServer(set(), game=CannotDraw)) as address:
+        (result,) = run_checks(address, seconds=SECONDS, checks=checks)
+    assert result.outcome == FAILED and re.search("1 responses to 13 requests, then INTERNAL .*canvas", result.got)
+
+    def ends_early(subject):
+        recording = subject.record()
+        recording.end = Status(grpc.StatusCode.INTERNAL, "no canvas")
+        expect_same_recording(recording, subject.short_session, "after a failure")
+
+    (result,) = run_checks(correct, checks=[made_up(ends_early)])
+    assert result.got == "INTERNAL 'no canvas' after a failure"
 
 
 def test_junit_holds_any_text_of_a_server(tmp_path):

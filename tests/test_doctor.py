@@ -48,8 +48,8 @@ def test_a_correct_server_is_described(correct, capsys):
     assert status == 0
     assert list(found) == ["port", "calls", "versions", "health", "spec", "steps", "latency", "sizes"]
     assert all(ok for ok, _ in found.values())
-    assert found["calls"][1] == "ListGames returns 1 games: gauntlet"
-    assert "player observes 10 numbers from 4 sensors and has 2 axes and 2 branches" in found["spec"][1]
+    assert found["calls"][1] == "ListGames returns gauntlet"
+    assert "player observes 10 numbers (sensors: 4, axes: 2, branches: 2)" in found["spec"][1]
     assert found["steps"][1] == "gauntlet: 10 steps of 2 arenas are valid"
     assert "(p50)" in found["latency"][1] and "(p99)" in found["latency"][1]
 

@@ -44,15 +44,6 @@ class Exchange:
     responses: list[Any]  # of Play: PlayResponse
     status: Status
 
-    @property
-    def steps(self) -> list[pb.Step]:
-        """Return the steps of the responses, including the one in Started."""
-        return [
-            response.started.step if response.HasField("started") else response.step
-            for response in self.responses
-            if not response.HasField("snapshot")
-        ]
-
 
 class Client:
     """One connection to the server under test."""

@@ -123,7 +123,7 @@ def _calls(client: Client, listed: list[pb.GameSummary]) -> str:
         raise Violation(f"ListGames failed with {games}", HINTS.get(games.code, f"a server of {SERVICE}"))
     expect(games, "ListGames returns no games", "at least one")
     listed += games
-    return f"ListGames returns {len(games)} games: {', '.join(game.name for game in games)}"
+    return f"ListGames returns {', '.join(game.name for game in games)}"
 
 
 def _versions(client: Client) -> str:
@@ -172,9 +172,9 @@ def _spec(subject: Subject) -> str:
     except SpecError as error:
         raise Violation(str(error), "a spec within the bounds of bridge.proto") from error
     behaviors = [
-        f"{behavior.name} observes {sum(map(element_count, behavior.sensors))} numbers from "
-        f"{len(behavior.sensors)} sensors and has {len(behavior.device.axes)} axes and "
-        f"{len(behavior.device.branches)} branches"
+        f"{behavior.name} observes {sum(map(element_count, behavior.sensors))} numbers "
+        f"(sensors: {len(behavior.sensors)}, axes: {len(behavior.device.axes)}, "
+        f"branches: {len(behavior.device.branches)})"
         for behavior in spec.behaviors
     ]
     return f"{'; '.join(behaviors)}; up to {spec.max_arenas} arenas"

@@ -131,7 +131,8 @@ class Player:
 
 
 def expect_same_recording(got: Recording, expected: Recording, when: str) -> None:
-    """Raise Violation unless two recordings have the same bytes in each step."""
+    """Raise Violation unless two recordings have the same bytes in each step, and the same end."""
+    expect(got.end is None or expected.end is not None, f"{got.end} {when}", "the same steps as before")
     expect_same_bytes(got.step_bytes, expected.step_bytes, when)
 
 

@@ -118,6 +118,13 @@ class Subject:
         expect(answered, got, "one response per request, then OK")
         return exchange.responses
 
+    def expect_steps(self, requests: Sequence[pb.PlayRequest]) -> list[pb.Step]:
+        """Return the steps that answer Start, Act and Reset. Raises Violation as `expect_answered` does."""
+        return [
+            response.started.step if response.HasField("started") else response.step
+            for response in self.expect_answered(*requests)
+        ]
+
     def expect_refused(
         self, *requests: Request, codes: Sequence[grpc.StatusCode] = (INVALID_ARGUMENT,), words: Sequence[str]
     ) -> None:

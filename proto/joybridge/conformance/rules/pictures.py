@@ -52,7 +52,7 @@ def drawing_does_not_change_the_episode(subject: Subject) -> None:
     requests = [*subject.short_session.requests]
     for moment in range(1, len(requests)):
         requests[moment] = _with_draw(requests[moment], [0])
-    got = [step_bytes(pb.Step(behaviors=step.behaviors)) for step in subject.play(*requests).steps]
+    got = [step_bytes(pb.Step(behaviors=step.behaviors)) for step in subject.expect_steps(requests)]
     expect(got == subject.short_session.step_bytes, "different steps if arenas are drawn", "the same bytes")
 
 

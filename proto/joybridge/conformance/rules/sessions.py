@@ -182,8 +182,7 @@ def second_connection_gives_the_same_bytes(subject: Subject) -> None:
 @check("DETERMINISM")
 def requests_sent_at_once_give_the_same_bytes(subject: Subject) -> None:
     """Requests are answered in order, whether or not the client waits for each response."""
-    steps = subject.play(*subject.short_session.requests).steps
-    got = Recording(subject.spec, subject.arenas, steps=steps)
+    got = Recording(subject.spec, subject.arenas, steps=subject.expect_steps(subject.short_session.requests))
     expect_same_recording(got, subject.short_session, "with all requests sent at once")
 
 
