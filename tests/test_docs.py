@@ -4,12 +4,11 @@ import importlib.util
 import itertools
 import re
 from pathlib import Path
-from textwrap import dedent
 
 import pytest
 
 from joybridge.cli import COMMANDS, main
-from joybridge.trainer.config import Config, PolicyConfig, load_config
+from joybridge.trainer.config import Config, PolicyConfig
 
 ROOT = Path(__file__).parents[1]
 ELSEWHERE = {"node_modules", "build", "runs"}  # written by programs
@@ -115,13 +114,3 @@ def test_the_keys_of_the_glossary_are_keys_of_a_configuration():
     assert len(keys) > 10
     known = {*Config.model_fields, *(f"policy.{name}" for name in PolicyConfig.model_fields)}
     assert set(keys) - known == set()
-
-
-def test_the_first_configuration_of_the_server_guide_learns_as_paddle_does(tmp_path):
-    block = re.search(
-        r"```yaml\n(.*?)^ *```", (ROOT / "proto/examples/README.md").read_text(), re.DOTALL | re.MULTILINE
-    )
-    assert block is not None
-    mine = tmp_path / "my.yaml"
-    mine.write_text(dedent(block[1]))
-    assert load_config(mine, ["game=paddle"]) == load_config(ROOT / "configs/paddle/hybrid.yaml")

@@ -36,6 +36,11 @@ export function invalid(text: string): Refusal {
   return new Refusal(status.INVALID_ARGUMENT, text);
 }
 
+/** Return a Refusal with FAILED_PRECONDITION: the message is not possible now or for this game. */
+export function impossible(text: string): Refusal {
+  return new Refusal(status.FAILED_PRECONDITION, text);
+}
+
 /** Throw a Refusal if a client needs a newer revision of bridge.proto. A client that states none is served. */
 export function checkVersion(client: CompleteVersion | null): void {
   const { product, revision } = VERSION;

@@ -2,7 +2,7 @@
 
 import { status } from "@grpc/grpc-js";
 
-import { invalid, Refusal } from "./contract.js";
+import { impossible, invalid, Refusal } from "./contract.js";
 import type { Arena, Parameters, TimeStep } from "./game.js";
 import { checkParameters, type Chosen } from "./settings.js";
 import { pack, unpackActions, zip } from "./tensors.js";
@@ -34,7 +34,7 @@ export class Play {
       const code = start.arenas < 1 ? status.INVALID_ARGUMENT : status.RESOURCE_EXHAUSTED;
       throw new Refusal(code, `${name}: arenas is ${start.arenas}, expected 1..${max_arenas}`);
     }
-    if (start.snapshot) throw invalid(`${name} has no snapshots; start without one`);
+    if (start.snapshot) throw impossible(`${name} has no snapshots; start without one`);
     const defaults = Object.fromEntries(parameters.map(({ name, default_value }) => [name, default_value]));
     this.behavior = behavior;
     this.parameters = { ...defaults, ...checkParameters(chosen.spec, start.parameters) };
@@ -125,7 +125,7 @@ export class Play {
   private toDraw(draw: number[]): Arena[] {
     const { name, picture } = this.chosen.spec;
     const arenas = draw.flatMap((number) => this.arenas[number] ?? []);
-    if (draw.length && !picture) throw invalid(`${name} cannot be drawn; leave act.draw empty`);
+    if (draw.length && !picture) throw impossible(`${name} cannot be drawn; leave act.draw empty`);
     if (draw.length > MOST_PICTURES || arenas.length < draw.length) {
       const wanted = `at most ${MOST_PICTURES} of arenas 0..${this.arenas.length - 1}`;
       throw invalid(`act.draw has ${draw.length} arenas, ${draw.join(", ")}; expected ${wanted}`);

@@ -2,7 +2,7 @@
 
 import { status } from "@grpc/grpc-js";
 
-import { checkVersion, invalid, Refusal, VERSION } from "./contract.js";
+import { checkVersion, impossible, invalid, Refusal, VERSION } from "./contract.js";
 import { Play } from "./play.js";
 import { choose, type Games } from "./settings.js";
 import type { CompletePlayRequest } from "./types/joybridge/v1/PlayRequest.js";
@@ -37,13 +37,13 @@ export class Session {
     if (start) throw early("start came a second time");
     if (act) return { step: this.play.act(act) };
     if (reset) return { step: this.play.reset(reset) };
-    if (save) throw new Refusal(status.FAILED_PRECONDITION, "there are no snapshots here; begin new episodes instead");
+    if (save) throw impossible("there are no snapshots here; begin new episodes instead");
     throw empty();
   }
 }
 
 function early(what: string): Refusal {
-  return new Refusal(status.FAILED_PRECONDITION, `${what}; open a new stream and begin with start`);
+  return impossible(`${what}; open a new stream and begin with start`);
 }
 
 function empty(): Refusal {
