@@ -21,13 +21,22 @@ from joybridge.conformance.doctor import main as doctor
 from joybridge.contract import limits
 from joybridge.contract.address import address, is_local
 from joybridge.contract.codec import pack
-from joybridge.contract.credentials import Credentials, CredentialsError, load_credentials, read_token
+from joybridge.contract.credentials import (
+    Credentials,
+    CredentialsError,
+    ProtectedAddress,
+    load_credentials,
+    read_token,
+)
 from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.text import printable
+from joybridge.gym import BridgeEnv
 from joybridge.simulator.__main__ import main
 from joybridge.simulator.doors import DoorError, Protection, load_protection
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.session import Refusal, Session
+from joybridge.trainer.__main__ import main as trainer
+from joybridge.trainer.look import main as look
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.games import PICTURE, Hybrid
@@ -255,7 +264,7 @@ def test_control_characters_of_a_client_do_not_come_back(simulator, name):
     assert code == StatusCode.FAILED_PRECONDITION and text.isprintable()
 
 
-# ------------------------------------------------------------------------------------------------- the kit, doctor
+# ----------------------------------------------------------------------------------- the kit, doctor and trainer
 
 
 def test_kit_and_doctor_reach_a_protected_server_with_its_certificate_and_token(guarded, capsys):
@@ -266,3 +275,38 @@ def test_kit_and_doctor_reach_a_protected_server_with_its_certificate_and_token(
     assert doctor(["doctor", place, *protection, "--game", "orchard"]) == 0
     assert doctor(["doctor", place]) == 2
     assert "another program may listen there, or TLS is missing or wrong (--tls-ca)" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_trainer_reaches_a_protected_server_and_the_run_remembers_how(guarded, tmp_path, capsys, signals):
+    run, place = tmp_path / "run", ["--simulator", guarded.server.address]
+    protection = ["--tls-ca", str(guarded.certificate), "--token-file", str(guarded.token)]
+    config = ["orchard/hybrid", "total_timesteps=4000", "log_interval=4000"]
+    assert trainer(["train", *config, "--run", str(run), *place, "--tls-ca", str(guarded.certificate)]) == 1
+    assert "--token-file" in capsys.readouterr().err
+    assert trainer(["train", *config, "--run", str(run), *place, *protection]) == 0
+    assert trainer(["evaluate", str(run), "--episodes", "2"]) == 0
+    assert f"simulator: {guarded.server.address}, as in the training" in capsys.readouterr().err
+    written = [file.read_bytes() for file in run.rglob("*") if file.is_file()]
+    assert written and not any(TOKEN.encode() in content for content in written)
+    assert trainer(["record", str(run), str(tmp_path / "play.mp4"), "--seconds", "1", *place, *protection]) == 0
+    assert (
+        main(["new", "--for", guarded.server.address, "--game", "orchard", "--folder", str(tmp_path), *protection]) == 0
+    )
+    assert (tmp_path / "orchard.yaml").exists()
+    assert look(["look", guarded.server.address, str(tmp_path / "look.png"), "--game", "orchard", *protection]) == 0
+
+
+def test_credentials_without_an_address_are_refused(capsys):
+    for command in (["train", "orchard/hybrid"], ["evaluate", "run"], ["look", "orchard", "look.png"]):
+        with pytest.raises(SystemExit):
+            (look if command[0] == "look" else trainer)([*command, "--tls-ca", "server.pem"])
+        assert "--tls-ca and --token-file belong to" in capsys.readouterr().err
+
+
+def test_an_environment_plays_at_a_protected_server(guarded):
+    credentials = load_credentials(guarded.certificate, guarded.token)
+    env = BridgeEnv("orchard", simulator=ProtectedAddress(guarded.server.address, credentials))
+    env.reset(seed=1)
+    assert env.step(env.action_space.sample())[0].shape == env.observation_space.shape
+    env.close()

@@ -236,7 +236,7 @@ def test_sizes_follow_the_numbers_of_an_observation():
         (["--for", "ADDRESS"], "; choose one with --game"),
         (["--for", "ADDRESS", "--game", "chess"], "; --game chess is none of them"),
         (["--for", "127.0.0.1:1"], "error: no answer from a server at 127.0.0.1:1: "),
-        (["my_pond", "--game", "chess"], "error: --game is for --for ADDRESS; "),
+        (["my_pond", "--game", "chess"], "error: --game, --tls-ca and --token-file are for --for ADDRESS; "),
     ],
 )
 def test_a_configuration_that_cannot_be_written_is_one_sentence(simulator, arguments, complaint, folder, capsys):

@@ -12,7 +12,7 @@ def test_a_host_name_that_is_unknown_is_told_from_a_port_on_which_nothing_listen
         assert why_unreachable(f"127.0.0.1:{bound.getsockname()[1]}") == "nothing listens there"
         bound.listen()
         assert why_unreachable(f"127.0.0.1:{bound.getsockname()[1]}") == (
-            "what listens there does not answer as a simulator"
+            "what listens there does not answer as a simulator; if it demands TLS, give --tls-ca"
         )
 
 

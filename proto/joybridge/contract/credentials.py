@@ -4,13 +4,17 @@ credentials = load_credentials(tls_ca=Path("server.pem"), token_file=Path("token
 with credentials.channel("games.example:5005") as channel:
     stub = SimulatorServiceStub(channel)
     stub.ListGames(ListGamesRequest(), metadata=credentials.metadata)
+
+A trainer and the environments take the credentials of a simulator with its address:
+
+env = BridgeEnv("archer", simulator=ProtectedAddress("games.example:5005", credentials))
 """
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import grpc
 
@@ -21,8 +25,10 @@ __all__ = [
     "NO_COMPRESSION",
     "Credentials",
     "CredentialsError",
+    "ProtectedAddress",
     "add_credentials_arguments",
     "bearer",
+    "credentials_of",
     "load_credentials",
     "read_token",
 ]
@@ -63,6 +69,27 @@ class Credentials:
         if not self.certificates:
             return library.insecure_channel(address, options)
         return library.secure_channel(address, grpc.ssl_channel_credentials(self.certificates), options)
+
+
+class ProtectedAddress(str):
+    """The address of a server together with the credentials that its clients need.
+
+    It is a string, so all code that handles addresses handles it too. Only the code that calls the server takes the
+    credentials from it, with `credentials_of`.
+    """
+
+    credentials: Credentials
+
+    def __new__(cls, address: str, credentials: Credentials) -> Self:
+        """Make one from HOST:PORT or unix:PATH."""
+        protected = super().__new__(cls, address)
+        protected.credentials = credentials
+        return protected
+
+
+def credentials_of(address: str) -> Credentials:
+    """Return the credentials of an address; of a plain string, those without TLS and token."""
+    return address.credentials if isinstance(address, ProtectedAddress) else Credentials()
 
 
 def add_credentials_arguments(parser: argparse.ArgumentParser) -> None:

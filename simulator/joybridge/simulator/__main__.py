@@ -10,6 +10,7 @@ from pathlib import Path
 
 from joybridge.cli import open_streams
 from joybridge.contract.address import DEFAULT_ADDRESS, address
+from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
 from joybridge.simulator.catalog import load_games
@@ -30,11 +31,15 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     try:
         if options.command == "new" and options.server:
-            print(write_config(options.server, options.game, options.folder))
+            credentials = load_credentials(options.tls_ca, options.token_file)
+            print(write_config(ProtectedAddress(options.server, credentials), options.game, options.folder))
             return 0
         if options.command == "new":
-            if options.game:
-                raise NewGameError("--game is for --for ADDRESS; a new game is named without it: joybridge new NAME")
+            if options.game or options.tls_ca or options.token_file:
+                raise NewGameError(
+                    "--game, --tls-ca and --token-file are for --for ADDRESS; a new game needs its name only: "
+                    "joybridge new NAME"
+                )
             print(write_game(options.name, options.folder))
             return 0
         if options.game:  # the script `joybridge`, unlike `python -m`, does not search the current folder
@@ -112,6 +117,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     author.add_argument(
         "--game", metavar="NAME", help="with --for: the game; may be left out if the server has only one"
     )
+    add_credentials_arguments(author)
     author.add_argument("--folder", type=Path, default=Path(), metavar="DIR", help="where to write; default: here")
     return parser
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from threading import Thread
 
 from joybridge.contract.address import address
+from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
 from joybridge.trainer.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config, run_name
@@ -65,6 +66,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "several. Without it, a run goes on with the simulators of its last training, if these answer; otherwise this "
         "command starts a simulator and ends it",
     )  # fmt: skip
+    add_credentials_arguments(shared)
     shared.add_argument(
         "--wait", type=_seconds, default=60.0, metavar="SECONDS",
         help="how long to wait for a simulator that does not answer yet; default %(default)g",
@@ -140,6 +142,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         parser.error(
             "--game, --gym and --pettingzoo are for a simulator that this command starts; give them to the running one"
         )
+    if (options.tls_ca or options.token_file) and not options.simulator:
+        parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     return options
@@ -227,6 +231,9 @@ def _continuation(run: Path, options: argparse.Namespace) -> str:
     command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume"]
     for value in options.simulator:  # waited for, unlike one that the run remembers
         command += ["--simulator", value]
+    for flag, file in (("--tls-ca", options.tls_ca), ("--token-file", options.token_file)):
+        if file:
+            command += [flag, str(file)]
     saved = checkpoints(run)
     done = f"saved at {int(saved[-1].name):,} timesteps; continue" if saved else "nothing is saved yet; begin again"
     return f"{done} with: {shlex.join(command)}"
@@ -300,7 +307,8 @@ def _player(options: argparse.Namespace) -> Iterator[str]:
 
 def _choose_simulators(options: argparse.Namespace, last: Simulators, config: Config) -> Simulators:
     """Return the simulators that the command line names, or those of the last training."""
-    return choose_simulators(Simulators(tuple(options.simulator), tuple(options.game)), last, config, _say)
+    files = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
+    return choose_simulators(Simulators(tuple(options.simulator), tuple(options.game), *files), last, config, _say)
 
 
 def _end_with_parent() -> None:

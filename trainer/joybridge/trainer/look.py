@@ -15,6 +15,12 @@ import numpy as np
 
 from joybridge.contract.address import address
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.credentials import (
+    Credentials,
+    ProtectedAddress,
+    add_credentials_arguments,
+    load_credentials,
+)
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.trainer.contact_sheet import Line, Tile, write_sheet
@@ -35,7 +41,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     options = _parse(arguments, prog)
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:
-        with _open(options.what, options.game, options.seed) as session:
+        credentials = load_credentials(options.tls_ca, options.token_file)
+        with _open(options.what, options.game, options.seed, credentials) as session:
             spec = session.spec
             if not spec.HasField("picture"):
                 raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
@@ -59,6 +66,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )  # fmt: skip
     look.add_argument("output", type=Path, help="e.g. look.png")
     look.add_argument("--game", metavar="NAME", help="of the simulator at ADDRESS; may be left out if it has only one")
+    add_credentials_arguments(look)
     look.add_argument("--pictures", type=int, default=12, help="default %(default)s")
     look.add_argument("--seed", type=int, default=0, help="of the game and of the decisions; default %(default)s")
     options = parser.parse_args(arguments)
@@ -66,6 +74,8 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         look.error(f"argument --pictures: got {options.pictures}, expected at least 1")
     if options.seed < 0:
         look.error(f"argument --seed: got {options.seed}, expected at least 0")
+    if (options.tls_ca or options.token_file) and not _is_address(options.what):
+        look.error("--tls-ca and --token-file belong to the address of a running simulator")
     if options.game and not _is_address(options.what):
         look.error("--game belongs to the address of a running simulator; give the game in place of the address")
     return options
@@ -76,7 +86,7 @@ def _is_address(text: str) -> bool:
 
 
 @contextmanager
-def _open(what: str, game: str | None, seed: int) -> Iterator[Session]:
+def _open(what: str, game: str | None, seed: int, credentials: Credentials) -> Iterator[Session]:
     """Open a session of one arena, at a simulator that is running or is started for it. Raises JoybridgeError."""
     if not _is_address(what):
         name, places = choose_game(what, (), None)
@@ -84,7 +94,7 @@ def _open(what: str, game: str | None, seed: int) -> Iterator[Session]:
             yield session
         return
     try:
-        place = address(what)
+        place = ProtectedAddress(address(what), credentials)
     except argparse.ArgumentTypeError as error:
         raise ConfigError(str(error)) from None
     wait_for(place, WAIT, lambda text: print(text, file=sys.stderr))

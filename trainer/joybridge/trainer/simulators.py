@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
+from joybridge.contract.credentials import CredentialsError, ProtectedAddress, load_credentials
 from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import read_file, storing, write_atomically
@@ -28,6 +29,14 @@ class Simulators:
 
     addresses: tuple[str, ...] = ()  # none: the command starts a simulator
     games: tuple[str, ...] = ()  # MODULE:CLASS each, besides the built-in and the installed ones
+    tls_ca: str = ""  # the file of the certificates to trust at the addresses; "": no TLS
+    token_file: str = ""  # the file of their token; "": none
+
+    def protected(self) -> list[str]:
+        """Return the addresses with their credentials, read anew from the files. Raises CredentialsError."""
+        files = [Path(file) if file else None for file in (self.tls_ca, self.token_file)]
+        credentials = load_credentials(*files)
+        return [ProtectedAddress(address, credentials) for address in self.addresses]
 
 
 def remember(run: Path, simulators: Simulators) -> None:
@@ -59,10 +68,10 @@ def choose_simulators(wanted: Simulators, last: Simulators, config: Config, say:
     if wanted != Simulators():
         return wanted
     try:
-        for address in last.addresses:
+        for address in last.protected():
             wait_for(address, LAST_SECONDS, lambda text: None)
             describe(address, config.game, config.options)
-    except SimulatorError as error:
+    except (SimulatorError, CredentialsError) as error:
         say(f"the simulator of the training cannot be used: {error}; starting one")
         return Simulators(games=last.games)
     if last.addresses:
@@ -75,15 +84,16 @@ def open_simulators(simulators: Simulators, wait: float, say: Callable[[str], No
     """Yield a function that returns addresses at which simulators answer, for the first time and after a loss.
 
     Each call starts a simulator in place of the one before, which ends with the block; or it waits for the simulators
-    of others, `wait` seconds for each. It raises SimulatorError.
+    of others, `wait` seconds for each. It raises SimulatorError and CredentialsError.
     """
     with ExitStack() as running:
 
         def connect() -> Sequence[str]:
             running.close()
-            for address in simulators.addresses:
+            addresses = simulators.protected()
+            for address in addresses:
                 wait_for(address, wait, say)
-            return simulators.addresses or [running.enter_context(simulator_process(simulators.games))]
+            return addresses or [running.enter_context(simulator_process(simulators.games))]
 
         try:
             yield connect

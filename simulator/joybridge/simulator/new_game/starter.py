@@ -10,6 +10,7 @@ from pathlib import Path
 
 import grpc
 
+from joybridge.contract.credentials import credentials_of
 from joybridge.contract.limits import element_count
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.versions import mismatch, own_version
@@ -71,11 +72,13 @@ policy:
 
 def _describe(address: str, game: str | None) -> pb.GameSpec:
     """Return the spec of a game of a server, of its only game for None. Raises NewGameError."""
-    version = own_version()
+    version, credentials = own_version(), credentials_of(address)
     try:
-        with grpc.insecure_channel(address) as channel:
+        with credentials.channel(address) as channel:
             stub = rpc.SimulatorServiceStub(channel)
-            listed = stub.ListGames(pb.ListGamesRequest(version=version), timeout=SECONDS)
+            listed = stub.ListGames(
+                pb.ListGamesRequest(version=version), timeout=SECONDS, metadata=credentials.metadata
+            )
             names = [summary.name for summary in listed.games]
             if game is None and len(names) == 1:
                 game = names[0]
@@ -83,7 +86,9 @@ def _describe(address: str, game: str | None) -> pb.GameSpec:
                 missing = "choose one with --game" if game is None else f"--game {game} is none of them"
                 raise NewGameError(f"the server at {address} has {', '.join(names)}; {missing}")
             request = pb.DescribeGameRequest(game=game, version=version)
-            response: pb.DescribeGameResponse = stub.DescribeGame(request, timeout=SECONDS)
+            response: pb.DescribeGameResponse = stub.DescribeGame(
+                request, timeout=SECONDS, metadata=credentials.metadata
+            )
     except grpc.RpcError as error:
         raise NewGameError(
             f"no answer from a server at {address}: {error.details()} ({error.code().name}); start it, or check the "

@@ -1,6 +1,7 @@
 """A trainer's client of joybridge.v1: find a simulator, read a game's spec, play a session.
 
-All functions block. The event loop of the sessions runs inside them (see interruptible_loop.py).
+All functions block. The event loop of the sessions runs inside them (see interruptible_loop.py). The address of a
+simulator that demands TLS or a token is a ProtectedAddress.
 """
 
 import asyncio
@@ -12,13 +13,14 @@ import grpc
 from google.protobuf.message import Message
 
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.credentials import credentials_of
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
 from joybridge.trainer.wire.reachability import why_unreachable
-from joybridge.trainer.wire.stream import OPEN, SERVICE, Stream, parse
+from joybridge.trainer.wire.stream import SERVICE, Stream, parse
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
@@ -177,13 +179,14 @@ class Session:
 
 
 async def _connect(address: str, seconds: float) -> None:
-    async with OPEN.aio_channel(address) as channel:
+    async with credentials_of(address).aio_channel(address) as channel:
         await asyncio.wait_for(channel.channel_ready(), seconds)
 
 
 async def _call(address: str, method: str, request: Message, response: type[M]) -> M:
     """Call a method and return its response. Raises grpc.RpcError and SimulatorError."""
-    async with OPEN.aio_channel(address) as channel:
+    credentials = credentials_of(address)
+    async with credentials.aio_channel(address) as channel:
         call = channel.unary_unary(f"/{SERVICE}/{method}", type(request).SerializeToString)
-        data = await call(request, timeout=CALL_SECONDS)
+        data = await call(request, timeout=CALL_SECONDS, metadata=credentials.metadata)
     return parse(response, data, address)

@@ -25,4 +25,4 @@ def why_unreachable(address: str) -> str:
         return "the host does not answer"
     except OSError as error:
         return str(error.strerror or error).lower()
-    return "what listens there does not answer as a simulator"
+    return "what listens there does not answer as a simulator; if it demands TLS, give --tls-ca"

@@ -10,7 +10,7 @@ import grpc
 from google.protobuf.message import DecodeError, Message
 
 from joybridge.contract.codec import ActArrays, Codec, Format, StepArrays, fill_act
-from joybridge.contract.credentials import Credentials
+from joybridge.contract.credentials import credentials_of
 from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.tensors import Array, TensorError
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
@@ -22,8 +22,6 @@ SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 # Pings detect a machine that has disappeared. By default, gRPC servers end connections that ping more often than
 # every five minutes.
 KEEPALIVE = [("grpc.keepalive_time_ms", 330_000), ("grpc.keepalive_timeout_ms", 20_000)]
-
-OPEN = Credentials()  # no TLS and no token
 
 M = TypeVar("M", bound=Message)
 
@@ -64,9 +62,11 @@ class Stream:
         A server may reject a stream before it reads the request. gRPC then reports either the server's reason, or only
         that the request could not be sent. In the second case, try again.
         """
+        credentials = credentials_of(self.address)
         for _ in range(ATTEMPTS):
-            self._channel = OPEN.aio_channel(self.address, self._options)
-            self._call = self._channel.stream_stream(f"/{SERVICE}/Play", pb.PlayRequest.SerializeToString)()
+            self._channel = credentials.aio_channel(self.address, self._options)
+            play = self._channel.stream_stream(f"/{SERVICE}/Play", pb.PlayRequest.SerializeToString)
+            self._call = play(metadata=credentials.metadata)
             self._place = f"{start.game}, arenas {start.first_arena} to {start.first_arena + start.arenas - 1}"
             try:
                 response = await self._wait(self._exchange(pb.PlayRequest(start=start)))
