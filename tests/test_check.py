@@ -397,6 +397,25 @@ def test_a_session_of_slow_steps_may_take_longer_than_the_deadline_of_a_response
     assert recording.end is None and len(recording.steps) == subject.SHORT + 1
 
 
+class Compiles(Gauntlet):
+    """Takes longer than the deadline to begin its first session."""
+
+    compiled = False
+
+    def __init__(self, *arguments):
+        if not Compiles.compiled:
+            time.sleep(2.5)
+        Compiles.compiled = True
+        super().__init__(*arguments)
+
+
+def test_a_game_that_is_compiled_in_its_first_session_may_take_longer_than_the_deadline():
+    names = ["ended_sessions_are_freed", "started_has_the_spec_of_describe"]
+    with serving(BrokenServer(set(), game=Compiles)) as address:
+        results = list(run_checks(address, seconds=2.0, checks=select(names=names)))
+    assert Compiles.compiled and [result.outcome for result in results] == [PASSED] * 2
+
+
 class NoList(Service):
     """A server that is not complete yet."""
 

@@ -180,7 +180,7 @@ def _next(responses: Any, seconds: float) -> Any:
         return OK
     except grpc.RpcError as error:
         if late.is_set():
-            raise TimedOut(f"no response within {seconds:g} s", "a response") from error
+            raise TimedOut(seconds) from error
         return _status(error, seconds)
     finally:
         timer.cancel()
@@ -188,7 +188,7 @@ def _next(responses: Any, seconds: float) -> Any:
 
 def _status(error: Any, seconds: float) -> Status:
     if error.code() == grpc.StatusCode.DEADLINE_EXCEEDED:
-        raise TimedOut(f"no response within {seconds:g} s", "a response")
+        raise TimedOut(seconds)
     return Status(error.code(), error.details() or "")
 
 

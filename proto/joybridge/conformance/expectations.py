@@ -14,6 +14,10 @@ class Violation(JoybridgeError):
 class TimedOut(Violation):
     """The server did not respond before the deadline."""
 
+    def __init__(self, seconds: float) -> None:
+        """Name the deadline."""
+        super().__init__(f"no response within {seconds:g} s", "a response; --deadline lets a slow server take longer")
+
 
 class Suspicion(JoybridgeError):
     """The server may be right, but what the check saw is usually a mistake: a warning."""

@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 
 import grpc
 
-from joybridge.conformance.client import OPEN, Client, Status
+from joybridge.conformance.client import OPEN, Client, Status, Stream
 from joybridge.conformance.expectations import NotApplicable, Suspicion, TimedOut, Violation
+from joybridge.conformance.recording import Player, Recording
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, WARNING, Result
 from joybridge.conformance.rules import CHECKS
@@ -16,7 +18,8 @@ from joybridge.conformance.subject import Subject
 from joybridge.contract.credentials import Credentials
 from joybridge.contract.errors import JoybridgeError
 
-DEADLINE = 30.0  # seconds until a response; the first of a session may wait until the game is compiled
+DEADLINE = 30.0  # seconds until a response
+PATIENCE = 4  # times the deadline: until a response in the first session of a game, which may compile it
 MOST_TIMEOUTS = 3  # of one game; its other checks then fail without being run
 FULL = "RESOURCE_EXHAUSTED"  # in what came, of a check that expects another status
 SERVER = "server"  # the name in the results for checks of the whole server
@@ -46,9 +49,19 @@ def run_checks(
         if not games and not of_server:
             got = f"ListGames failed with {listed}" if isinstance(listed, Status) else "ListGames returns no games"
             raise Unreachable(f"{address} has no game to check: {got}")
-        yield from _results(Subject(client, ""), SERVER, of_server)
+        for game in games if of_game else games[:1]:
+            _warm_up(Client(address, PATIENCE * seconds, credentials), game)
+        yield from _results(Subject(client, games[0] if games else ""), SERVER, of_server)
         for game in games:
             yield from _results(Subject(client, game), game, of_game)
+
+
+def _warm_up(client: Client, game: str) -> None:
+    """Play a decision of a game. What goes wrong here is for the checks to find."""
+    with client, suppress(Exception):  # whatever a broken server causes
+        subject = Subject(client, game)
+        with Stream(client) as stream:
+            Player(stream, Recording(subject.spec, 1), subject.start(arenas=1)).decide()
 
 
 def _listed_games(client: Client) -> list[str] | Status:

@@ -30,7 +30,7 @@ LONG_NUMBERS = (0, 1, None, None)  # of the arenas of a long session; see Player
 
 
 class Subject:
-    """A server and one of its games under some options. The game is "" for checks of the whole server."""
+    """A server and one of its games under some options. For checks of the whole server it is any game, "" for none."""
 
     def __init__(
         self, client: Client, game: str, options: Mapping[str, str] | None = None, decisions: int = LONG

@@ -24,9 +24,8 @@ ROOM_SECONDS = 5.0  # a server notices the end of a session soon, not at once
 @check("SESSION", per_server=True)
 def ended_sessions_are_freed(subject: Subject) -> None:
     """When the client closes or loses a stream, the server frees the arenas: ended sessions do not count any more."""
-    games = subject.client.list_games()
-    skip_unless(games, "ListGames returns no games")
-    start = Subject(subject.client, games[0].name).start(arenas=1)
+    skip_unless(subject.game, "ListGames returns no games")
+    start = subject.start(arenas=1)
     for way in ("cancelled", "lost with their connection", "refused a request"):
         for _ in range(ABANDONED // MANY_SESSIONS):
             _abandon(subject.client, start, way)
