@@ -21,6 +21,15 @@ SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "sto
         (["options.wind=on"], "unknown option 'wind', expected one of rules, locomotion, level"),
         (["parameters.bird_speed=9"], "parameter 'bird_speed' got 9, expected 0..4"),
         (["parameters.wind=9"], "unknown parameter 'wind'"),
+        (
+            ["options.bird_speed=2"],
+            "options.bird_speed: it is a parameter of shooting_birds; write parameters.bird_speed=",
+        ),
+        (["parameters.level=2"], "parameters.level: it is an option of shooting_birds; write options.level=CHOICE"),
+        (
+            ["parameters.rules=original"],
+            "expected a number; if it is an option of the game, write options.rules=original",
+        ),
         (["layout=bukket-11"], "unknown layout 'bukket-11'"),
         (["policy.sensors=[gnu]"], "hunter: sensors: the game has no 'gnu'; it has gun, crosshair"),
         (["policy.reward_weights={hits: 1}"], "hunter: reward_weights: the game has no 'hits'"),

@@ -47,6 +47,12 @@ def test_a_policy_is_evaluated_under_other_parameters_and_options_and_says_what_
     assert after["player"]["means"]["length"] > before["player"]["means"]["length"]  # without drift nobody leaves
 
 
+def test_a_parameter_that_is_set_as_an_option_is_named(run, simulator, capsys):
+    assert main(["record", str(run), "play.mp4", "options.drift=0.5", "--simulator", simulator]) == 1
+    wanted = "error: options.drift: it is a parameter of hybrid; write parameters.drift=VALUE\n"
+    assert capsys.readouterr().err.endswith(wanted)
+
+
 def test_what_is_set_as_in_the_training_is_no_difference(run, simulator, capsys):
     report, _ = evaluate(run, simulator, capsys, "parameters.drift=1", "options.size=small")
     assert report["player"]["changed"] == {}

@@ -8,6 +8,7 @@ from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import Role, list_roles
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.options import balanced_options
+from joybridge.trainer.wire.client import describe
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -16,8 +17,27 @@ def find_and_load(text: str, overrides: Sequence[str] = ()) -> Config:
     return load_config(find_config(text), overrides)
 
 
+def fitting_spec(address: str, config: Config) -> pb.GameSpec:
+    """Return the spec of a configuration's game under its options. Raises SimulatorError and ConfigError."""
+    if config.options:
+        check_settings(config, describe(address, config.game, {}))  # with a wrong option there would be no spec
+    spec = describe(address, config.game, config.options)
+    check_settings(config, spec)
+    return spec
+
+
+def check_settings(config: Config, spec: pb.GameSpec) -> None:
+    """Raise ConfigError for an option that is a parameter of the game, and the other way round."""
+    options, parameters = ({thing.name for thing in things} for things in (spec.options, spec.parameters))
+    for name in config.options.keys() & (parameters - options):
+        raise ConfigError(f"options.{name}: it is a parameter of {spec.name}; write parameters.{name}=VALUE")
+    for name in config.parameters.keys() & (options - parameters):
+        raise ConfigError(f"parameters.{name}: it is an option of {spec.name}; write options.{name}=CHOICE")
+
+
 def check_fit(config: Config, spec: pb.GameSpec) -> None:
     """Raise ConfigError unless every policy can be made for a spec."""
+    check_settings(config, spec)
     balanced_options(config, spec)
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]

@@ -18,6 +18,7 @@ from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor, make_actors
 from joybridge.trainer.config import Config, game_settings, play_config, run_config
+from joybridge.trainer.config_fit import fitting_spec
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
@@ -25,7 +26,7 @@ from joybridge.trainer.ppo.distributions import fill_masks
 from joybridge.trainer.ppo.fast.kernels import Action, draw_noise
 from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.run_state import load_state, policy_state
-from joybridge.trainer.wire.client import Session, describe
+from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.sharded_session import ShardedSession, open_session
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -148,7 +149,7 @@ def open_play(
     """
     torch.set_num_threads(1)  # networks this small are slower with more
     config = play_config(run, overrides)
-    spec = describe(address, config.game, config.options)
+    spec = fitting_spec(address, config)
     options = balanced_options(config, spec) if episodes else {"": config.options}
     arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
     state = load_state(run, checkpoint)

@@ -70,7 +70,7 @@ def choose_simulators(wanted: Simulators, last: Simulators, config: Config, say:
     try:
         for address in last.protected():
             wait_for(address, LAST_SECONDS, lambda text: None)
-            describe(address, config.game, config.options)
+            describe(address, config.game, {})
     except (SimulatorError, CredentialsError) as error:
         say(f"the simulator of the training cannot be used: {error}; starting one")
         return Simulators(games=last.games)

@@ -19,6 +19,7 @@ from joybridge.trainer.actor import make_actors
 from joybridge.trainer.advice import Adviser
 from joybridge.trainer.checkpoint import best_score, has_checkpoint
 from joybridge.trainer.config import Config, check_run, keep_config
+from joybridge.trainer.config_fit import fitting_spec
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.metrics import Row, is_trainers
@@ -32,7 +33,6 @@ from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.recovery import Revive, recovering
 from joybridge.trainer.run_state import RunState, capture, load_state, take_weights
 from joybridge.trainer.signals import uninterrupted
-from joybridge.trainer.wire.client import describe
 
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 
@@ -74,7 +74,7 @@ def play_and_learn(
     config: Config, run: Path, report: Report, say: Callable[[str], None], addresses: Sequence[str], state: RunState
 ) -> Generator[RunState, None, None]:
     """Continue a run from a state, with new sessions. Yield the state after each cycle."""
-    spec = describe(addresses[0], config.game, config.options)
+    spec = fitting_spec(addresses[0], config)
     balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
     policies = [
         Policy(actor, spec.behaviors[actor.behavior], group_bounds(config))
