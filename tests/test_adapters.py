@@ -31,7 +31,7 @@ def turn(*choices):
 
 def test_the_spec_is_made_from_the_spaces():
     game = load_game(MIXED)
-    assert listing({"Mixed-v0": game}).splitlines() == [
+    assert listing([game.describe({})]).splitlines() == [
         f"Mixed-v0: {HERE}:Mixed-v0, an environment of Gymnasium.",
         "  behavior agent: 1 agent per arena",
         "    sensors: arm.speed [2], image [2, 3, 3] uint8, lamps [3] bool, pair[0] [3], pair[1] [5]",

@@ -294,6 +294,9 @@ def test_a_trainer_reaches_a_protected_server_and_the_run_remembers_how(guarded,
         main(["new", "--for", guarded.server.address, "--game", "orchard", "--folder", str(tmp_path), *protection]) == 0
     )
     assert (tmp_path / "orchard.yaml").exists()
+    capsys.readouterr()
+    assert main(["list", "--simulator", guarded.server.address, *protection]) == 0
+    assert "\norchard: " in capsys.readouterr().out
     assert look(["look", guarded.server.address, str(tmp_path / "look.png"), "--game", "orchard", *protection]) == 0
 
 

@@ -230,6 +230,28 @@ def test_sizes_follow_the_numbers_of_an_observation():
     assert (many["arenas"], many["policy"]["rollout_steps"], many["policy"]["hidden_sizes"]) == (64, 60, [128, 128])
 
 
+def test_the_games_of_a_running_server_are_listed_as_the_built_in_ones_are(simulator, capsys):
+    assert main(["list"]) == 0
+    built_in = capsys.readouterr().out.rstrip()
+    assert main(["list", "--simulator", simulator]) == 0
+    listed = capsys.readouterr().out
+    assert listed.startswith(f"{built_in}\n\n") and "\nhybrid: Move a point with two axes" in listed
+    assert "  option size: small | large (default small)\n  option masks: on | off (default on)\n" in listed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--simulator", "127.0.0.1:1"], "error: no answer from a server at 127.0.0.1:1: "),
+        (["--simulator", "127.0.0.1:1", "--game", "a:B"], "which has its own games"),
+    ],
+)
+def test_a_server_whose_games_cannot_be_listed_is_one_sentence(arguments, complaint, capsys):
+    assert main(["list", *arguments]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert complaint in error
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

@@ -5,7 +5,7 @@ import asyncio
 import logging
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from joybridge.cli import open_streams
@@ -13,13 +13,15 @@ from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
-from joybridge.simulator.catalog import load_games
+from joybridge.simulator.catalog import load_games, specs
 from joybridge.simulator.doors import load_protection
 from joybridge.simulator.listing import listing
 from joybridge.simulator.new_game.starter import write_config
 from joybridge.simulator.new_game.write import NewGameError, write_game
+from joybridge.simulator.running_server import ServerError, describe_all
 from joybridge.simulator.server import serve
 from joybridge.simulator.service import Limits
+from joybridge.v1 import bridge_pb2 as pb
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.simulator") -> int:
@@ -45,13 +47,23 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         if options.game:  # the script `joybridge`, unlike `python -m`, does not search the current folder
             sys.path.insert(0, str(Path.cwd()))
         if options.command == "list":
-            print(listing(load_games(options.game)))
+            print(listing(_specs(options)))
         else:
             _serve(options)
     except (JoybridgeError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
+    """Return the default specs of the games that `joybridge list` lists. Raises JoybridgeError."""
+    if options.simulator is None:
+        return [next(specs(game)) for game in load_games(options.game).values()]
+    if options.game:
+        raise ServerError("--game, --gym and --pettingzoo are not for a running simulator, which has its own games")
+    credentials = load_credentials(options.tls_ca, options.token_file)
+    return describe_all(ProtectedAddress(options.simulator, credentials))
 
 
 def _serve(options: argparse.Namespace) -> None:
@@ -106,7 +118,14 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     _add_protection(server.add_argument_group("protection"))
     _add_limits(server.add_argument_group("limits", "a number of seconds may be 0: no limit"))
-    commands.add_parser("list", parents=[games], help="list the games: options, parameters, sensors, actions, rewards")
+    lists = commands.add_parser(
+        "list", parents=[games], help="list the games: options, parameters, sensors, actions, rewards, metrics"
+    )
+    lists.add_argument(
+        "--simulator", type=address, metavar="ADDRESS",
+        help="list the games of the simulator that runs at this address, in whatever language it is written",
+    )  # fmt: skip
+    add_credentials_arguments(lists)
     author = commands.add_parser("new", help="create a new game, or a configuration for the game of a running server")
     begin = author.add_mutually_exclusive_group(required=True)
     begin.add_argument("name", nargs="?", help="write NAME.py, a small complete game, and NAME.yaml, its training")

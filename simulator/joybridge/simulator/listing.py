@@ -1,24 +1,20 @@
-"""The output of `joybridge list`: every game with its options, parameters, and what its agents observe and do."""
+"""The output of `joybridge list`: what every spec says about a game, its options and its agents."""
 
 from collections.abc import Iterable, Iterator
 from textwrap import wrap
 
-from joybridge.contract.spec import choose_options
 from joybridge.contract.tensors import NUMPY_TYPES
-from joybridge.simulator.batched_game import BatchedGame
-from joybridge.simulator.catalog import Catalog
 from joybridge.v1 import bridge_pb2 as pb
 
 WIDTH = 120  # columns
 
 
-def listing(games: Catalog) -> str:
-    """Return a paragraph of text per game, described with all options at their defaults."""
-    return "\n\n".join("\n".join(_game(game)) for game in games.values())
+def listing(games: Iterable[pb.GameSpec]) -> str:
+    """Return a paragraph of text per game."""
+    return "\n\n".join("\n".join(_game(spec)) for spec in games)
 
 
-def _game(game: type[BatchedGame]) -> Iterator[str]:
-    spec = game.describe(choose_options(game.options, {}, game.name))
+def _game(spec: pb.GameSpec) -> Iterator[str]:
     yield f"{spec.name}: {spec.description}"
     for option in spec.options:
         yield from _line(2, f"option {option.name}", f"{' | '.join(option.choices)} (default {option.default_choice})")
