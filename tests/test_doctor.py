@@ -87,7 +87,8 @@ def test_a_configuration_that_does_not_fit_is_a_problem(override, about, text, c
 
 def test_a_configuration_that_cannot_be_read_is_an_error(correct, config, capsys):
     assert main(["doctor", correct, config, "arena=3"]) == 2
-    assert capsys.readouterr().err == "error: unknown key 'arena'; did you mean 'arenas'?\n"
+    wanted = "error: unknown key 'arena'; did you mean 'arenas'? `joybridge keys` lists all keys\n"
+    assert capsys.readouterr().err == wanted
 
 
 def test_without_the_trainer_the_server_is_examined_and_the_configuration_is_not(correct, config, capsys, monkeypatch):

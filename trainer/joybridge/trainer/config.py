@@ -1,4 +1,4 @@
-"""The configuration of a run: every key with its default, checked. Files hold only what differs."""
+"""The configuration of a run: every key with its default and meaning, checked. Files hold only what differs."""
 
 import difflib
 import hashlib
@@ -60,47 +60,69 @@ class _Checked(BaseModel):
 class PolicyConfig(_Checked):
     """What one policy observes, its rewards, and how it learns."""
 
-    sensors: list[str] | None = Field(None, min_length=1)  # names of the sensors it sees; None: all
-    reward_weights: dict[str, float] = {}  # reward channel -> weight; those left out have the game's default
-    frame_stack: int = Field(3, ge=1)  # frames it sees at once, oldest first
-    hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field([100, 100], min_length=1)  # units per hidden layer
-    shared_body: bool | None = None  # one body for actor and critic; None: only if there are no Gaussians
-    rollout_steps: int = Field(59, ge=1)  # decisions per lane between two updates
-    time_horizon: int = Field(59, ge=1)  # advantages are cut after so many decisions
-    minibatch_size: int = Field(256, ge=1)
-    epochs: int = Field(4, ge=1)
-    learning_rate: float = Field(3.25e-4, gt=0)
-    entropy_coef: float = Field(0.05, ge=0)  # coefficient of the entropy bonus
-    clip_range: float = Field(0.2, gt=0, lt=1)
-    gamma: float = Field(0.99, ge=0, le=1)
-    gae_lambda: float = Field(0.95, ge=0, le=1)
-    autograd: bool = False  # take gradients from autograd, the reference, not from their closed form
+    sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
+    reward_weights: dict[str, float] = Field({}, description="reward channels that count other than by default")
+    frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
+    hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
+        [100, 100], min_length=1, description="units per hidden layer"
+    )
+    shared_body: bool | None = Field(
+        None, description="one body for actor and critic; null: only if there are no Gaussians"
+    )
+    rollout_steps: int = Field(59, ge=1, description="decisions per lane between two updates")
+    time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
+    minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
+    epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")
+    learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam; falls linearly, to 1e-10")
+    entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus; falls linearly, to 1e-5")
+    clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO; falls linearly, to 0.1")
+    gamma: float = Field(0.99, ge=0, le=1, description="discount of rewards per decision")
+    gae_lambda: float = Field(0.95, ge=0, le=1, description="lambda of generalized advantage estimation")
+    autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
 class Config(_Checked):
     """A whole run."""
 
-    game: str
-    options: dict[str, str] = {}  # option -> choice
-    parameters: dict[str, float] = {}  # parameter -> value
-    layout: str = "hybrid"  # how policies map to the device; see layouts.py
-    arenas: int = Field(75, ge=1)
-    groups: int = Field(2, ge=1)  # parts of the arenas that take turns: one is played while others are decided for
-    accelerator: Literal["cpu", "cuda"] = "cpu"  # where networks live; small ones are faster on the processor
-    seed: int = Field(0, ge=0, lt=2**64)
-    total_timesteps: int = Field(30_000_000, ge=1)  # length of the run, and of its schedules
-    stop: int | None = Field(None, ge=1)  # end earlier, after so many timesteps, with the schedules unchanged
-    log_interval: int = Field(300_000, ge=1)  # timesteps between two rows of metrics
-    checkpoint_interval: int = Field(1_000_000, ge=1)  # timesteps between two checkpoints
-    checkpoint_seconds: float = Field(60.0, gt=0)  # seconds between two checkpoints, if this is sooner
-    keep: int = Field(2, ge=1)  # checkpoints that are kept, the newest ones
-    timeout_seconds: float = Field(30.0, gt=0)  # to wait for an answer of a simulator before it is taken for lost
-    restarts: int = Field(10, ge=0)  # how often training goes on after a simulator was lost
-    best: str = "reward"  # metric whose highest value marks the best checkpoint; "-length": the lowest
-    weights_from: str | None = None  # folder of a run whose trained policies this one begins with
-    evaluate_over: str | None = None  # option whose choices, but the default, evaluation plays equally often
-    policy: PolicyConfig = PolicyConfig()  # what all policies share
-    policies: dict[str, dict[str, Any]] = {}  # policy name -> what differs for it
+    game: str = Field(description="which game is trained")
+    options: dict[str, str] = Field({}, description="options of the game that are not as by default")
+    parameters: dict[str, float] = Field({}, description="parameters of the game that are not as by default")
+    layout: str = Field(
+        "hybrid", description="how policies map to the device: hybrid, bucket-N, threshold-T or multiagent"
+    )
+    arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
+    groups: int = Field(
+        2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
+    )
+    accelerator: Literal["cpu", "cuda"] = Field(
+        "cpu", description="where networks live; small ones are faster on the processor"
+    )
+    seed: int = Field(0, ge=0, lt=2**64, description="of the game, the networks and the samples")
+    total_timesteps: int = Field(30_000_000, ge=1, description="length of the run, and of its schedules")
+    stop: int | None = Field(
+        None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
+    )
+    log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
+    checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
+    checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
+    keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
+    timeout_seconds: float = Field(
+        30.0, gt=0, description="seconds to wait for an answer of a simulator before it is taken for lost"
+    )
+    restarts: int = Field(10, ge=0, description="how often training goes on after a simulator was lost")
+    best: str = Field(
+        "reward", description="metric whose highest value marks the best checkpoint; -length: the lowest of length"
+    )
+    weights_from: str | None = Field(
+        None, description="folder of a run whose trained policies this one begins with; written by --from"
+    )
+    evaluate_over: str | None = Field(
+        None, description="option whose choices, but the default, evaluation plays equally often"
+    )
+    policy: PolicyConfig = Field(PolicyConfig(), description="what all policies share")
+    policies: dict[str, dict[str, Any]] = Field(
+        {}, description="what differs for one policy: its name, then a key as those of policy"
+    )
 
     def policy_config(self, name: str) -> PolicyConfig:
         """Return the configuration of the policy called `name`. Raises ConfigError."""
@@ -249,11 +271,13 @@ def _show(value: object) -> str:
 
 
 def _expected(key: str, value: object, problem: str) -> str:
-    """Return what a key wants that holds a list or values by name; "" for other problems."""
+    """Return what a key wants that holds a list, values by name or a parameter; "" for other problems."""
     name = key.rpartition(".")[2]
     if problem == "list_type" and isinstance(value, str | int | float):
         parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
         return f"expected a list, for example {key}=[{parts}]"
+    if problem == "float_parsing" and key.startswith("parameters."):
+        return f"expected a number; if it is an option of the game, write options.{name}={value}"
     if problem in ("dict_type", "model_type"):
         form = FORMS.get(name) or FORMS["policies"]
         return f"expected names and values, written {form}"
@@ -270,12 +294,11 @@ def _unknown(key: str, value: object) -> str:
     keys |= {field: field for field in Config.model_fields}
     if near := difflib.get_close_matches(name, keys, n=1):
         outside = f", a key of the whole run, outside `{where}`" if in_policy and near[0] in Config.model_fields else ""
-        return f"unknown key {key!r}; did you mean {keys[near[0]]!r}{outside}?"
+        return f"unknown key {key!r}; did you mean {keys[near[0]]!r}{outside}? `joybridge keys` lists all keys"
     if isinstance(value, Mapping) and value:  # "ppo.epochs": only the last part may say what is meant
         inner = next(iter(value))
         return _unknown(f"{key}.{inner}", value[inner])
-    known = [full for field, full in keys.items() if not in_policy or field in PolicyConfig.model_fields]
     return (
-        f"unknown key {key!r}; known keys are {', '.join(known)}; those of the game are written "
+        f"unknown key {key!r}; `joybridge keys` lists all keys; those of the game are written "
         f"{' and '.join(FORMS[key] for key in OF_THE_GAME)}"
     )

@@ -1,0 +1,69 @@
+"""`joybridge keys` lists every key as it is written, and finds a key by a word or by its name in another library."""
+
+import re
+
+import pytest
+
+from joybridge.cli import main
+from joybridge.trainer.config import FORMS, Config, PolicyConfig, load_config
+from joybridge.trainer.keys import INDENT, WIDTH, listing
+
+LINES = list(listing())
+WRITTEN = [line[:INDENT].strip() for line in LINES if line[0] != " "]
+
+
+def keys(word):
+    return [line.partition("=")[0] for line in listing(word) if line[0] != " "]
+
+
+def test_every_key_is_listed_once_and_no_line_is_too_long():
+    known = {*Config.model_fields, *(f"policy.{name}" for name in PolicyConfig.model_fields)} - {"policy"}
+    by_name = {form.partition("=")[0]: key for key, form in FORMS.items()} | {
+        "policy.reward_weights.CHANNEL": "policy.reward_weights"
+    }
+    listed = [by_name.get(key, key) for key in (written.partition("=")[0] for written in WRITTEN)]
+    assert len(listed) == len(set(listed)) and set(listed) == known
+    assert max(map(len, LINES)) <= WIDTH
+
+
+def test_what_is_listed_can_be_written_and_is_the_default(tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("game: NAME")
+    overrides = [written for written in WRITTEN if written.partition("=")[2] not in ("CHOICE", "VALUE", "WEIGHT")]
+    assert load_config(path, overrides) == Config(game="NAME")
+
+
+@pytest.mark.parametrize(
+    ("word", "found"),
+    [
+        ("minibatch", ["policy.minibatch_size"]),
+        ("ent_coef", ["policy.entropy_coef"]),
+        ("Schedules", ["total_timesteps", "stop"]),
+        ("nothing of the kind", []),
+    ],
+)
+def test_a_word_finds_keys_by_name_by_meaning_and_by_the_name_of_another_library(word, found):
+    assert keys(word) == found
+
+
+@pytest.mark.parametrize(
+    ("key", "kind"),
+    [
+        ("policy.clip_range=0.2", "(number > 0, < 1)"),
+        ("policy.hidden_sizes=[100, 100]", "(list of integer ≥ 1)"),
+        ("policy.autograd=false", "(true or false)"),
+        ("accelerator=cpu", "(cpu or cuda)"),
+        ("stop=null", "(integer ≥ 1 or null)"),
+        ("parameters.NAME=VALUE", "(number by name)"),
+    ],
+)
+def test_type_and_range_are_listed(key, kind):
+    (entry,) = [entry for entry in re.sub("\n +", " ", "\n".join(LINES)).splitlines() if entry.startswith(f"{key} ")]
+    assert entry.endswith(kind)
+
+
+def test_a_word_that_no_key_has_is_an_error(capsys):
+    assert main(["keys", "sensors"]) == 0
+    assert capsys.readouterr().out.startswith("policy.sensors=null ")
+    assert main(["keys", "tstep"]) == 1
+    assert "'tstep' is in the name and meaning of no key" in capsys.readouterr().err

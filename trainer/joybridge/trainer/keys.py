@@ -1,0 +1,75 @@
+"""`joybridge keys`: every key of a configuration as it is written with its default, its meaning, type and range."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from textwrap import wrap
+from typing import Any
+
+from joybridge.trainer.config import FORMS, OTHER_NAMES, Config, PolicyConfig
+
+INDENT, WIDTH = 38, 120  # columns
+TYPES = {"string": "text", "boolean": "true or false"}  # others are called as JSON schema calls them
+BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.trainer") -> int:
+    """Run the command line, the command first, and return its exit status: 1 if no key is found."""
+    parser = argparse.ArgumentParser(prog=prog)
+    commands = parser.add_subparsers(dest="command", required=True)
+    keys = commands.add_parser("keys", help="list the keys of configurations: default, meaning, type and range")
+    keys.add_argument(
+        "word", nargs="?", default="", metavar="WORD",
+        help="only keys with this word in their name or meaning; a key of another library finds ours",
+    )  # fmt: skip
+    word = parser.parse_args(arguments).word
+    lines = list(listing(word))
+    if not lines:
+        print(f"error: {word!r} is in the name and meaning of no key; `joybridge keys` lists all keys", file=sys.stderr)
+        return 1
+    print(*lines, sep="\n")
+    return 0
+
+
+def listing(word: str = "") -> Iterator[str]:
+    """Yield the lines about the keys with a word in their name or meaning, and about the key that it means."""
+    meant = OTHER_NAMES.get(word.strip())
+    for key, schema in _keys():
+        meaning = schema["description"]
+        if key == meant or word.lower() in f"{key} {meaning}".lower():
+            name = key.rpartition(".")[2]
+            written = FORMS.get(name) or f"{key}={_default(schema)}"
+            first, *more = wrap(f"{meaning} ({_kind(schema)})", WIDTH - INDENT)
+            yield f"{written:<{INDENT - 2}}  {first}"
+            yield from (" " * INDENT + line for line in more)
+
+
+def _keys() -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield every key with its JSON schema: those of the run, then those of its policies."""
+    run, policy = (model.model_json_schema()["properties"] for model in (Config, PolicyConfig))
+    yield from ((key, schema) for key, schema in run.items() if not key.startswith("polic"))
+    yield from ((f"policy.{key}", schema) for key, schema in policy.items())
+    yield "policies", run["policies"]
+
+
+def _default(schema: Mapping[str, Any]) -> str:
+    default = schema.get("default", "NAME")
+    return default if isinstance(default, str) else json.dumps(default)
+
+
+def _kind(schema: Mapping[str, Any]) -> str:
+    """Return the type of a value and its range, as in "integer ≥ 1 or null"."""
+    if "anyOf" in schema:
+        return " or ".join(map(_kind, schema["anyOf"]))
+    if "enum" in schema:
+        return " or ".join(schema["enum"])
+    match schema["type"]:
+        case "array":
+            return f"list of {_kind(schema['items'])}"
+        case "object":
+            inner = schema["additionalProperties"]
+            return "values" if inner is True else f"{_kind(inner)} by name"
+        case kind:
+            bounds = [f"{sign} {schema[bound]}" for bound, sign in BOUNDS.items() if bound in schema]
+            return f"{TYPES.get(kind, kind)} {', '.join(bounds)}".rstrip()
