@@ -74,7 +74,10 @@ def _listed_games(client: Client) -> list[str] | Status:
         return [game.name for game in answer]
     if answer.code == grpc.StatusCode.UNAVAILABLE:
         reason = " ".join(answer.details.split())
-        raise Unreachable(f"no server responds at {client.address}; start one or correct the address ({reason})")
+        raise Unreachable(
+            f"no server responds at {client.address} ({reason}); start one, correct the address, or pass --tls-ca "
+            "if it uses TLS"
+        )
     if answer.code == grpc.StatusCode.UNAUTHENTICATED:
         raise Unreachable(f"the server at {client.address} wants another token, or one at all; see --token-file")
     return answer

@@ -32,7 +32,7 @@ from joybridge.trainer.simulators import (
 )
 from joybridge.trainer.sweep import plot, read_sweep, table
 from joybridge.trainer.video_formats import video_format
-from joybridge.trainer.wire.client import SimulatorError
+from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
 
@@ -220,8 +220,10 @@ def _train(options: argparse.Namespace) -> None:
                     revive=connect,
                     say=display.say,
                 )
-        except (KeyboardInterrupt, SimulatorError, StorageError):
-            _say(_continuation(run, options))
+        except (KeyboardInterrupt, SimulatorError, StorageError) as error:
+            refused = isinstance(error, SimulatorError) and not isinstance(error, SimulatorLost)
+            if checkpoints(run) or not refused:  # a request that was refused would be refused again
+                _say(_continuation(run, options))
             raise
     _say_next("evaluate", str(run))
 
