@@ -61,7 +61,7 @@ class PolicyConfig(_Checked):
     """What one policy observes, its rewards, and how it learns."""
 
     sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
-    reward_weights: dict[str, float] = Field({}, description="reward channels that count other than by default")
+    reward_weights: dict[str, float] = Field({}, description="weights of reward channels; others as in the game")
     frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
@@ -85,8 +85,8 @@ class Config(_Checked):
     """A whole run."""
 
     game: str = Field(description="which game is trained")
-    options: dict[str, str] = Field({}, description="options of the game that are not as by default")
-    parameters: dict[str, float] = Field({}, description="parameters of the game that are not as by default")
+    options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
+    parameters: dict[str, float] = Field({}, description="parameters of the game, as in `joybridge list`")
     layout: str = Field(
         "hybrid", description="how policies map to the device: hybrid, bucket-N, threshold-T or multiagent"
     )
