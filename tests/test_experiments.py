@@ -26,7 +26,7 @@ from tools.paper.__main__ import main as paper
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
-TIMESTEPS = 12_000
+TIMESTEPS = 6_000
 DEADLINE_SECONDS = 120.0  # for a run to save its first checkpoint
 TIMING = {"seconds", "timesteps_per_second", "simulate", "wire", "act", "learn"}
 
@@ -38,7 +38,7 @@ def configs(tmp_path_factory) -> Path:
     base = ROOT / "configs" / "beastly_rivals" / "bucket-3.yaml"
     policy = "{hidden_sizes: [32, 32], rollout_steps: 50, time_horizon: 50, minibatch_size: 100}"
     (folder / "survive.yaml").write_text(
-        f"{{extends: {base}, arenas: 8, log_interval: 3000, checkpoint_interval: 2000, policy: {policy}}}"
+        f"{{extends: {base}, arenas: 8, log_interval: 1500, checkpoint_interval: 1000, policy: {policy}}}"
     )
     (folder / "fail.yaml").write_text(f"{{extends: {base}, arenaz: 4}}")
     return folder
@@ -149,7 +149,7 @@ def test_a_killed_run_is_reported_with_its_signal(configs, tmp_path):
 def test_every_finished_run_keeps_all_rows_and_different_seeds_differ(whole):
     tables = figures(whole.results)
     rows = tables["survive-s0.csv"]
-    assert [int(row["timesteps"]) // 3000 for row in rows] == [1, 2, 3, 4]
+    assert [int(row["timesteps"]) // 1500 for row in rows] == [1, 2, 3, 4]
     assert all(float(row["episodes"]) > 0 for row in rows)
     assert rows != tables["survive-s1.csv"]
 

@@ -715,7 +715,7 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
     started = simulators(monkeypatch)
     with pytest.raises(ValueError, match="unknown layout 'buckets'") as kept:
         BridgeVectorEnv("shooting_birds", layout="buckets")
-    assert started[0].returncode == 0 and kept
+    assert started[0].returncode is not None and kept
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def test_an_untrained_policy_does_not_reach_it(address, tmp_path):
 
 
 def test_two_behaviors_learn_side_by_side_each_with_its_own_policy(address, tmp_path):
-    config = load_config(Path(__file__).parents[1] / "configs/ferry/hybrid.yaml")
+    config = load_config(Path(__file__).parents[1] / "configs/ferry/hybrid.yaml", ["total_timesteps=30000"])
     train(config, tmp_path / "run", [address], resume=False, report=lambda *_: None)
     scores = evaluate(tmp_path / "run", address, episodes=32, seed=5, deterministic=True, say=lambda _: None)
     # 60 decisions per episode: a lookout earns 1 each without fail; the helmsman must first reach each gate.
