@@ -1,7 +1,7 @@
 # make install   .venv with everything, at the versions in constraints.txt
 # make demo      train Shooting Birds for a few minutes; ends with scores, a plot and a video
 # make check     style, types and the quick tests, in about two minutes
-# make test      style, types and all tests, with their coverage
+# make test      style, types and all tests, with the coverage of the quick ones
 # make bench     how fast it is on this machine
 
 PYTHON ?= python3

@@ -118,7 +118,7 @@ def killed(configs, tmp_path_factory) -> Path:
 
 def test_one_failing_run_is_reported_with_its_reason_and_does_not_stop_the_others(whole):
     assert [(str(failed.name), reason) for failed, reason in whole.failed.items()] == [
-        ("fail-s0", "error: unknown key 'arenaz'; did you mean 'arenas'?")
+        ("fail-s0", "error: unknown key 'arenaz'; did you mean 'arenas'? `joybridge keys` lists all keys")
     ]
     assert list(figures(whole.results)) == ["survive-s0.csv", "survive-s1.csv"]
 

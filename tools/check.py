@@ -1,8 +1,8 @@
 """Check style, types and tests.
 
 Wrong style ends the check at once. Types are checked while the tests run, in one process per core, at most four. With
---quick, tests marked `slow` are left out. Without it, all tests run and the line coverage of proto, simulator and
-trainer is measured; it has a lower limit, see pyproject.toml.
+--quick, tests marked `slow` are left out. Without it, all tests run, and the quick ones are measured: the line
+coverage of proto, simulator and trainer has a lower limit, see pyproject.toml.
 """
 
 import argparse
