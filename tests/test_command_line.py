@@ -19,7 +19,7 @@ SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "sto
         (["game=shooting_brids"], "no game named 'shooting_brids'; this server has beastly_rivals, shooting_birds"),
         (["options.rules=strict"], "option 'rules' got 'strict', expected one of original, corrected"),
         (["options.wind=on"], "unknown option 'wind', expected one of rules, locomotion, level"),
-        (["parameters.bird_speed=9"], "parameter 'bird_speed' got 9, expected 0..4"),
+        (["parameters.bird_speed=9"], "parameters.bird_speed: got 9, expected 0..4"),
         (["parameters.wind=9"], "unknown parameter 'wind'"),
         (
             ["options.bird_speed=2"],
@@ -55,14 +55,20 @@ def test_a_wrong_setting_is_refused_in_one_sentence_that_names_it(more, message,
     ("arguments", "message"),
     [
         (["train", CONFIG, "epocs=3"], "unknown key 'epocs'; did you mean 'policy.epochs'?"),
-        (["train", CONFIG, "--resume", "--run", "gone"], "cannot read the configuration gone/config.yaml"),
+        (["train", CONFIG, "--resume", "--run", "gone"], "gone is not the folder of a run: it has no config.yaml"),
         (["train", "shooting_birds/bucket-12"], "there is no configuration 'shooting_birds/bucket-12'"),
-        (["evaluate", "gone"], "cannot read the configuration gone/config.yaml"),
-        (["record", "gone", "play.mp4"], "cannot read the configuration gone/config.yaml"),
+        (["train", "my_gane.yaml"], "did you mean my_game.yaml?"),
+        (["train", "my_game"], "did you mean my_game.yaml?"),
+        (["evaluate", "runs/frist"], "did you mean runs/first?"),
+        (["evaluate", "gone"], "gone is not the folder of a run: it has no config.yaml"),
+        (["record", "gone", "play.mp4"], "gone is not the folder of a run: it has no config.yaml"),
     ],
 )
 def test_settings_are_checked_before_a_simulator_is_waited_for(arguments, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    for file in (tmp_path / "my_game.yaml", tmp_path / "runs/first/config.yaml"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("game: hybrid")
     assert main([*arguments, "--simulator", "127.0.0.1:1", "--wait", "100"]) == 1
     errors = capsys.readouterr().err
     assert message in errors

@@ -124,6 +124,8 @@ def test_a_run_that_ended_before_its_first_checkpoint_begins_anew_with_its_game_
     assert main([*shlex.split(command), "stop=64"]) == 0
     assert f"{tmp_path / 'run'} ended before anything was saved: it begins anew\n" in capsys.readouterr().err
     assert load_checkpoint(tmp_path / "run")[1].timesteps == 64
+    new = ["--run", str(tmp_path / "next"), "--from", str(tmp_path / "run")]  # which knows where its game is
+    assert main(["train", str(config), *SMALL, "stop=64", *new]) == 0
 
 
 def test_what_is_odd_in_the_first_rollouts_is_said_once(config, simulator, tmp_path, capsys):

@@ -5,6 +5,7 @@ import re
 import sys
 
 import av
+import numpy as np
 import pytest
 
 from joybridge.trainer.__main__ import main
@@ -110,6 +111,19 @@ def test_what_cannot_be_played_is_refused_before_a_simulator_is_waited_for(argum
     assert "waiting" not in errors
 
 
+@pytest.mark.parametrize(
+    ("over", "message"),
+    [
+        ("parameters.drift=0,99", "parameters.drift: got 99, expected 0.."),
+        ("options.masks=on,of", "option 'masks' got 'of', expected one of"),
+    ],
+)
+def test_the_last_value_is_checked_before_the_first_is_played(over, message, run, simulator, capsys):
+    assert main(["evaluate", str(run), "--over", over, "--simulator", simulator]) == 1
+    errors = capsys.readouterr().err
+    assert message in errors and "policy after" not in errors
+
+
 def test_a_run_is_played_at_the_simulators_of_its_training_if_these_have_the_game(run, simulator, capsys, tmp_path):
     remember(run, Simulators((simulator,)))
     assert main(["evaluate", str(run), "--episodes", "1"]) == 0
@@ -120,7 +134,9 @@ def test_a_run_is_played_at_the_simulators_of_its_training_if_these_have_the_gam
     assert "the simulator of the training cannot be used: no simulator at 127.0.0.1:1" in errors
     assert "parameters.drift=0.5 (trained with 1)" in errors
     with av.open(str(tmp_path / "play.gif")) as video:
-        assert len([*video.decode(video=0)]) == 10
+        pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+    shades = [np.unique(picture[..., 0]).tolist() for picture in pictures]  # the game's pictures have one color each
+    assert len(shades) == 10 and all(len(shade) == 1 for shade in shades) and len({*map(tuple, shades)}) > 5
     remember(run, Simulators())
     assert not (run / FILE).exists() and last_simulators(run) == Simulators()
 

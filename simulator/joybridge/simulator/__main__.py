@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import logging
 import math
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -67,6 +68,7 @@ def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
 
 
 def _serve(options: argparse.Namespace) -> None:
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # its own log repeats in C++ what the errors here say
     protection = load_protection(options.address, options.tls_cert, options.tls_key, options.token_file)
     idle_seconds = options.idle_seconds
     if idle_seconds is None:

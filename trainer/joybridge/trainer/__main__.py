@@ -84,7 +84,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
-    trains.add_argument("overrides", nargs="*", metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4")
+    trains.add_argument(
+        "overrides", nargs="*", default=[], metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4"
+    )
     trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME[-KEY=VALUE…]-sSEED")
     trains.add_argument(
         "--from", dest="weights_from", metavar="RUN",
@@ -129,7 +131,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
     for plays_run in (evaluates, records, exports):
         plays_run.add_argument(
-            "overrides", nargs="*", metavar="key=value",
+            "overrides", nargs="*", default=[], metavar="key=value",
             help="options and parameters of the game that differ from the training, e.g. parameters.size=0.5",
         )  # fmt: skip
 
@@ -137,7 +139,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     if any(text.startswith("-") for text in rest):
         parser.parse_args(arguments)  # reports what is unknown
     else:
-        options.overrides += rest  # argparse does not see key=value pairs that follow an option
+        options.overrides = [*options.overrides, *rest]  # argparse does not see key=value pairs that follow an option
     if options.simulator and options.game:
         parser.error(
             "--game, --gym and --pettingzoo are for a simulator that this command starts; give them to the running one"
@@ -197,7 +199,8 @@ def _train(options: argparse.Namespace) -> None:
             f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
-    simulators = _choose_simulators(options, last_simulators(run) if options.resume else Simulators(), config)
+    source = run if options.resume else Path(config.weights_from) if config.weights_from else None
+    simulators = _choose_simulators(options, last_simulators(source) if source else Simulators(), config)
     patience = PARENT_SECONDS if options.with_parent else 0.0
     with locked(run, patience), open_simulators(simulators, options.wait, _say) as connect:
         addresses = connect()
@@ -249,8 +252,11 @@ def _evaluate(options: argparse.Namespace) -> None:
     for overrides in plays.values():
         play_config(run, overrides)
     with _player(options) as simulator:
+        from joybridge.trainer.config_fit import fitting_spec
         from joybridge.trainer.evaluate import evaluate, summary
 
+        for overrides in plays.values():  # all of them before the first is played
+            fitting_spec(simulator, play_config(run, overrides))
         results = {
             setting: evaluate(
                 run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,

@@ -188,8 +188,8 @@ def check_run(config: Config, run: Path, *, resume: bool) -> None:
             )
         if changed:
             raise ConfigError(
-                f"cannot resume {run}: {', '.join(changed)} changed (was {json.dumps(changed)}); use another --run for "
-                "a new configuration"
+                f"cannot resume {run}: {', '.join(changed)} changed (was {json.dumps(changed)}); resume "
+                f"{run}/config.yaml, or use another --run for a new configuration"
             )
     elif not resume and has_checkpoint(run):
         raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")
@@ -203,7 +203,11 @@ def keep_config(config: Config, run: Path) -> None:
 
 
 def run_config(run: Path) -> Config:
-    """Return the configuration that a run was made with. Raises ConfigError."""
+    """Return the configuration that a run was made with. Raises ConfigError, which names runs of similar names."""
+    if not (run / "config.yaml").exists():
+        near = difflib.get_close_matches(run.name, [path.parent.name for path in run.parent.glob("*/config.yaml")])
+        hint = f"; did you mean {', '.join(str(run.parent / name) for name in near)}?" if near else ""
+        raise ConfigError(f"{run} is not the folder of a run: it has no config.yaml{hint}")
     return load_config(run / "config.yaml")
 
 

@@ -44,7 +44,10 @@ def find_config(text: str) -> Path:
         return FOLDER / f"{name}.yaml"
     in_folder = [known for known in names if name.strip("/") in known.split("/")]  # only the game, or only the stem
     near = in_folder or difflib.get_close_matches(name, names, n=3)
-    hint = f"did you mean {', '.join(near)}?" if near else f"installed are {', '.join(names)}"
+    files = [path.as_posix() for path in sorted(Path(text).parent.glob("*.yaml"))]
+    near = difflib.get_close_matches(text, files, n=3) or near
+    games = sorted({known.partition("/")[0] for known in names})
+    hint = f"did you mean {', '.join(near)}?" if near else f"there are some for {', '.join(games)}; name one of those"
     raise ConfigError(f"there is no configuration {text!r}: no such file, and none of that name is installed; {hint}")
 
 

@@ -27,12 +27,18 @@ def fitting_spec(address: str, config: Config) -> pb.GameSpec:
 
 
 def check_settings(config: Config, spec: pb.GameSpec) -> None:
-    """Raise ConfigError for an option that is a parameter of the game, and the other way round."""
+    """Raise ConfigError for an option that is a parameter of the game, the reverse, or a parameter out of range."""
     options, parameters = ({thing.name for thing in things} for things in (spec.options, spec.parameters))
     for name in config.options.keys() & (parameters - options):
         raise ConfigError(f"options.{name}: it is a parameter of {spec.name}; write parameters.{name}=VALUE")
     for name in config.parameters.keys() & (options - parameters):
         raise ConfigError(f"parameters.{name}: it is an option of {spec.name}; write options.{name}=CHOICE")
+    for parameter in spec.parameters:
+        value = config.parameters.get(parameter.name, parameter.default_value)
+        if not parameter.low <= value <= parameter.high:
+            raise ConfigError(
+                f"parameters.{parameter.name}: got {value:g}, expected {parameter.low:g}..{parameter.high:g}"
+            )
 
 
 def check_fit(config: Config, spec: pb.GameSpec) -> None:

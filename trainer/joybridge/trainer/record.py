@@ -45,11 +45,40 @@ def record(
             stream = cast(av.VideoStream, video.add_stream(form.codec, rate=rate))
             stream.width, stream.height = (side // 2 * 2 for side in (spec.picture.width, spec.picture.height))
             stream.pix_fmt = form.pixels  # yuv420p has even sizes: an odd picture loses its last row or column
+            palettes = _Palettes(stream.width, stream.height, rate) if form.pixels == "pal8" else None
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
                     even = np.ascontiguousarray(picture[: stream.height, : stream.width])
-                    video.mux(stream.encode(av.VideoFrame.from_ndarray(even, "rgb24")))
+                    frame = av.VideoFrame.from_ndarray(even, "rgb24")
+                    video.mux(stream.encode(palettes.apply(frame) if palettes else frame))
                 if number % (100 * every) == 0:
                     say(f"{number // every} of {frames} frames")
             video.mux(stream.encode())
     return frames
+
+
+class _Palettes:
+    """Gives each frame of a GIF the 256 colors that suit it. With a fixed palette, dark pictures are noise."""
+
+    def __init__(self, width: int, height: int, rate: Fraction) -> None:
+        """rate: frames per second."""
+        self._graph, self._tick, self._frames = av.filter.Graph(), 1 / rate, 0
+        self._source = self._graph.add_buffer(
+            width=width, height=height, format=av.VideoFormat("rgb24"), time_base=self._tick
+        )
+        both, chosen = self._graph.add("split"), self._graph.add("palettegen", "stats_mode=single")
+        painted = self._graph.add("paletteuse", "new=1:dither=none")
+        self._sink = self._graph.add("buffersink")
+        self._source.link_to(both)
+        both.link_to(chosen)
+        both.link_to(painted, 1)
+        chosen.link_to(painted, 0, 1)
+        painted.link_to(self._sink)
+        self._graph.configure()
+
+    def apply(self, frame: av.VideoFrame) -> av.VideoFrame:
+        """Return a frame in a palette of its own."""
+        frame.pts, frame.time_base = self._frames, self._tick
+        self._frames += 1
+        self._source.push(frame)
+        return cast(av.VideoFrame, self._sink.pull())

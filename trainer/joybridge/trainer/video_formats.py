@@ -14,7 +14,7 @@ class Format(NamedTuple):
 
 
 H264 = Format("libx264", "yuv420p")
-FORMATS = {".mp4": H264, ".mkv": H264, ".mov": H264, ".gif": Format("gif", "rgb8")}
+FORMATS = {".mp4": H264, ".mkv": H264, ".mov": H264, ".gif": Format("gif", "pal8")}
 
 
 def video_format(output: Path) -> Format:

@@ -46,11 +46,16 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
     patience = LOST_SECONDS
     try:
         assert process.stdout is not None
-        last_line = ""
+        last_line, held = "", ""
         for line in process.stdout:
+            sys.stderr.write(held)
+            held = ""
             if line.startswith(READY):
                 break
-            sys.stderr.write(line)
+            if line.startswith("error: "):
+                held = line  # as the last line, it is the reason in the exception
+            else:
+                sys.stderr.write(line)
             last_line = line.strip() or last_line
         else:
             reason = last_line.removeprefix("error: ") or f"exit status {process.wait()}"
