@@ -98,6 +98,8 @@ def test_at_an_address_the_game_is_chosen_by_name(simulator, tmp_path, capsys):
         (["--game", "duel", "look.png"], "error: duel cannot be drawn: its spec has no picture"),
         (["--game", "archer", "look.what"], "cannot write look.what: .*; choose a path that ends in .png"),
         (["--game", "chess", "look.png"], "no game named 'chess'"),
+        (["--game", "hybrid", "look.png", "options.size=huge"], "option 'size' got 'huge', expected one of "),
+        (["--game", "hybrid", "look.png", "layout=hybrid"], "layout cannot be set here; what can is written options"),
     ],
 )
 def test_what_cannot_be_drawn_is_one_sentence(simulator, tmp_path, monkeypatch, capsys, arguments, text):
@@ -105,6 +107,15 @@ def test_what_cannot_be_drawn_is_one_sentence(simulator, tmp_path, monkeypatch, 
     assert main(["look", simulator, *arguments]) == 1
     (error,) = capsys.readouterr().err.splitlines()
     assert re.search(text, error)
+
+
+def test_a_game_is_drawn_under_options_and_parameters(simulator, tmp_path):
+    paths = [tmp_path / f"{name}.png" for name in ("usual", "same", "other")]
+    settings = ["parameters.drift=1", "options.masks=on"], ["parameters.drift=1", "options.masks=off"]
+    for path, more in zip(paths, ([], *settings), strict=True):
+        assert main(["look", simulator, "--game", "hybrid", str(path), "--seed", "5", *more]) == 0
+    usual, same, other = (path.read_bytes() for path in paths)
+    assert usual == same != other
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,8 @@ def unary_refusal(address, method, request):
 
 def test_an_unknown_game_is_not_found_by_its_name(simulator):
     for game in ("chess", "", "Hybrid", "hybrid ", "tests.support.games:Hybrid"):
-        text = f"no game named {game!r}; this server has {', '.join(LISTED)}; `--game MODULE:CLASS` adds one"
+        next_move = "name one of your own as MODULE:CLASS, in `serve` and `train` after --game"
+        text = f"no game named {game!r}; this server has {', '.join(LISTED)}; {next_move}"
         wanted = (StatusCode.NOT_FOUND, text)
         assert unary_refusal(simulator, "DescribeGame", pb.DescribeGameRequest(game=game)) == wanted
         assert refused(simulator, start(game)) == wanted

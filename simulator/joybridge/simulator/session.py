@@ -72,7 +72,8 @@ def describe(games: Catalog, name: str, options: Mapping[str, str]) -> pb.GameSp
         known = ", ".join(games)
         raise Refusal(
             grpc.StatusCode.NOT_FOUND,
-            f"no game named {name!r}; this server has {known}; `--game MODULE:CLASS` adds one",
+            f"no game named {name!r}; this server has {known}; name one of your own as MODULE:CLASS, in `serve` "
+            "and `train` after --game",
         )
     with checking():
         chosen = choose_options(games[name].options, options, name)

@@ -21,6 +21,7 @@ from joybridge.trainer.checkpoint import checkpoints, has_checkpoint, load_check
 from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config, run_name
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.errors import StorageError
+from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked
 from joybridge.trainer.signals import interrupt_on_signals, leaving_on_signals
 from joybridge.trainer.simulators import (
@@ -62,9 +63,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument(
         "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator; repeat it to divide the arenas of a training among "
-        "several. Without it, a run goes on with the simulators of its last training, if these answer; otherwise this "
-        "command starts a simulator and ends it",
+        help="HOST:PORT or unix:PATH of a running simulator; `train` divides its arenas among several if this option "
+        "is repeated. Default: the simulators of the run's last training, if they answer; otherwise this command "
+        "starts a simulator and stops it at the end",
     )  # fmt: skip
     add_credentials_arguments(shared)
     shared.add_argument(
@@ -84,9 +85,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
-    trains.add_argument(
-        "overrides", nargs="*", default=[], metavar="key=value", help="e.g. seed=3 policy.learning_rate=1e-4"
-    )
+    add_overrides(trains, "e.g. seed=3 policy.learning_rate=1e-4")
     trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME[-KEY=VALUE…]-sSEED")
     trains.add_argument(
         "--from", dest="weights_from", metavar="RUN",
@@ -130,16 +129,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     exports.add_argument("--behavior", metavar="NAME", help="which behavior to export, if the game has several")
 
     for plays_run in (evaluates, records, exports):
-        plays_run.add_argument(
-            "overrides", nargs="*", default=[], metavar="key=value",
-            help="options and parameters of the game that differ from the training, e.g. parameters.size=0.5",
-        )  # fmt: skip
+        add_overrides(
+            plays_run, "options and parameters of the game that differ from the training, e.g. parameters.size=0.5"
+        )
 
-    options, rest = parser.parse_known_args(arguments)
-    if any(text.startswith("-") for text in rest):
-        parser.parse_args(arguments)  # reports what is unknown
-    else:
-        options.overrides = [*options.overrides, *rest]  # argparse does not see key=value pairs that follow an option
+    options = parse_overrides(parser, arguments)
     if options.simulator and options.game:
         parser.error(
             "--game, --gym and --pettingzoo are for a simulator that this command starts; give them to the running one"

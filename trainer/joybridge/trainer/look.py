@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +24,12 @@ from joybridge.contract.credentials import (
 )
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
+from joybridge.trainer.config import OF_THE_GAME, game_config
 from joybridge.trainer.contact_sheet import Line, Tile, write_sheet
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import ObservationEncoder
+from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.own_games import choose_game
 from joybridge.trainer.wire.client import Session, list_games, wait_for
 from joybridge.trainer.wire.launch import simulator_process
@@ -42,7 +45,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:
         credentials = load_credentials(options.tls_ca, options.token_file)
-        with _open(options.what, options.game, options.seed, credentials) as session:
+        settings = {key: getattr(game_config(options.overrides), key) for key in OF_THE_GAME}
+        with _open(options.what, options.game, credentials, {"seed": options.seed, **settings}) as session:
             spec = session.spec
             if not spec.HasField("picture"):
                 raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
@@ -69,7 +73,8 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     add_credentials_arguments(look)
     look.add_argument("--pictures", type=int, default=12, help="default %(default)s")
     look.add_argument("--seed", type=int, default=0, help="of the game and of the decisions; default %(default)s")
-    options = parser.parse_args(arguments)
+    add_overrides(look, "options and parameters of the game, e.g. parameters.size=0.5")
+    options = parse_overrides(parser, arguments)
     if options.pictures < 1:
         look.error(f"argument --pictures: got {options.pictures}, expected at least 1")
     if options.seed < 0:
@@ -86,11 +91,11 @@ def _is_address(text: str) -> bool:
 
 
 @contextmanager
-def _open(what: str, game: str | None, seed: int, credentials: Credentials) -> Iterator[Session]:
+def _open(what: str, game: str | None, credentials: Credentials, settings: dict[str, Any]) -> Iterator[Session]:
     """Open a session of one arena, at a simulator that is running or is started for it. Raises JoybridgeError."""
     if not _is_address(what):
         name, places = choose_game(what, (), None)
-        with simulator_process(places) as place, Session(place, name, arenas=1, seed=seed) as session:
+        with simulator_process(places) as place, Session(place, name, arenas=1, **settings) as session:
             yield session
         return
     try:
@@ -101,7 +106,7 @@ def _open(what: str, game: str | None, seed: int, credentials: Credentials) -> I
     games = [game] if game else list_games(place)
     if len(games) != 1:
         raise ConfigError(f"the simulator at {place} has {', '.join(games)}; choose one with --game")
-    with Session(place, games[0], arenas=1, seed=seed) as session:
+    with Session(place, games[0], arenas=1, **settings) as session:
         yield session
 
 
