@@ -152,6 +152,12 @@ def test_every_wait_of_a_session_ends(ask):
             ask(session)
 
 
+@pytest.mark.parametrize("seconds", [1e-6, 1e-4, 1e-3])
+def test_a_wait_that_ends_before_its_call_has_begun_ends(address, seconds):
+    with pytest.raises(SimulatorLost, match=f"has not answered for {seconds:g} s"):
+        Session(address, "marble", arenas=2, seed=0, timeout=seconds)
+
+
 def test_the_time_of_an_answer_begins_with_the_wait_for_it(address):
     with Session(address, "marble", arenas=2, seed=0, timeout=0.5) as session:
         session.send(make_acts(session.spec, 2))
@@ -215,8 +221,9 @@ session.send(make_acts(session.spec, 2))
 
 
 @pytest.mark.slow
-def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address):
+def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address, monkeypatch):
     """A session that was interrupted goes on if it was not using the simulator; otherwise it is lost."""
+    monkeypatch.setattr(stream, "PAUSE_SECONDS", -1.0)  # every call comes after a pause, however busy the machine is
     modules = (client, stream, interruptible_loop)
 
     def play(session: Session) -> None:

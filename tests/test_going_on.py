@@ -132,3 +132,9 @@ def test_what_is_odd_in_the_first_rollouts_is_said_once(config, simulator, tmp_p
     more = ["policy.reward_weights.gain=1e4", "total_timesteps=192"]
     assert main(["train", str(config), *SMALL, *more, "--run", str(tmp_path / "run"), "--simulator", simulator]) == 0
     assert capsys.readouterr().out.count("player: a decision is rewarded with up to ±") == 1
+
+
+def test_the_time_to_wait_for_an_answer_may_differ_from_the_training(trained, simulator, capsys):
+    assert main(["evaluate", str(trained), "--simulator", simulator, "--timeout", "1e-6"]) == 1
+    assert "has not answered for 1e-06 s" in capsys.readouterr().err
+    assert main(["evaluate", str(trained), "--simulator", simulator, "--timeout", "60", "--episodes", "2"]) == 0

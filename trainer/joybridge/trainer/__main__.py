@@ -73,6 +73,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         help="how long to wait for a simulator that does not answer yet; default %(default)g",
     )  # fmt: skip
     shared.add_argument(
+        "--timeout", type=_seconds, metavar="SECONDS",
+        help="how long to wait for each answer of a simulator before it is taken for lost; default: timeout_seconds of "
+        "the configuration",
+    )  # fmt: skip
+    shared.add_argument(
         "--game", action="append", default=[], metavar="MODULE:CLASS",
         help="another game for the simulator that this command starts; the current folder is searched first; a run "
         "remembers its game",
@@ -134,6 +139,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         )
 
     options = parse_overrides(parser, arguments)
+    if options.timeout:
+        options.overrides.append(f"timeout_seconds={options.timeout}")
     if options.simulator and options.game:
         parser.error(
             "--game, --gym and --pettingzoo are for a simulator that this command starts; give them to the running one"

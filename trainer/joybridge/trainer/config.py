@@ -19,7 +19,8 @@ MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "restarts", "log_interval",
     "evaluate_over",
 )  # fmt: skip
-OF_THE_GAME = ("options", "parameters")  # may differ from the training when a trained policy plays
+OF_THE_GAME = ("options", "parameters")
+MAY_DIFFER = (*OF_THE_GAME, "timeout_seconds")  # from the training, when a trained policy plays
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
@@ -214,11 +215,11 @@ def run_config(run: Path) -> Config:
 def play_config(run: Path, overrides: Sequence[str]) -> Config:
     """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
 
-    Only options and parameters of the game may differ from the training.
+    Only options and parameters of the game, and the time to wait for a simulator, may differ from the training.
     """
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
     for key in type(config).model_fields:
-        if key not in OF_THE_GAME and getattr(config, key) != getattr(trained, key):
+        if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):
             raise ConfigError(
                 f"{key} belongs to the training of {run} and cannot change now; what can is written "
                 f"{' and '.join(FORMS[key] for key in OF_THE_GAME)}"

@@ -160,7 +160,7 @@ def open_play(
         players.append(Player(actor, lanes, seed, deterministic=deterministic))
     session = open_session(
         [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
-        parameters=config.parameters,
+        parameters=config.parameters, timeout=config.timeout_seconds,
     )  # fmt: skip
     with closing(session):
         for player in players:

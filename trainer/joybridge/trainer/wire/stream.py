@@ -152,20 +152,22 @@ class Stream:
     async def _wait(self, response: Awaitable[pb.PlayResponse]) -> pb.PlayResponse:
         """Return a response. Raises SimulatorLost if it does not come in time.
 
-        The time begins with the wait, not with the request: a caller may do something else in between. A timer that
-        ends the call is cheaper than asyncio's timeouts.
+        The time begins with the wait, not with the request: a caller may do something else in between. A timer is
+        cheaper than asyncio's timeouts. It cancels the wait, not the call: a call that is cancelled before it has begun
+        leaves gRPC waiting for ever.
         """
-        loop = asyncio.get_running_loop()
-        timer = loop.call_later(self._seconds, self._give_up)
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        assert task is not None
+        timer = loop.call_later(self._seconds, self._give_up, task)
         try:
             return await response
         finally:
             timer.cancel()
             self._heard = loop.time()
 
-    def _give_up(self) -> None:
+    def _give_up(self, task: asyncio.Task[Any]) -> None:
         self._late = True
-        self._call.cancel()
+        task.cancel()
 
     async def _exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
         kind = request.WhichOneof("request")
@@ -189,12 +191,12 @@ class Stream:
         return parse(pb.PlayResponse, data, self.address)
 
     def _too_late(self, kind: str | None) -> BaseException:
-        """Return the error for a call that was cancelled: by its timer, or by an interrupt."""
+        """Return the error for a wait that was cancelled: by its timer, or by an interrupt."""
         if not self._late:
             return asyncio.CancelledError()
         return SimulatorLost(
             f"the simulator at {self.address} has not answered for {self._seconds:g} s: {self._place}, step "
-            f"{self._steps}, waiting for the answer to {kind}; look at its log, or allow more time with timeout_seconds"
+            f"{self._steps}, waiting for the answer to {kind}; look at its log, or allow more time with --timeout"
         )
 
     def _require(self, response: pb.PlayResponse, wanted: str) -> pb.PlayResponse:
