@@ -277,7 +277,8 @@ def test_a_configuration_is_not_overwritten(simulator, folder, capsys):
 @pytest.mark.slow
 def test_the_configuration_for_a_running_server_learns(simulator, folder):
     main(["new", "--for", simulator, "--game", "archer"])
-    assert main(["train", "archer.yaml", "stop=60000", "--simulator", simulator, "--run", "run"]) == 0
+    short = ["stop=60000", "log_interval=30000"]
+    assert main(["train", "archer.yaml", *short, "--simulator", simulator, "--run", "run"]) == 0
     first, *_, last = read_rows(folder / "run/metrics-archer.csv")
     assert first["accuracy"] < 0.25 and last["accuracy"] > 0.4
 

@@ -1,6 +1,7 @@
 """Write a configuration for a game of a running server, in any language, with values that suit its spec.
 
-With these values the built-in small games are learned within 300 000 timesteps.
+With these values the built-in small games are learned within 300 000 timesteps. Games of one's own are often harder, so
+the run is longer; it takes minutes.
 """
 
 import json
@@ -50,8 +51,8 @@ def starter_config(spec: pb.GameSpec) -> str:
 game: {name}
 layout: hybrid            # how the policy controls axes and buttons; others: bucket-5, threshold-0.0, multiagent
 arenas: {arenas:<18}# played in parallel
-total_timesteps: 300000   # a harder game needs more
-log_interval: 30000       # timesteps between two rows of metrics
+total_timesteps: 1000000  # more if the reward still rises at the end
+log_interval: 50000       # timesteps between two rows of metrics
 policy:
   frame_stack: 1          # observations per network input; more if one observation does not show how things move
   hidden_sizes: {f"[{units}, {units}]":<10}# units per hidden layer; an observation has {numbers} numbers
