@@ -99,6 +99,10 @@ def test_at_an_address_the_game_is_chosen_by_name(simulator, tmp_path, capsys):
         (["--game", "archer", "look.what"], "cannot write look.what: .*; choose a path that ends in .png"),
         (["--game", "chess", "look.png"], "no game named 'chess'"),
         (["--game", "hybrid", "look.png", "options.size=huge"], "option 'size' got 'huge', expected one of "),
+        (
+            ["--game", "hybrid", "look.png", "options.drift=1"],
+            "it is a parameter of hybrid; write parameters.drift=VALUE",
+        ),
         (["--game", "hybrid", "look.png", "layout=hybrid"], "layout cannot be set here; what can is written options"),
     ],
 )

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,14 +23,15 @@ from joybridge.contract.credentials import (
 )
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
-from joybridge.trainer.config import OF_THE_GAME, game_config
+from joybridge.trainer.config import Config, game_config
+from joybridge.trainer.config_fit import check_settings
 from joybridge.trainer.contact_sheet import Line, Tile, write_sheet
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.own_games import choose_game
-from joybridge.trainer.wire.client import Session, list_games, wait_for
+from joybridge.trainer.wire.client import Session, describe, list_games, wait_for
 from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -45,8 +45,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:
         credentials = load_credentials(options.tls_ca, options.token_file)
-        settings = {key: getattr(game_config(options.overrides), key) for key in OF_THE_GAME}
-        with _open(options.what, options.game, credentials, {"seed": options.seed, **settings}) as session:
+        config = game_config(options.overrides)
+        with _open(options.what, options.game, credentials, config, options.seed) as session:
             spec = session.spec
             if not spec.HasField("picture"):
                 raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
@@ -91,11 +91,14 @@ def _is_address(text: str) -> bool:
 
 
 @contextmanager
-def _open(what: str, game: str | None, credentials: Credentials, settings: dict[str, Any]) -> Iterator[Session]:
-    """Open a session of one arena, at a simulator that is running or is started for it. Raises JoybridgeError."""
+def _open(what: str, game: str | None, credentials: Credentials, config: Config, seed: int) -> Iterator[Session]:
+    """Open a session of one arena, at a simulator that is running or is started for it. Raises JoybridgeError.
+
+    config: its options and parameters. The game is `what`, or `game` of the simulator at the address `what`.
+    """
     if not _is_address(what):
         name, places = choose_game(what, (), None)
-        with simulator_process(places) as place, Session(place, name, arenas=1, **settings) as session:
+        with simulator_process(places) as place, _begin(place, name, config, seed) as session:
             yield session
         return
     try:
@@ -106,8 +109,14 @@ def _open(what: str, game: str | None, credentials: Credentials, settings: dict[
     games = [game] if game else list_games(place)
     if len(games) != 1:
         raise ConfigError(f"the simulator at {place} has {', '.join(games)}; choose one with --game")
-    with Session(place, games[0], arenas=1, **settings) as session:
+    with _begin(place, games[0], config, seed) as session:
         yield session
+
+
+def _begin(place: str, game: str, config: Config, seed: int) -> Session:
+    """Return a new session. Raises ConfigError and SimulatorError."""
+    check_settings(config, describe(place, game, {}))
+    return Session(place, game, arenas=1, seed=seed, options=config.options, parameters=config.parameters)
 
 
 def decisions_apart(spec: pb.GameSpec) -> int:
