@@ -57,6 +57,12 @@ def test_the_readme_names_every_command():
     assert {words[0] for words in commands(ROOT / "README.md")} >= set(COMMANDS)
 
 
+def test_the_readme_leads_to_every_page_for_users():
+    links = {(ROOT / link.split("#")[0]).resolve() for link in LINK.findall((ROOT / "README.md").read_text())}
+    pages = {path for path in PATHS if path.parent in (ROOT / "trainer", ROOT / "simulator", ROOT / "proto/examples")}
+    assert len(pages) >= 6 and pages - links == set()
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_of_a_command_in_a_document_exists(command, capsys):
     named = {
