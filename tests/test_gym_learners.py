@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from gymnasium.error import ResetNeeded
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import VecMonitor
@@ -77,8 +78,11 @@ def test_ppo_plays_every_game_with_one_agent(make, game):
     assert not torch.equal(model.policy.action_net.state_dict()["weight"], before)
 
 
-def test_maskable_ppo_never_makes_a_forbidden_choice(make):
-    envs = make("archer", 4, layout="bucket-5")  # in which a forbidden choice is an error
+@pytest.mark.parametrize("game", ["archer", "noughts"])
+def test_maskable_ppo_never_makes_a_forbidden_choice(make, game):
+    with pytest.raises(ResetNeeded, match="call reset first"):
+        make(game, 1, layout="bucket-5").action_masks()
+    envs = make(game, 4, layout="bucket-5")  # in which a forbidden choice is an error
     assert envs.has_attr("action_masks") and envs.action_masks is not None
     MaskablePPO("MlpPolicy", envs, **SHORT).learn(96)
     masks = envs.env_method("action_masks")

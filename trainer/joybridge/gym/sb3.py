@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Dict
 
 from joybridge.contract.tensors import Array
@@ -38,7 +39,7 @@ class BridgeVecEnv(VecEnv):
     The info of an episode's last step holds its metrics by name, besides what Stable-Baselines3 asks for.
     """
 
-    _mask: Array
+    _mask: Array | None = None
 
     def __init__(self, game: Game, arenas: int = 75, **settings: Any) -> None:
         """Make a BridgeVectorEnv with these arguments; closing this closes it.
@@ -55,7 +56,12 @@ class BridgeVecEnv(VecEnv):
         super().__init__(self.envs.num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
     def action_masks(self) -> Array:
-        """Return which choices are allowed in the next step, bool [num_envs, choices], all branches side by side."""
+        """Return which choices are allowed in the next step, bool [num_envs, choices], one branch after the other.
+
+        Raises ResetNeeded before the first reset.
+        """
+        if self._mask is None:
+            raise ResetNeeded("no episode is being played; call reset first")
         return self._mask
 
     def reset(self) -> Any:
@@ -105,7 +111,8 @@ class BridgeVecEnv(VecEnv):
         """Return each lane's row of `action_masks`. Raises NotImplementedError for other methods: lanes have none."""
         if method_name != "action_masks":
             raise NotImplementedError(f"single lanes have no method {method_name!r}, expected 'action_masks'")
-        return [self._mask[lane] for lane in self._get_indices(indices)]
+        masks = self.action_masks()
+        return [masks[lane] for lane in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: VecEnvIndices = None) -> list[bool]:
         """Return False for each lane."""
