@@ -30,7 +30,7 @@ NONE = "There is no complete run yet."
 
 def complete_experiments(results: Results) -> str:
     """Return a table of the complete runs of each experiment and the original's ten runs."""
-    heads = ("experiment", "runs", "reward", "the original, ± 2 sd", "inside", "hours", "the original")
+    heads = ("experiment", "runs", "reward", "the original, ± 2 sd", "inside", "hours", "the original, hours")
     rows = []
     for experiment in results.values():
         runs = experiment.complete
@@ -50,7 +50,7 @@ def complete_experiments(results: Results) -> str:
 
 def complete_runs(results: Results) -> str:
     """Return a table of every complete run and the original's ten runs."""
-    heads = ("run", "reward", "the original", "place", "last ten marks", "the original", "hours", "the original")
+    heads = ("run", "reward", "the original", "place", "last ten marks", "the original", "hours", "the original, hours")
     rows = []
     for experiment in results.values():
         ends = original_ends(experiment.game, experiment.layout, experiment.policy)
