@@ -74,7 +74,7 @@ def test_a_configuration_is_played_as_it_says(correct, config, capsys):
         ("layout=bucket", "config", "layout: unknown layout 'bucket'"),
         ("policy.sensors=[smell]", "config", "player: sensors: the game has no 'smell'"),
         ("options.size=huge", "spec", "option 'size' got 'huge'"),
-        ("parameters.drift=7", "steps", "parameter 'drift' got 7"),
+        ("parameters.drift=7", "config", "parameters.drift: got 7, expected 0..2"),
         ("game=chess", "spec", "NOT_FOUND"),
     ],
 )

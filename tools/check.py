@@ -11,8 +11,10 @@ import sys
 
 STYLE = (("ruff", "format", "--check", "."), ("ruff", "check", "."))
 TYPES = ("mypy",)
-# worksteal: a process that has finished its half of the tests takes over a part of the other half.
-TESTS = ("pytest", "--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal")
+# A file is run by one process, so what its tests share is made once; see conftest.py for the order of files.
+TESTS = (
+    "pytest", "--numprocesses=auto", "--maxprocesses=4", "--dist=loadfile", "--no-loadscope-reorder",
+)  # fmt: skip
 QUICK = ("-m", "not slow")
 ALL = ("--cov", "--cov-report=term")
 
