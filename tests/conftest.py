@@ -9,6 +9,9 @@ from hypothesis import HealthCheck, settings
 from joybridge.trainer.wire.launch import simulator_process
 from tests.support.games import PLACES
 
+# A shell that starts the tests in the background lets them, and the programs that they start, ignore interrupts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 # A busy machine is no failure.
 settings.register_profile("joybridge", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("joybridge")

@@ -6,6 +6,7 @@ import shlex
 import numpy as np
 import pytest
 
+import joybridge.trainer.train as training
 from joybridge.trainer.__main__ import main
 from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.config import run_config
@@ -117,7 +118,7 @@ def test_a_run_that_ended_before_its_first_checkpoint_begins_anew_with_its_game_
     config.write_text("game: hybrid")
     run = ["--run", str(tmp_path / "run"), "--game", "tests.support.games:Hybrid"]
     with monkeypatch.context() as patch:
-        patch.setattr("joybridge.trainer.train.collect", interrupted)
+        patch.setattr(training, "collect", interrupted)
         assert main(["train", str(config), *SMALL, *run]) == 130
     command = capsys.readouterr().err.partition("nothing is saved yet; begin again with: joybridge ")[2].splitlines()[0]
     assert "--resume" in command and "--game" not in command

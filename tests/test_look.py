@@ -22,12 +22,12 @@ def pixels(path):
         return np.asarray(image)
 
 
-def test_a_game_of_ones_own_is_drawn_without_a_server_and_without_torch(tmp_path):
+def test_a_game_of_ones_own_is_drawn_without_a_server_and_with_the_extra_simulator_alone(tmp_path):
     script = """
 import sys
 from joybridge.cli import main
 assert main(["look", "my_pond:MyPond", "out/look.png", "--pictures", "4"]) == 0
-assert "torch" not in sys.modules
+assert not {"torch", "pydantic"} & set(sys.modules)
 """
     assert main(["new", "my_pond", "--folder", str(tmp_path)]) == 0
     done = subprocess.run(

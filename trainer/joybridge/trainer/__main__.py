@@ -291,6 +291,7 @@ def _record(options: argparse.Namespace) -> None:
             checkpoint=options.checkpoint,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
+    _say_next("export", str(options.run), "policy.onnx")
 
 
 def _export(options: argparse.Namespace) -> None:

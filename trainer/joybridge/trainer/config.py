@@ -227,17 +227,6 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     return config
 
 
-def game_config(overrides: Sequence[str]) -> Config:
-    """Return a configuration that holds "key=value" overrides of options and parameters only. Raises ConfigError."""
-    data = _read_overrides(overrides)
-    for key in data:
-        if key not in OF_THE_GAME:
-            raise ConfigError(
-                f"{key} cannot be set here; what can is written {' and '.join(FORMS[key] for key in OF_THE_GAME)}"
-            )
-    return _validate(Config, {"game": ""} | data, "")
-
-
 def game_settings(config: Config) -> dict[str, str | float]:
     """Return the options and parameters that a configuration sets, by key: {"parameters.size": 0.5}."""
     return {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}

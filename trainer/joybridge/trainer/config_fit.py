@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from joybridge.trainer.config import Config, load_config
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.game_settings import check_settings
 from joybridge.trainer.layouts import Role, list_roles
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.options import balanced_options
@@ -20,30 +21,16 @@ def find_and_load(text: str, overrides: Sequence[str] = ()) -> Config:
 def fitting_spec(address: str, config: Config) -> pb.GameSpec:
     """Return the spec of a configuration's game under its options. Raises SimulatorError and ConfigError."""
     if config.options:
-        check_settings(config, describe(address, config.game, {}))  # with a wrong option there would be no spec
+        # With a wrong option there would be no spec.
+        check_settings(config.options, config.parameters, describe(address, config.game, {}))
     spec = describe(address, config.game, config.options)
-    check_settings(config, spec)
+    check_settings(config.options, config.parameters, spec)
     return spec
-
-
-def check_settings(config: Config, spec: pb.GameSpec) -> None:
-    """Raise ConfigError for an option that is a parameter of the game, the reverse, or a parameter out of range."""
-    options, parameters = ({thing.name for thing in things} for things in (spec.options, spec.parameters))
-    for name in config.options.keys() & (parameters - options):
-        raise ConfigError(f"options.{name}: it is a parameter of {spec.name}; write parameters.{name}=VALUE")
-    for name in config.parameters.keys() & (options - parameters):
-        raise ConfigError(f"parameters.{name}: it is an option of {spec.name}; write options.{name}=CHOICE")
-    for parameter in spec.parameters:
-        value = config.parameters.get(parameter.name, parameter.default_value)
-        if not parameter.low <= value <= parameter.high:
-            raise ConfigError(
-                f"parameters.{parameter.name}: got {value:g}, expected {parameter.low:g}..{parameter.high:g}"
-            )
 
 
 def check_fit(config: Config, spec: pb.GameSpec) -> None:
     """Raise ConfigError unless every policy can be made for a spec."""
-    check_settings(config, spec)
+    check_settings(config.options, config.parameters, spec)
     balanced_options(config, spec)
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]

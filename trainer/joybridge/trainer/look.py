@@ -1,6 +1,6 @@
 """`joybridge look`: pictures of random play, each beside what was pressed.
 
-They show in seconds whether a game draws what it does, for example that "up" is up. Needs no torch.
+They show in seconds whether a game draws what it does, for example that "up" is up. Needs neither torch nor pydantic.
 """
 
 import argparse
@@ -23,10 +23,9 @@ from joybridge.contract.credentials import (
 )
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
-from joybridge.trainer.config import Config, game_config
-from joybridge.trainer.config_fit import check_settings
 from joybridge.trainer.contact_sheet import Line, Tile, write_sheet
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.game_settings import GameSettings, check_settings, read_settings
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.overrides import add_overrides, parse_overrides
@@ -45,8 +44,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:
         credentials = load_credentials(options.tls_ca, options.token_file)
-        config = game_config(options.overrides)
-        with _open(options.what, options.game, credentials, config, options.seed) as session:
+        settings = read_settings(options.overrides)
+        with _open(options.what, options.game, credentials, settings, options.seed) as session:
             spec = session.spec
             if not spec.HasField("picture"):
                 raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
@@ -91,14 +90,16 @@ def _is_address(text: str) -> bool:
 
 
 @contextmanager
-def _open(what: str, game: str | None, credentials: Credentials, config: Config, seed: int) -> Iterator[Session]:
+def _open(
+    what: str, game: str | None, credentials: Credentials, settings: GameSettings, seed: int
+) -> Iterator[Session]:  # fmt: skip
     """Open a session of one arena, at a simulator that is running or is started for it. Raises JoybridgeError.
 
-    config: its options and parameters. The game is `what`, or `game` of the simulator at the address `what`.
+    The game is `what`, or `game` of the simulator at the address `what`.
     """
     if not _is_address(what):
         name, places = choose_game(what, (), None)
-        with simulator_process(places) as place, _begin(place, name, config, seed) as session:
+        with simulator_process(places) as place, _begin(place, name, settings, seed) as session:
             yield session
         return
     try:
@@ -109,14 +110,14 @@ def _open(what: str, game: str | None, credentials: Credentials, config: Config,
     games = [game] if game else list_games(place)
     if len(games) != 1:
         raise ConfigError(f"the simulator at {place} has {', '.join(games)}; choose one with --game")
-    with _begin(place, games[0], config, seed) as session:
+    with _begin(place, games[0], settings, seed) as session:
         yield session
 
 
-def _begin(place: str, game: str, config: Config, seed: int) -> Session:
+def _begin(place: str, game: str, settings: GameSettings, seed: int) -> Session:
     """Return a new session. Raises ConfigError and SimulatorError."""
-    check_settings(config, describe(place, game, {}))
-    return Session(place, game, arenas=1, seed=seed, options=config.options, parameters=config.parameters)
+    check_settings(*settings, describe(place, game, {}))
+    return Session(place, game, arenas=1, seed=seed, options=settings.options, parameters=settings.parameters)
 
 
 def decisions_apart(spec: pb.GameSpec) -> int:

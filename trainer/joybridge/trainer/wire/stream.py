@@ -156,16 +156,16 @@ class Stream:
         cheaper than asyncio's timeouts. It cancels the wait, not the call: a call that is cancelled before it has begun
         leaves gRPC waiting for ever.
         """
-        loop, task = asyncio.get_running_loop(), asyncio.current_task()
-        assert task is not None
-        timer = loop.call_later(self._seconds, self._give_up, task)
+        loop = asyncio.get_running_loop()
+        timer = loop.call_later(self._seconds, self._give_up, asyncio.current_task())
         try:
             return await response
         finally:
             timer.cancel()
             self._heard = loop.time()
 
-    def _give_up(self, task: asyncio.Task[Any]) -> None:
+    def _give_up(self, task: asyncio.Task[Any] | None) -> None:
+        assert task is not None
         self._late = True
         task.cancel()
 
