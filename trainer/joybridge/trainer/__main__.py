@@ -2,28 +2,34 @@
 
 import argparse
 import json
-import math
 import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 
-from joybridge.contract.address import address
-from joybridge.contract.credentials import add_credentials_arguments
-from joybridge.contract.errors import JoybridgeError
 from joybridge.trainer.checkpoint import checkpoints, has_checkpoint, load_checkpoint
+from joybridge.trainer.command_line import (
+    add_simulator_options,
+    at_least,
+    check_simulator_options,
+    run_command,
+    say,
+    say_next,
+    seconds,
+    wanted_simulators,
+)
 from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config, run_name
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.errors import StorageError
 from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked
-from joybridge.trainer.signals import interrupt_on_signals, leaving_on_signals
+from joybridge.trainer.signals import leaving_on_signals
 from joybridge.trainer.simulators import (
     Simulators,
     choose_simulators,
@@ -41,19 +47,7 @@ from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.trainer") -> int:
     """Run the command line and return its exit status."""
     options = parse(arguments, prog)
-    interrupt_on_signals()
-    try:
-        options.function(options)
-    except JoybridgeError as error:
-        _say(f"error: {error}")
-        return 1
-    except OSError as error:
-        _say(f"error: {error.filename or 'the output'}: {error.strerror or error}")
-        return 1
-    except KeyboardInterrupt:
-        _say("interrupted")
-        return 130
-    return 0
+    return run_command(options.function, options)
 
 
 def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
@@ -61,32 +55,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=prog, description="Train agents on any joybridge simulator.")
     commands = parser.add_subparsers(dest="command", required=True)
     shared = argparse.ArgumentParser(add_help=False)
-    shared.add_argument(
-        "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator; `train` divides its arenas among several if this option "
-        "is repeated. Default: the simulators of the run's last training, if they answer; otherwise this command "
-        "starts a simulator and stops it at the end",
-    )  # fmt: skip
-    add_credentials_arguments(shared)
-    shared.add_argument(
-        "--wait", type=_seconds, default=60.0, metavar="SECONDS",
-        help="how long to wait for a simulator that does not answer yet; default %(default)g",
-    )  # fmt: skip
-    shared.add_argument(
-        "--timeout", type=_seconds, metavar="SECONDS",
-        help="how long to wait for each answer of a simulator before it is taken for lost; default: timeout_seconds of "
-        "the configuration",
-    )  # fmt: skip
-    shared.add_argument(
-        "--game", action="append", default=[], metavar="MODULE:CLASS",
-        help="another game for the simulator that this command starts; the current folder is searched first; a run "
-        "remembers its game",
-    )  # fmt: skip
-    for option, metavar in (("gym", "ID"), ("pettingzoo", "MODULE")):
-        shared.add_argument(
-            f"--{option}", action="append", dest="game", type=f"{option}:{{}}".format, metavar=metavar,
-            help="an environment for the simulator that this command starts, as in `joybridge serve`",
-        )  # fmt: skip
+    add_simulator_options(shared)
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
@@ -104,7 +73,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays = argparse.ArgumentParser(add_help=False)
     plays.add_argument("run", type=Path, help="folder of a run")
     plays.add_argument(
-        "--seed", type=_at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"
+        "--seed", type=at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"
     )
     plays.add_argument(
         "--checkpoint", default="", metavar="WHICH", help="timesteps of a checkpoint, or best; default: the newest"
@@ -113,7 +82,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
     evaluates.set_defaults(function=_evaluate)
     evaluates.add_argument(
-        "--episodes", type=_at_least(1), default=210, help="minimum number of episodes; default %(default)s"
+        "--episodes", type=at_least(1), default=210, help="minimum number of episodes; default %(default)s"
     )
     evaluates.add_argument(
         "--over", metavar="KEY=VALUE,VALUE,…",
@@ -124,7 +93,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     records = commands.add_parser("record", parents=[plays, shared], help="record a video of a run's policy")
     records.set_defaults(function=_record)
     records.add_argument("output", type=Path, help="e.g. play.mp4 or play.gif")
-    records.add_argument("--seconds", type=_seconds, default=40.0, help="length of the video; default %(default)g")
+    records.add_argument("--seconds", type=seconds, default=40.0, help="length of the video; default %(default)g")
 
     exports = commands.add_parser(
         "export", parents=[plays, shared], help="write a run's policy as a file that plays without the trainer"
@@ -139,39 +108,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         )
 
     options = parse_overrides(parser, arguments)
-    if options.timeout:
-        options.overrides.append(f"timeout_seconds={options.timeout}")
-    if options.simulator and options.game:
-        parser.error(
-            "--game, --gym and --pettingzoo are for a simulator that this command starts; give them to the running one"
-        )
-    if (options.tls_ca or options.token_file) and not options.simulator:
-        parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    check_simulator_options(parser, options)
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     return options
-
-
-def _at_least(least: int) -> Callable[[str], int]:
-    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
-
-    def number(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
-        return int(text)
-
-    return number
-
-
-def _seconds(text: str) -> float:
-    """Return a positive time in seconds. Raises ArgumentTypeError."""
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
-    return seconds
 
 
 def _policy_file(text: str) -> Path:
@@ -192,18 +132,18 @@ def _train(options: argparse.Namespace) -> None:
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
     if options.resume and not resume:
-        _say(f"{run} ended before anything was saved: it begins anew")
+        say(f"{run} ended before anything was saved: it begins anew")
     if config.weights_from and not resume:
         load_checkpoint(Path(config.weights_from))
     if resume and config.total_timesteps > (before := run_config(run).total_timesteps):
-        _say(
+        say(
             f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
     source = run if options.resume else Path(config.weights_from) if config.weights_from else None
     simulators = _choose_simulators(options, last_simulators(source) if source else Simulators(), config)
     patience = PARENT_SECONDS if options.with_parent else 0.0
-    with locked(run, patience), open_simulators(simulators, options.wait, _say) as connect:
+    with locked(run, patience), open_simulators(simulators, options.wait, say) as connect:
         addresses = connect()
         with leaving_on_signals():
             from joybridge.trainer.progress import Display
@@ -227,9 +167,9 @@ def _train(options: argparse.Namespace) -> None:
         except (KeyboardInterrupt, SimulatorError, StorageError) as error:
             refused = isinstance(error, SimulatorError) and not isinstance(error, SimulatorLost)
             if checkpoints(run) or not refused:  # a request that was refused would be refused again
-                _say(_continuation(run, options))
+                say(_continuation(run, options))
             raise
-    _say_next("evaluate", str(run))
+    say_next("evaluate", str(run))
 
 
 def _continuation(run: Path, options: argparse.Namespace) -> str:
@@ -261,7 +201,7 @@ def _evaluate(options: argparse.Namespace) -> None:
         results = {
             setting: evaluate(
                 run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
-                say=_say, overrides=overrides, checkpoint=options.checkpoint,
+                say=say, overrides=overrides, checkpoint=options.checkpoint,
             )
             for setting, overrides in plays.items()
         }  # fmt: skip
@@ -270,11 +210,11 @@ def _evaluate(options: argparse.Namespace) -> None:
     else:
         print(table(sweep, results))
         if find_spec("matplotlib") is None:
-            _say("no plot: the module matplotlib is missing; install it with `pip install 'joybridge[report]'`")
+            say("no plot: the module matplotlib is missing; install it with `pip install 'joybridge[report]'`")
         else:
             plot(sweep, results, sweep.picture(run))
             print(sweep.picture(run))
-    _say_next("record", str(run), "play.mp4")
+    say_next("record", str(run), "play.mp4")
     if options.json:
         objects = {s: {name: asdict(result) for name, result in found.items()} for s, found in results.items()}
         print(json.dumps(objects if sweep else objects[""]))
@@ -287,11 +227,11 @@ def _record(options: argparse.Namespace) -> None:
 
         frames = record(
             options.run, simulator, options.output, seconds=options.seconds, seed=options.seed,
-            deterministic=options.deterministic, say=_say, overrides=options.overrides,
+            deterministic=options.deterministic, say=say, overrides=options.overrides,
             checkpoint=options.checkpoint,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
-    _say_next("export", str(options.run), "policy.onnx")
+    say_next("export", str(options.run), "policy.onnx")
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -311,14 +251,13 @@ def _player(options: argparse.Namespace) -> Iterator[str]:
     config = play_config(options.run, options.overrides)
     load_checkpoint(options.run, options.checkpoint)
     simulators = _choose_simulators(options, last_simulators(options.run), config)
-    with open_simulators(simulators, options.wait, _say) as connect:
+    with open_simulators(simulators, options.wait, say) as connect:
         yield connect()[0]
 
 
 def _choose_simulators(options: argparse.Namespace, last: Simulators, config: Config) -> Simulators:
     """Return the simulators that the command line names, or those of the last training."""
-    files = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
-    return choose_simulators(Simulators(tuple(options.simulator), tuple(options.game), *files), last, config, _say)
+    return choose_simulators(wanted_simulators(options), last, config, say)
 
 
 def _end_with_parent() -> None:
@@ -331,16 +270,6 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     Thread(target=watch, daemon=True).start()
-
-
-def _say(text: str) -> None:
-    with suppress(OSError):  # the terminal is gone
-        print(text, file=sys.stderr, flush=True)
-
-
-def _say_next(*words: str) -> None:
-    """Name the command that usually comes next."""
-    _say(f"next: {shlex.join(['joybridge', *words])}")
 
 
 if __name__ == "__main__":
