@@ -21,7 +21,7 @@ from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost
 from joybridge.trainer.wire.errors import SimulatorShutDown
 from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
-from tests.support.broken_servers import Gauntlet, Honest
+from tests.support.broken_servers import AnswersTwice, BrokenServer, Gauntlet, Honest, serving
 from tests.support.instructions import run_with
 
 TIMESTEPS = 20
@@ -177,6 +177,29 @@ def test_what_is_no_message_is_an_error_that_says_so(capfd):
     with answering(b"\xff\xff") as silly, pytest.raises(SimulatorError, match="sent what is no DescribeGameResponse: "):
         describe(silly, "gauntlet", {})
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_a_response_that_was_not_asked_for_ends_the_session_instead_of_answering_the_next_request(monkeypatch):
+    monkeypatch.setattr(stream, "PAUSE_SECONDS", -1.0)  # every call comes after a pause, however quick the machine is
+    server = BrokenServer(set(), service=AnswersTwice)
+    with serving(server) as address, Session(address, "gauntlet", arenas=3, seed=0) as session:
+        acts = make_acts(session.spec, 3)
+        acts[0].axes[:, 1] = 1.0
+
+        def play():
+            for _ in range(10_000):
+                session.step(acts)
+
+        with pytest.raises(SimulatorError, match=r"a response without a request \(gauntlet, arenas 0 to 2, step \d+\)"):
+            play()
+
+
+def test_a_session_that_nobody_refers_to_is_ended(address):
+    session = Session(address, "marble", arenas=2, seed=0)
+    call = session._stream._call
+    del session
+    played(address, 0)  # runs the event loop
+    assert call.cancelled()
 
 
 def run_alone(script: str) -> None:

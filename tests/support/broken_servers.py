@@ -936,6 +936,16 @@ class Leaks(Service):
         yield from super().Play(requests, context)
 
 
+class AnswersTwice(Service):
+    """Sends the response to every Act twice."""
+
+    def Play(self, requests, context):
+        for response in super().Play(requests, context):
+            yield response
+            if response.HasField("step"):
+                yield response
+
+
 @broken("zero_arenas_are_refused")
 class NoArenasIsOne(Honest):
     def request(self, request):

@@ -5,6 +5,7 @@ simulator that demands TLS or a token is a ProtectedAddress.
 """
 
 import asyncio
+import weakref
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar, TypeVarTuple
@@ -110,6 +111,9 @@ class Session:
         self.simulate_seconds = 0.0
         self._failure: SimulatorError | None = None  # why the session has ended
         self._stream = Stream(address, self.spec, arenas, timeout)
+        # The event loop keeps the stream, so a session that nobody refers to any more must end it.
+        self._end_stream = weakref.finalize(self, EVENT_LOOP.run_soon, self._stream.close)
+        self._end_stream.atexit = False
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
@@ -154,7 +158,7 @@ class Session:
     def close(self) -> None:
         """End the session; the simulator frees its arenas. May be called again, and by finalizers."""
         self._failure = self._failure or SimulatorLost(f"the session at {self.address} is closed")
-        EVENT_LOOP.run_soon(self._stream.close)
+        self._end_stream()
 
     def __enter__(self) -> Self:
         return self

@@ -84,9 +84,7 @@ class EventLoop:
             self.run(function, *args)
 
     def _run_until_complete(self, loop: asyncio.AbstractEventLoop, work: asyncio.Task[T]) -> T:
-        try:
-            asyncio.get_running_loop()
-        except RuntimeError:
+        if not _inside_a_loop():  # no work begins while this RuntimeError is handled: tasks would keep its frames alive
             return loop.run_until_complete(work)
         if not self._helper_started:  # an executor that is interrupted while it starts its thread starts another one
             self._helper.submit(int).result()
@@ -131,6 +129,14 @@ class EventLoop:
         """Drop unfinished work, such as sessions that were not closed; this runs when the interpreter exits."""
         self._closed = True
         self._runner.close()
+
+
+def _inside_a_loop() -> bool:
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 def _wait(future: Future[T]) -> T:

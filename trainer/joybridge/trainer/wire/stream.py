@@ -55,6 +55,9 @@ class Stream:
         self._channel: Any = None
         self._call: Any = None
         self._pending: asyncio.Task[pb.PlayResponse] | None = None  # the response to the last `send`
+        self._listening: asyncio.Task[None] | None = None  # reads the responses; asyncio references tasks weakly
+        self._awaited: asyncio.Future[bytes] | None = None  # the response to the last request, until it has come
+        self._ended: SimulatorError | None = None  # why no further response is read
 
     async def open(self, start: pb.Start) -> Outcome:
         """Open the stream, start the session and return its first observations. Raises SimulatorError.
@@ -67,6 +70,7 @@ class Stream:
             self._channel = credentials.aio_channel(self.address, self._options)
             play = self._channel.stream_stream(f"/{SERVICE}/Play", pb.PlayRequest.SerializeToString)
             self._call = play(metadata=credentials.metadata)
+            self._listening = asyncio.create_task(self._listen(self._call))
             self._place = f"{start.game}, arenas {start.first_arena} to {start.first_arena + start.arenas - 1}"
             try:
                 response = await self._wait(self._exchange(pb.PlayRequest(start=start)))
@@ -172,23 +176,46 @@ class Stream:
     async def _exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
         kind = request.WhichOneof("request")
         self._steps += kind == "act"
+        if self._ended is not None:
+            raise self._ended
+        self._awaited = awaited = asyncio.get_running_loop().create_future()
         try:
-            await self._call.write(request)
-        except asyncio.InvalidStateError:
-            pass  # the stream has ended; reading from it raises the reason
+            with suppress(
+                asyncio.InvalidStateError
+            ):  # the stream has ended; waiting for the response raises the reason
+                await self._call.write(request)
+            data = await awaited
         except asyncio.CancelledError:
             raise self._too_late(kind) from None
         except grpc.RpcError as error:
             raise _NotSent(f"lost the simulator at {self.address}: the stream has ended") from error
-        try:
-            data = await self._call.read()
-        except asyncio.CancelledError:
-            raise self._too_late(kind) from None
-        except grpc.RpcError as error:
-            raise from_grpc(error, self.address) from error
-        if data is grpc.aio.EOF:
-            raise SimulatorLost(f"the simulator at {self.address} ended the session")
+        finally:
+            awaited.cancel()  # nobody waits for it any more
         return parse(pb.PlayResponse, data, self.address)
+
+    async def _listen(self, call: Any) -> None:
+        """Hand each response to the request that waits for it, until the stream ends or a response was not asked for.
+
+        A response is read before the next request is sent. Otherwise one that was not asked for would be taken for the
+        answer to that request, and every later response for the answer to the request after its own.
+        """
+        while self._ended is None:
+            try:
+                data = await call.read()
+                if data is grpc.aio.EOF:
+                    self._ended = SimulatorLost(f"the simulator at {self.address} ended the session")
+            except grpc.RpcError as error:
+                self._ended = from_grpc(error, self.address)
+            awaited, self._awaited = self._awaited, None
+            if awaited is None or awaited.done():
+                self._ended = self._ended or SimulatorError(
+                    f"the simulator at {self.address} sent a response without a request ({self._place}, step "
+                    f"{self._steps}); a server answers each request once"
+                )
+            elif self._ended is not None:
+                awaited.set_exception(self._ended)
+            else:
+                awaited.set_result(data)
 
     def _too_late(self, kind: str | None) -> BaseException:
         """Return the error for a wait that was cancelled: by its timer, or by an interrupt."""
