@@ -16,12 +16,12 @@ import pytest
 from joybridge.conformance import subject
 from joybridge.conformance.__main__ import main
 from joybridge.conformance.client import Client, Status
-from joybridge.conformance.expectations import Violation
+from joybridge.conformance.expectations import Unreachable, Violation
 from joybridge.conformance.recording import expect_same_recording
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, WARNING, Result, repair_first, write_junit
 from joybridge.conformance.rules import CHECKS, FAMILIES, sessions
-from joybridge.conformance.runner import MOST_TIMEOUTS, SERVER, Unreachable, run_checks
+from joybridge.conformance.runner import MOST_TIMEOUTS, SERVER, run_checks
 from joybridge.conformance.selection import SelectionError, select
 from joybridge.games import BUILT_IN
 from tests.support.broken_servers import (

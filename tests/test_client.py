@@ -16,7 +16,7 @@ import pytest
 
 from joybridge.contract.versions import own_version
 from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire import client, interruptible_loop, stream
+from joybridge.trainer.wire import client, interruptible_loop, local_stream, stream
 from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, describe, wait_for
 from joybridge.trainer.wire.errors import SimulatorShutDown
 from joybridge.trainer.wire.launch import simulator_process
@@ -195,8 +195,8 @@ def test_a_response_that_was_not_asked_for_ends_the_session_instead_of_answering
 
 
 def test_a_session_that_nobody_refers_to_is_ended(address):
-    session = Session(address, "marble", arenas=2, seed=0)
-    call = session._stream._call
+    session = Session(address, "marble", arenas=2, seed=0, transport="grpc")
+    call = session._stream._call  # type: ignore[union-attr]
     del session
     played(address, 0)  # runs the event loop
     assert call.cancelled()
@@ -244,10 +244,11 @@ session.send(make_acts(session.spec, 2))
 
 
 @pytest.mark.slow
-def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address, monkeypatch):
+@pytest.mark.parametrize(("transport", "least"), [("grpc", 50), ("local", 20)])
+def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address, monkeypatch, transport, least):
     """A session that was interrupted goes on if it was not using the simulator; otherwise it is lost."""
     monkeypatch.setattr(stream, "PAUSE_SECONDS", -1.0)  # every call comes after a pause, however busy the machine is
-    modules = (client, stream, interruptible_loop)
+    modules = (client, stream, local_stream, interruptible_loop)
 
     def play(session: Session) -> None:
         acts = make_acts(session.spec, 2)
@@ -256,12 +257,12 @@ def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address, monkeypat
         session.receive()
 
     lost = played = 0
-    with Session(address, "marble", arenas=2, seed=0) as session:
+    with Session(address, "marble", arenas=2, seed=0, transport=transport) as session:
         play(session)
         instructions = run_with(lambda: None, 0, modules, lambda: play(session), signals=True)
-    assert instructions > 50
+    assert instructions > least
     for number in range(instructions - 5):  # a little fewer if a response is there at once
-        with Session(address, "marble", arenas=2, seed=0) as session:
+        with Session(address, "marble", arenas=2, seed=0, transport=transport) as session:
             with pytest.raises(KeyboardInterrupt):
                 run_with(
                     lambda: signal.raise_signal(signal.SIGINT), number, modules, lambda: play(session), signals=True

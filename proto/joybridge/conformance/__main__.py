@@ -43,6 +43,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         "--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS",
         help="the longest wait for a response. Default: %(default)g",
     )  # fmt: skip
+    checker.add_argument(
+        "--transport", choices=["grpc", "local"], default="grpc",
+        help="local: the messages of sessions go over a Unix socket, if the server offers it. Default: %(default)s",
+    )  # fmt: skip
     add_credentials_arguments(checker)
     checker.add_argument("--quiet", action="store_true", help="print failures, warnings and the summary only")
     checker.add_argument("--json", action="store_true", help="print the results as one JSON object on the last line")
@@ -68,7 +72,7 @@ def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
     begin = time.perf_counter()
     results = []
     credentials = load_credentials(options.tls_ca, options.token_file)
-    for result in run_checks(options.address, options.game, options.deadline, checks, credentials):
+    for result in run_checks(options.address, options.game, options.deadline, checks, credentials, options.transport):
         results.append(result)
         if result.outcome in (FAILED, WARNING) or not options.quiet:
             print(*result.lines, sep="\n", flush=True)

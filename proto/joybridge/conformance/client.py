@@ -2,14 +2,16 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from queue import SimpleQueue
 from threading import Event, Timer
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self, TypeAlias
 
 import grpc
 
 from joybridge.conformance.expectations import TimedOut, Violation
+from joybridge.conformance.local_call import LocalCall
 from joybridge.contract.credentials import Credentials
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -20,6 +22,7 @@ _OPTIONS = [
     ("grpc.use_local_subchannel_pool", 1),  # closing a channel must close its connection
 ]
 Request = pb.PlayRequest | bytes  # bytes are sent as they are
+Transport: TypeAlias = Literal["grpc", "local"]
 OPEN = Credentials()  # no TLS and no token
 
 
@@ -48,16 +51,20 @@ class Exchange:
 class Client:
     """One connection to the server under test."""
 
-    def __init__(self, address: str, seconds: float, credentials: Credentials = OPEN) -> None:
-        """Connect. `seconds` is the longest wait for a response."""
+    def __init__(
+        self, address: str, seconds: float, credentials: Credentials = OPEN, transport: Transport = "grpc"
+    ) -> None:
+        """Connect. `seconds` is the longest wait for a response, `transport` that of the messages of sessions."""
         self.address = address
         self.seconds = seconds
         self.credentials = credentials
+        self.transport: Transport = transport
         self.channel = credentials.channel(address, _OPTIONS)
 
     def another(self, credentials: Credentials | None = None) -> "Client":
         """Return another connection to the same server, with other credentials if they are given."""
-        return Client(self.address, self.seconds, self.credentials if credentials is None else credentials)
+        credentials = self.credentials if credentials is None else credentials
+        return Client(self.address, self.seconds, credentials, self.transport)
 
     def call(self, method: str, request: Any, response: Any) -> Any:
         """Make a unary call and return its response, or the status of a failed call. Raises TimedOut."""
@@ -101,8 +108,11 @@ class Client:
         self, requests: Iterator[Any], method: str = f"/{SERVICE}/Play", response: Any = pb.PlayResponse, **fields: Any
     ) -> Any:
         """Open a stream, by default Play, and return the iterator of its responses. `fields` are gRPC's."""
-        open_stream = self.channel.stream_stream(method, encode, response.FromString)
-        return open_stream(requests, metadata=self.credentials.metadata, **fields)
+        call = self.channel.stream_stream(method, encode, response.FromString)
+        open_stream = partial(call, metadata=self.credentials.metadata, **fields)
+        if self.transport == "local" and response is pb.PlayResponse:
+            return LocalCall(open_stream, requests, self.seconds)
+        return open_stream(requests)
 
     def close(self) -> None:
         """Close the connection and every stream on it."""

@@ -3,6 +3,10 @@
 from joybridge.contract.errors import JoybridgeError
 
 
+class Unreachable(JoybridgeError):
+    """No server responds at an address, or it has nothing to check."""
+
+
 class Violation(JoybridgeError):
     """The server violates the rule of the check that raises this."""
 

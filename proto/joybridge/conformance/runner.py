@@ -2,12 +2,11 @@
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 
 import grpc
 
-from joybridge.conformance.client import OPEN, Client, Status, Stream
-from joybridge.conformance.expectations import NotApplicable, Suspicion, TimedOut, Violation
+from joybridge.conformance.client import OPEN, Client, Status, Stream, Transport
+from joybridge.conformance.expectations import NotApplicable, Suspicion, TimedOut, Unreachable, Violation
 from joybridge.conformance.recording import Player, Recording
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, NOT_APPLICABLE, PASSED, WARNING, Result
@@ -16,7 +15,6 @@ from joybridge.conformance.rules.sessions import ended_sessions_are_freed
 from joybridge.conformance.selection import require_known
 from joybridge.conformance.subject import Subject
 from joybridge.contract.credentials import Credentials
-from joybridge.contract.errors import JoybridgeError
 
 DEADLINE = 30.0  # seconds until a response
 PATIENCE = 4  # times the deadline: until a response in the first session of a game, which may compile it
@@ -25,23 +23,19 @@ FULL = "RESOURCE_EXHAUSTED"  # in what came, of a check that expects another sta
 SERVER = "server"  # the name in the results for checks of the whole server
 
 
-class Unreachable(JoybridgeError):
-    """No server responds at an address, or it has nothing to check."""
-
-
 def run_checks(
     address: str, games: Sequence[str] = (), seconds: float = DEADLINE, checks: Sequence[Check] = tuple(CHECKS),
-    credentials: Credentials = OPEN,
+    credentials: Credentials = OPEN, transport: Transport = "grpc",
 ) -> Iterator[Result]:  # fmt: skip
     """Yield the results of the checks of the whole server, then of those of each game.
 
     games: the games to check, by default all. seconds: the longest wait for a response. After MOST_TIMEOUTS timeouts
-    the other checks of a game fail without being run. Raises Unreachable if no server responds, and SelectionError if
-    the server does not have one of the games.
+    the other checks of a game fail without being run. transport: of the messages of sessions. Raises Unreachable if no
+    server responds or offers the transport, and SelectionError if the server does not have one of the games.
     """
     of_server = [check for check in checks if check.per_server]
     of_game = [check for check in checks if not check.per_server]
-    with Client(address, seconds, credentials) as client:
+    with Client(address, seconds, credentials, transport) as client:
         listed = _listed_games(client)
         if not isinstance(listed, Status):
             require_known(games, listed, "game")
@@ -50,7 +44,7 @@ def run_checks(
             got = f"ListGames failed with {listed}" if isinstance(listed, Status) else "ListGames returns no games"
             raise Unreachable(f"{address} has no game to check: {got}")
         for game in games if of_game else games[:1]:
-            _warm_up(Client(address, PATIENCE * seconds, credentials), game)
+            _warm_up(Client(address, PATIENCE * seconds, credentials, transport), game)
         yield from _results(Subject(client, games[0] if games else ""), SERVER, of_server)
         for game in games:
             yield from _results(Subject(client, game), game, of_game)
@@ -58,10 +52,15 @@ def run_checks(
 
 def _warm_up(client: Client, game: str) -> None:
     """Play a decision of a game. What goes wrong here is for the checks to find."""
-    with client, suppress(Exception):  # whatever a broken server causes
-        subject = Subject(client, game)
-        with Stream(client) as stream:
-            Player(stream, Recording(subject.spec, 1), subject.start(arenas=1)).decide()
+    with client:
+        try:
+            subject = Subject(client, game)
+            with Stream(client) as stream:
+                Player(stream, Recording(subject.spec, 1), subject.start(arenas=1)).decide()
+        except Unreachable:
+            raise
+        except Exception:  # whatever a broken server causes
+            return
 
 
 def _listed_games(client: Client) -> list[str] | Status:

@@ -241,7 +241,7 @@ class PlayResponse(_message.Message):
     def __init__(self, started: _Optional[_Union[Started, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ...) -> None: ...
 
 class Start(_message.Message):
-    __slots__ = ("game", "options", "parameters", "arenas", "seed", "first_arena", "snapshot", "version")
+    __slots__ = ("game", "options", "parameters", "arenas", "seed", "first_arena", "snapshot", "version", "local_transport")
     class OptionsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -264,6 +264,7 @@ class Start(_message.Message):
     FIRST_ARENA_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
+    LOCAL_TRANSPORT_FIELD_NUMBER: _ClassVar[int]
     game: str
     options: _containers.ScalarMap[str, str]
     parameters: _containers.ScalarMap[str, float]
@@ -272,17 +273,20 @@ class Start(_message.Message):
     first_arena: int
     snapshot: Snapshot
     version: Version
-    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
+    local_transport: bool
+    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ..., local_transport: bool = ...) -> None: ...
 
 class Started(_message.Message):
-    __slots__ = ("spec", "step", "version")
+    __slots__ = ("spec", "step", "version", "local_socket")
     SPEC_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
+    LOCAL_SOCKET_FIELD_NUMBER: _ClassVar[int]
     spec: GameSpec
     step: Step
     version: Version
-    def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
+    local_socket: str
+    def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ..., local_socket: _Optional[str] = ...) -> None: ...
 
 class Act(_message.Message):
     __slots__ = ("behaviors", "draw")

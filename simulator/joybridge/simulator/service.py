@@ -17,9 +17,11 @@ import grpc
 from google.protobuf.message import DecodeError
 from grpc import StatusCode
 
+from joybridge.contract.limits import request_bytes
 from joybridge.contract.versions import own_version
 from joybridge.simulator.catalog import Catalog
 from joybridge.simulator.game_thread import GameThread
+from joybridge.simulator.local_socket import LocalSocket
 from joybridge.simulator.session import Refusal, Session, check_version, describe
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
@@ -45,6 +47,7 @@ class Stream:
         self.session = Session(games)
         self.thread = GameThread(step_seconds)
         self.task = cast("asyncio.Task[Any]", asyncio.current_task())
+        self.local: LocalSocket | None = None  # what replaces it for messages, if the client asked for that
         self.playing = False  # whether it has one of the places of the server
         self.now(READING)
         self.ending: Refusal | None = None  # why the server ends it
@@ -57,6 +60,11 @@ class Stream:
     def silent_seconds(self) -> float:
         """Return how long the stream has been waiting for its client."""
         return 0.0 if self.doing == ANSWERING else time.monotonic() - self.since
+
+    async def offer_socket(self, peer: str) -> LocalSocket | None:
+        """Return a Unix socket for the rest of the session, None if a client with this gRPC address cannot have one."""
+        self.local = await LocalSocket.offer(peer, request_bytes(self.session.spec, self.session.arenas))
+        return self.local
 
     def end(self, reason: Refusal) -> None:
         """End the stream with a status. A response that is being sent is sent completely before the status."""
@@ -110,23 +118,27 @@ class Service(rpc.SimulatorServiceServicer):
         """Run one session until either side ends it."""
         stream = Stream(self.games, self.limits.step_seconds)
         self.streams.add(stream)
+        channel: Context | LocalSocket = context
         try:
-            while (request := await cast(Awaitable[Any], context.read())) is not grpc.aio.EOF:
+            while (request := await cast(Awaitable[Any], channel.read())) is not grpc.aio.EOF:
                 if stream.session.is_brief(request):
                     response = stream.session.answer(request)
                 else:
                     stream.now(ANSWERING)
                     response = await self._answer_in_thread(stream, request)
+                    if request.start.local_transport and (local := await stream.offer_socket(context.peer())):
+                        response.started.local_socket = local.path
                 stream.now(WRITING)
-                await context.write(response)
+                await channel.write(response)
                 stream.now(READING)
+                channel = stream.local or context
                 if stream.ending is not None:
                     raise stream.ending
         except Refusal as refusal:
             await context.abort(refusal.code, str(refusal))
         except DecodeError as error:
             await context.abort(StatusCode.INVALID_ARGUMENT, f"not a PlayRequest: {error}")
-        except grpc.aio.InternalError:  # the client has gone while a response was on its way
+        except (grpc.aio.InternalError, ConnectionError):  # the client has gone while a response was on its way
             raise asyncio.CancelledError from None
         except asyncio.CancelledError:
             # Without a reason the client has gone. And while a response is being sent, no status can be.
@@ -136,6 +148,8 @@ class Service(rpc.SimulatorServiceServicer):
         finally:
             self.streams.discard(stream)
             stream.thread.end()
+            if stream.local is not None:
+                stream.local.close()
             self.ended = True
 
     async def _answer_in_thread(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:

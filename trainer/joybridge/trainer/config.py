@@ -16,11 +16,11 @@ from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import storing, write_atomically
 
 MAY_CHANGE = (  # in a resumed run
-    "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "restarts", "log_interval",
-    "evaluate_over",
+    "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
+    "log_interval", "evaluate_over",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
-MAY_DIFFER = (*OF_THE_GAME, "timeout_seconds")  # from the training, when a trained policy plays
+MAY_DIFFER = (*OF_THE_GAME, "timeout_seconds", "transport")  # from the training, when a trained policy plays
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
@@ -109,6 +109,9 @@ class Config(_Checked):
     keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
     timeout_seconds: float = Field(
         30.0, gt=0, description="seconds to wait for an answer of a simulator before it is taken for lost"
+    )
+    transport: Literal["auto", "local", "grpc"] = Field(
+        "auto", description="of a session's messages; local: a Unix socket, auto: that if the simulator offers it"
     )
     restarts: int = Field(10, ge=0, description="how often training goes on after a simulator was lost")
     best: str = Field(
@@ -215,7 +218,8 @@ def run_config(run: Path) -> Config:
 def play_config(run: Path, overrides: Sequence[str]) -> Config:
     """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
 
-    Only options and parameters of the game, and the time to wait for a simulator, may differ from the training.
+    Only options and parameters of the game, the time to wait for a simulator and the transport may differ from the
+    training.
     """
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
     for key in type(config).model_fields:

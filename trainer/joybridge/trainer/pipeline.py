@@ -96,6 +96,7 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
                 home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
                 options=[config.options] * len(home), parameters=config.parameters,
                 snapshots=list(islice(saved, len(home))), timeout=config.timeout_seconds,
+                transport=config.transport,
             )  # fmt: skip
             opened.callback(session.close)
             groups.append(Group(index, session, end - first))

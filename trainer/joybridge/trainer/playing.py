@@ -161,6 +161,7 @@ def open_play(
     session = open_session(
         [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
         parameters=config.parameters, timeout=config.timeout_seconds,
+        transport=config.transport,
     )  # fmt: skip
     with closing(session):
         for player in players:

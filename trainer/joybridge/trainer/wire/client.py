@@ -5,21 +5,26 @@ simulator that demands TLS or a token is a ProtectedAddress.
 """
 
 import asyncio
+import socket
 import weakref
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Self, TypeVar, TypeVarTuple
+from typing import Literal, Self, TypeAlias, TypeVar, TypeVarTuple
 
 import grpc
 from google.protobuf.message import Message
 
+from joybridge.contract.address import is_local
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.credentials import credentials_of
+from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
+from joybridge.trainer.wire.exchange import Reader, Wait, act_request
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
+from joybridge.trainer.wire.local_stream import LocalStream
 from joybridge.trainer.wire.reachability import why_unreachable
 from joybridge.trainer.wire.stream import SERVICE, Stream, parse
 from joybridge.v1 import bridge_pb2 as pb
@@ -27,6 +32,7 @@ from joybridge.v1 import bridge_pb2 as pb
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
 
 CALL_SECONDS = 30.0  # to wait for an answer, by default
+Transport: TypeAlias = Literal["auto", "local", "grpc"]
 
 Arguments = TypeVarTuple("Arguments")
 T = TypeVar("T")
@@ -100,27 +106,32 @@ class Session:
         parameters: Mapping[str, float] | None = None,
         snapshot: Mapping[str, bytes] | None = None,
         timeout: float = CALL_SECONDS,
+        transport: Transport = "auto",
     ) -> None:
-        """Open a session, new or from a snapshot. timeout: seconds to wait for each answer.
+        """Open a session, new or from a snapshot.
 
-        Raises SimulatorLost if the simulator cannot be reached, SimulatorError if it refuses the session.
+        timeout: seconds to wait for each answer. transport: "local" exchanges the messages over a Unix socket, "grpc"
+        over the stream; "auto" is "local" where the simulator offers it.
+
+        Raises SimulatorLost if the simulator cannot be reached, SimulatorError if it refuses the session or transport.
         """
         self.address = address
         self.arenas = arenas
         self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
         self._failure: SimulatorError | None = None  # why the session has ended
-        self._stream = Stream(address, self.spec, arenas, timeout)
-        # The event loop keeps the stream, so a session that nobody refers to any more must end it.
-        self._end_stream = weakref.finalize(self, EVENT_LOOP.run_soon, self._stream.close)
-        self._end_stream.atexit = False
+        self._reader = Reader(address, self.spec, arenas)
+        self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
+        self._wait = Wait(address, f"{game}, arenas {first_arena} to {first_arena + arenas - 1}", timeout)
+        stream = Stream(self._wait, self._largest)
+        self._use(stream)
         start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
             version=own_version(),
         )  # fmt: skip
         try:
-            self.steps = self._run(self._stream.open, start).steps
+            self.steps = self._reader.started(self._run(self._open, stream, start, transport)).steps
         except BaseException:
             self.close()
             raise
@@ -130,30 +141,28 @@ class Session:
 
         Raises SimulatorError.
         """
-        self._run(self._stream.send, acts)
+        self._run(self._stream.send, act_request(acts))
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
-        self.steps, self.simulate_seconds, _ = self._run(self._stream.receive)
-        return self.steps
+        return self._take(self._run(self._stream.receive))[0]
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one timestep and return the step. Raises SimulatorError."""
-        return self.step_and_draw(acts, ())[0]
+        return self._ask(act_request(acts))[0]
 
     def step_and_draw(self, acts: Sequence[ActArrays], draw: Sequence[int]) -> tuple[list[StepArrays], list[Array]]:
         """Like `step`; also return pictures of some arenas, uint8 [height, width, 3] each. Raises SimulatorError."""
-        self.steps, self.simulate_seconds, pictures = self._run(self._stream.step, acts, draw)
-        return self.steps, pictures
+        return self._ask(act_request(acts, draw), len(draw))
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes in all arenas and return their first observations. Raises SimulatorError."""
-        self.steps = self._run(self._stream.reset, pb.Reset(seed=seed, parameters=parameters or {})).steps
-        return self.steps
+        return self._ask(pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {})))[0]
 
     def save(self) -> dict[str, bytes]:
         """Return a snapshot of all arenas. Raises SimulatorError if the game does not support snapshots."""
-        return self._run(self._stream.save)
+        response = self._run(self._stream.ask, pb.PlayRequest(save=pb.Save()))
+        return dict(self._reader.require(response, "snapshot").snapshot.parts)
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas. May be called again, and by finalizers."""
@@ -168,12 +177,48 @@ class Session:
     ) -> None:
         self.close()
 
-    def _run(self, function: Callable[[*Arguments], Coroutine[Any, Any, T]], *args: *Arguments) -> T:
-        """Run a method of the stream. An error or an interrupt ends the session; later calls raise that error again."""
+    def _open(self, stream: Stream, start: pb.Start, transport: Transport) -> pb.PlayResponse:
+        """Open the session and return its first response. Raises SimulatorError."""
+        start.local_transport = transport != "grpc" and is_local(self.address) and hasattr(socket, "AF_UNIX")
+        response = stream.open(start)
+        path, problem = response.started.local_socket, "the simulator does not offer it"
+        if start.local_transport and path:
+            try:
+                local = LocalStream(stream, self._wait, path, self._largest)
+                self._end_stream.detach()
+                self._use(local)
+                return response
+            except OSError as error:
+                problem = str(error)
+        if transport == "local":
+            raise SimulatorError(f"no local transport to {self.address}: {problem}; leave it to transport=auto")
+        if path:
+            self._end_stream()
+            stream = Stream(self._wait, self._largest)
+            self._use(stream)
+            return self._open(stream, start, "grpc")
+        return response
+
+    def _use(self, stream: Stream | LocalStream) -> None:
+        """Send requests over this stream. The event loop keeps it, so a session that nobody refers to must end it."""
+        self._stream = stream
+        self._end_stream = weakref.finalize(self, stream.close)
+        self._end_stream.atexit = False
+
+    def _ask(self, request: pb.PlayRequest, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
+        """Send a request and return the step that answers it, with so many pictures. Raises SimulatorError."""
+        return self._take(self._run(self._stream.ask, request), pictures)
+
+    def _take(self, response: pb.PlayResponse, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
+        self.steps, self.simulate_seconds, drawn = self._run(self._reader.step, response, pictures)
+        return self.steps, drawn
+
+    def _run(self, function: Callable[[*Arguments], T], *args: *Arguments) -> T:
+        """Call a function. An error or an interrupt in it ends the session; later calls raise that error again."""
         if self._failure is not None:
             raise self._failure
         try:
-            return EVENT_LOOP.run(function, *args)
+            return function(*args)
         except SimulatorError as error:
             self._failure = error
             raise

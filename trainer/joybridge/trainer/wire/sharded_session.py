@@ -11,7 +11,7 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
-from joybridge.trainer.wire.client import CALL_SECONDS, Session
+from joybridge.trainer.wire.client import CALL_SECONDS, Session, Transport
 from joybridge.trainer.wire.errors import SimulatorError
 
 __all__ = ["ShardedSession", "Snapshot", "check_alike", "split"]
@@ -48,6 +48,7 @@ class ShardedSession:
         parameters: Mapping[str, float] | None = None,
         snapshots: Sequence[Snapshot] | None = None,
         timeout: float = CALL_SECONDS,
+        transport: Transport = "auto",
     ) -> None:
         """Open one session per address, each with its own options; arenas are divided among them.
 
@@ -60,7 +61,7 @@ class ShardedSession:
                 session = Session(
                     address, game, arenas=bounds[index + 1] - bounds[index], seed=seed,
                     first_arena=first_arena + bounds[index], options=options[index], parameters=parameters,
-                    snapshot=snapshots[index] if snapshots else None, timeout=timeout,
+                    snapshot=snapshots[index] if snapshots else None, timeout=timeout, transport=transport,
                 )  # fmt: skip
                 self.sessions.append(opened.enter_context(session))
                 check_alike(session, self.sessions[0])
@@ -108,16 +109,17 @@ def open_session(
     parameters: Mapping[str, float] | None = None,
     snapshots: Sequence[Snapshot] | None = None,
     timeout: float = CALL_SECONDS,
+    transport: Transport = "auto",
 ) -> Session | ShardedSession:
     """Open one session at a single address, or a sharded one at several. Raises SimulatorError."""
     if len(addresses) > 1:
         return ShardedSession(
             addresses, game, arenas=arenas, seed=seed, first_arena=first_arena, options=options, parameters=parameters,
-            snapshots=snapshots, timeout=timeout,
+            snapshots=snapshots, timeout=timeout, transport=transport,
         )  # fmt: skip
     return Session(
         addresses[0], game, arenas=arenas, seed=seed, first_arena=first_arena, options=options[0],
-        parameters=parameters, snapshot=snapshots[0] if snapshots else None, timeout=timeout,
+        parameters=parameters, snapshot=snapshots[0] if snapshots else None, timeout=timeout, transport=transport,
     )  # fmt: skip
 
 
