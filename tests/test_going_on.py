@@ -137,5 +137,5 @@ def test_what_is_odd_in_the_first_rollouts_is_said_once(config, simulator, tmp_p
 
 def test_the_time_to_wait_for_an_answer_may_differ_from_the_training(trained, simulator, capsys):
     assert main(["evaluate", str(trained), "--simulator", simulator, "--timeout", "1e-6"]) == 1
-    assert "has not answered for 1e-06 s" in capsys.readouterr().err
+    assert "has not answered for 4e-06 s" in capsys.readouterr().err
     assert main(["evaluate", str(trained), "--simulator", simulator, "--timeout", "60", "--episodes", "2"]) == 0

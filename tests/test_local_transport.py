@@ -154,7 +154,7 @@ def test_a_server_without_the_transport_is_played_over_grpc_or_named(tmp_path):
 
 @contextmanager
 def socket_that_sends(data: bytes) -> Iterator[str]:
-    """Yield the path of a socket that sends these bytes to its first client, and then waits for the client's end."""
+    """Yield the path of a socket that answers its first client's request with these bytes, and then nothing else."""
     with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_UNIX) as listener:
         path = str(Path(folder) / "socket")
         listener.bind(path)
@@ -163,6 +163,7 @@ def socket_that_sends(data: bytes) -> Iterator[str]:
         def send() -> None:
             connection, _ = listener.accept()
             with connection, suppress(ConnectionError):
+                connection.recv(1 << 16)
                 connection.sendall(data)
                 while connection.recv(1 << 16):
                     pass
@@ -176,8 +177,8 @@ def socket_that_sends(data: bytes) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", r"has not answered for 0\.2 s: gauntlet, arenas 0 to 1, step 1, waiting for the answer to act"),
-        (b"\5\0\0\0abc", r"has not answered for 0\.2 s"),
+        (b"", r"has not answered for 0\.4 s: gauntlet, arenas 0 to 1, step 1, waiting for the answer to act"),
+        (b"\5\0\0\0abc", r"has not answered for 0\.4 s"),
         (LENGTH.pack(2**32 - 1), "broke the contract: the server sent a message of 4294967295 bytes, expected at most"),
         (LENGTH.pack(3) + b"abc", "sent what is no PlayResponse"),
         (LENGTH.pack(2) + b"\x1a\0", "answered with snapshot, expected step"),
@@ -187,7 +188,7 @@ def test_what_a_socket_sends_wrongly_is_named(data, message):
     with (
         socket_that_sends(data) as path,
         offering(path) as address,
-        Session(address, "gauntlet", arenas=2, seed=0, transport="local", timeout=0.2) as session,
+        Session(address, "gauntlet", arenas=2, seed=0, transport="local", timeout=0.1) as session,
     ):
         for _ in range(2):
             with pytest.raises(SimulatorError, match=message):
@@ -220,10 +221,12 @@ def test_a_socket_whose_folder_is_open_to_others_is_not_used(tmp_path):
 def test_a_message_may_come_in_pieces_and_several_at_once():
     with socket_that_sends(b"".join(LENGTH.pack(n) + bytes(n) for n in (1, 200_000, 3))) as path:
         connection = LocalSocket(path, 1 << 20)
+        connection.send(b"?", 10.0)
         assert [len(connection.receive(10.0)) for _ in range(3)] == [1, 200_000, 3]
         connection.close()
     with socket_that_sends(LENGTH.pack(9)) as path:
         connection = LocalSocket(path, 8)
+        connection.send(b"?", 10.0)
         with pytest.raises(FrameError, match="of 9 bytes, expected at most 8"):
             connection.receive(10.0)
         connection.close()
@@ -245,7 +248,7 @@ def test_a_folder_for_temporary_files_with_a_long_name_leaves_grpc(tmp_path, mon
 
 def test_a_lost_simulator_is_lost_over_the_socket_too(tmp_path):
     with socket_that_sends(b"") as path, offering(path) as address:
-        session = Session(address, "gauntlet", arenas=2, seed=0, transport="local", timeout=0.2)
+        session = Session(address, "gauntlet", arenas=2, seed=0, transport="local", timeout=0.1)
         local(session)._socket.end()
         with pytest.raises(SimulatorLost):
             session.step(make_acts(session.spec, 2))

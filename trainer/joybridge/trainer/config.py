@@ -108,7 +108,10 @@ class Config(_Checked):
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
     keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
     timeout_seconds: float = Field(
-        30.0, gt=0, description="seconds to wait for an answer of a simulator before it is taken for lost"
+        30.0,
+        gt=0,
+        description="seconds to wait for an answer of a simulator before it is taken for lost; four times as "
+        "long until the first step, because games may be compiled",
     )
     transport: Literal["auto", "local", "grpc"] = Field(
         "auto", description="of a session's messages; local: a Unix socket, auto: that if the simulator offers it"

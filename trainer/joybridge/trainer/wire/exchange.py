@@ -11,6 +11,9 @@ from joybridge.v1 import bridge_pb2 as pb
 __all__ = ["Outcome", "Reader", "Wait", "act_request"]
 
 
+PATIENCE = 4  # times the deadline: until the first step has come
+
+
 class Outcome(NamedTuple):
     """What followed a decision."""
 
@@ -72,9 +75,14 @@ class Wait:
 
     def __init__(self, address: str, place: str, seconds: float) -> None:
         """Begin before the first request. place: the game and its arenas."""
-        self.address, self.place, self.seconds = address, place, seconds
+        self.address, self.place, self._seconds = address, place, seconds
         self._steps = 0
         self._kind: str | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Seconds to wait for a response: PATIENCE times as long until the first step, as games may be compiled."""
+        return self._seconds * PATIENCE if self._steps <= 1 else self._seconds
 
     def note(self, request: pb.PlayRequest) -> None:
         """Note which request is sent."""
