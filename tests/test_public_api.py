@@ -56,6 +56,7 @@ PROMISED = [
     "joybridge.gym.sb3",
     "joybridge.simulator",
     "joybridge.simulator.render",
+    "joybridge.trainer.layouts",
     "joybridge.trainer.wire.client",
 ]
 

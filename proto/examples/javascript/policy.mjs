@@ -66,6 +66,7 @@ export class Policy {
         const row = this.#choose(table, logits, allowed, noise);
         if (table.axis !== undefined) axes[table.axis] = table.values[row];
         else table.branches.forEach((branch, column) => (choices[branch] = table.values[row][column]));
+        table.axes?.forEach((axis, column) => (axes[axis] = table.positions[row][column]));
         begin += table.values.length;
       }
       network.continuous.forEach((target, column) => {

@@ -68,6 +68,8 @@ class Policy:
                     axes[:, table["axis"]] = values
                 else:
                     choices[:, table["branches"]] = values
+                if "axes" in table:
+                    axes[:, table["axes"]] = np.array(table["positions"])[row]
                 begin = end
             samples = outputs[:, begin:]
             if normal is not None:
@@ -97,8 +99,10 @@ class Policy:
         if "axis" in table:
             return logits
         values = np.array(table["values"])
-        fits = [allowed[branch][:, column] for branch, column in zip(table["branches"], values.T, strict=True)]
-        return np.where(np.all(fits, axis=0), logits, np.float32(FORBIDDEN))
+        fits = np.ones(logits.shape, bool)
+        for branch, column in zip(table["branches"], values.T, strict=True):
+            fits &= allowed[branch][:, column]
+        return np.where(fits, logits, np.float32(FORBIDDEN))
 
 
 def _older(network):

@@ -9,7 +9,7 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.limits import element_count
-from joybridge.trainer.layouts import BranchTable, Layout, Split, Threshold
+from joybridge.trainer.layouts.parts import covers
 from joybridge.trainer.policy import Policy
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -25,7 +25,9 @@ class Adviser:
         """Look at a policy of a behavior."""
         self._policy, self._behavior = policy, behavior
         self._sensors, self._rewards = True, True  # may still be warned of
-        self._same = dict.fromkeys(_branches(policy.actor.layout), (-1, 0))  # branch -> its last choice, how often
+        layout = policy.actor.layout
+        branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
+        self._same = dict.fromkeys(branches, (-1, 0))  # branch -> its last choice, how often
 
     def look(self) -> Iterator[str]:
         """Yield what is remarkable about the full rollout."""
@@ -82,14 +84,6 @@ class Adviser:
             if decisions >= SAME_DECISIONS:
                 del self._same[branch]
                 yield _in_words(device.branches[branch], choice), decisions
-
-
-def _branches(layout: Layout) -> list[int]:
-    """Return the branches of the device that a layout covers."""
-    covered = [target.branch for target in layout.continuous if isinstance(target, Threshold | Split)]
-    return covered + [
-        branch for table in layout.discrete if isinstance(table, BranchTable) for branch in table.branches
-    ]
 
 
 def _in_words(branch: pb.Branch, choice: int) -> str:

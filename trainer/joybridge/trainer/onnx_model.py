@@ -96,6 +96,10 @@ class _Builder:
                 continue
             for branch, values in zip(table["branches"], zip(*table["values"], strict=True), strict=True):
                 choices[branch] = self._node("Gather", self._constant(values, np.int64), choice)
+            for axis, positions in zip(
+                table.get("axes", ()), zip(*table.get("positions", ()), strict=True), strict=True
+            ):
+                axes[axis] = self._node("Gather", self._constant(positions), choice)
         if targets := policy["continuous"]:
             sample = self._columns(outputs, row, len(targets))
             if not self._deterministic:
@@ -136,7 +140,8 @@ class _Builder:
             for branch, values in zip(table["branches"], zip(*table["values"], strict=True), strict=True):
                 part = self._node("Gather", self._masks[branch], self._constant(values, np.int64), axis=1)
                 allowed = self._node("And", allowed, part) if allowed else part
-            logits = self._node("Where", allowed, logits, self._constant(FORBIDDEN))
+            if allowed:  # a joint table of axes alone has no masks
+                logits = self._node("Where", allowed, logits, self._constant(FORBIDDEN))
         if self._deterministic:
             return self._node("ArgMax", logits, axis=1, keepdims=1)
         # The number of cumulative probabilities up to the noise, which is scaled as their sum is only about 1.

@@ -13,7 +13,7 @@ import numpy as np
 
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.trainer.actor import Actor
-from joybridge.trainer.layouts import AxisRange, AxisTable, BranchTable, Split, Threshold
+from joybridge.trainer.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.v1 import bridge_pb2 as pb
 
 Document = dict[str, Any]
@@ -82,10 +82,13 @@ def _policy(actor: Actor) -> Document:
     }
 
 
-def _table(table: AxisTable | BranchTable) -> Document:
+def _table(table: AxisTable | JointTable) -> Document:
     if isinstance(table, AxisTable):
         return {"axis": table.axis, "values": table.values.tolist()}
-    return {"branches": list(table.branches), "values": table.values.tolist()}
+    document: Document = {"branches": list(table.branches), "values": table.values.tolist()}
+    if table.positions is not None:
+        document |= {"axes": list(table.axes), "positions": table.positions.tolist()}
+    return document
 
 
 def _target(target: AxisRange | Threshold | Split) -> Document:

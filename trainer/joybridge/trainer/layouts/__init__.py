@@ -1,0 +1,25 @@
+"""Action layouts: how a policy's actions map to the device of a game.
+
+The paper compares such mappings. Each works on the device of any spec, knows no game, and is pure:
+
+    hybrid        every axis a Gaussian, every branch categorical, one joint log-probability
+    bucket-N      every axis a branch of N evenly spaced values; all buttons share one branch with "nothing"
+    bucket-N-mu   the same, with values that are dense in the middle of each axis
+    joint-N       one branch: all combinations of N values per axis and of the choices of all branches
+    threshold-T   every axis and every button a Gaussian; a button is pressed by a threshold
+    multiagent    two policies: one holds the axes, one the buttons
+
+A button is a branch of two choices. `mixed.py` gives single axes, branches and behaviors a layout of their own,
+and `find.py` takes layouts from other packages. A layout is a `Layout`: parts that say what each continuous action
+and each branch of a policy does. trainer/LAYOUTS.md shows how to write one.
+"""
+
+from joybridge.trainer.layouts.layout import CLIP, ActionSpace, DeviceError, Layout, SettingError
+from joybridge.trainer.layouts.mixed import make_layouts
+from joybridge.trainer.layouts.parts import AxisRange, AxisTable, JointTable, Split, Threshold
+from joybridge.trainer.layouts.roles import Role, list_roles, make_acts
+
+__all__ = [
+    "CLIP", "ActionSpace", "AxisRange", "AxisTable", "DeviceError", "JointTable", "Layout", "Role", "SettingError",
+    "Split", "Threshold", "list_roles", "make_acts", "make_layouts",
+]  # fmt: skip

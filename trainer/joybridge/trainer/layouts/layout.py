@@ -1,0 +1,115 @@
+"""A layout: the mapping between one policy's actions and the part of a device that it covers.
+
+A policy's action is a float array `continuous` [lanes, continuous] of unbounded samples and an int array
+`discrete` [lanes, branches]. Continuous samples act clipped to ±3 and divided by 3, as in the original.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from joybridge.contract.codec import ActArrays
+from joybridge.contract.tensors import Array
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.layouts.parts import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
+from joybridge.v1 import bridge_pb2 as pb
+
+CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
+
+
+class SettingError(ConfigError):
+    """A layout does not know its setting, the part of its name after the first dash. The text: "expected ..."."""
+
+
+class DeviceError(ConfigError):
+    """A layout cannot express a device. The text says why, and what to use instead."""
+
+
+@dataclass(frozen=True)
+class ActionSpace:
+    """What a policy outputs: a number of continuous actions and the sizes of its categorical branches."""
+
+    continuous: int
+    branches: tuple[int, ...]
+
+    @property
+    def widest(self) -> int:
+        """Return the number of choices of the largest branch, 0 without branches."""
+        return max(self.branches, default=0)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What each continuous action and each branch of a policy does to the device."""
+
+    continuous: tuple[AxisRange | Threshold | Split, ...] = ()
+    discrete: tuple[AxisTable | JointTable, ...] = ()
+
+    @property
+    def space(self) -> ActionSpace:
+        """Return the action space that this layout gives its policy."""
+        return ActionSpace(len(self.continuous), tuple(len(table.values) for table in self.discrete))
+
+    def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
+        """Return what the policy's branches and its continuous actions act on: names of the device's parts."""
+        return [_name(table, device) for table in self.discrete], [_name(target, device) for target in self.continuous]
+
+    def write(
+        self, continuous: Array, discrete: Array, act: ActArrays, device_masks: Sequence[Array] | None = None
+    ) -> None:
+        """Write the policy's actions into the columns of `act` that this layout covers.
+
+        device_masks: what each branch of the device allows, bool [lanes, choices]. Categorical policies
+        never choose what is forbidden; a continuous action that would is given the first allowed choice.
+        """
+        share = np.clip(continuous, -CLIP, CLIP) / CLIP
+        for column, target in enumerate(self.continuous):
+            values = share[:, column]
+            if isinstance(target, AxisRange):
+                middle, half = (target.low + target.high) / 2, (target.high - target.low) / 2
+                act.axes[:, target.axis] = np.clip(middle + half * values, target.low, target.high)
+                continue
+            if isinstance(target, Threshold):
+                choices = (values > 0.0 if target.threshold == 0.0 else np.abs(values) < target.threshold).astype(int)
+            else:
+                choices = np.minimum(((values + 1) / 2 * target.choices).astype(int), target.choices - 1)
+            if device_masks is not None:
+                mask = device_masks[target.branch]
+                choices = np.where(mask[np.arange(len(mask)), choices], choices, mask.argmax(axis=1))
+            act.choices[:, target.branch] = choices
+        for column, table in enumerate(self.discrete):
+            if isinstance(table, AxisTable):
+                act.axes[:, table.axis] = table.values[discrete[:, column]]
+                continue
+            act.choices[:, table.branches] = table.values[discrete[:, column]]
+            if table.positions is not None:
+                act.axes[:, table.axes] = table.positions[discrete[:, column]]
+
+    def masks(self, device_masks: Sequence[Array]) -> list[Array]:
+        """Return which choices of the policy's branches are allowed, bool [lanes, choices] each.
+
+        A joint choice is allowed if all its parts are.
+        """
+        lanes = len(device_masks[0])
+        masks = []
+        for table in self.discrete:
+            allowed = np.ones((lanes, len(table.values)), bool)
+            if isinstance(table, JointTable):
+                for branch, choices in zip(table.branches, table.values.T, strict=True):
+                    allowed &= device_masks[branch][:, choices]
+            masks.append(allowed)
+        return masks
+
+
+def together(*layouts: Layout) -> Layout:
+    """Return one layout that covers what several cover."""
+    return Layout(
+        tuple(target for layout in layouts for target in layout.continuous),
+        tuple(table for layout in layouts for table in layout.discrete),
+    )
+
+
+def _name(part: Part, device: pb.Device) -> str:
+    axes, branches = covers(part)
+    return "+".join([*(device.axes[axis].name for axis in axes), *(device.branches[index].name for index in branches)])
