@@ -259,6 +259,7 @@ WIRE_TYPES = {
     FieldDescriptor.TYPE_UINT32: {VARINT},
     FieldDescriptor.TYPE_UINT64: {VARINT},
     FieldDescriptor.TYPE_ENUM: {VARINT},
+    FieldDescriptor.TYPE_BOOL: {VARINT},
 }
 CONTENT = {VARINT: b"\x01", FIXED64: bytes(8), LENGTH: b"\x01\x01", GROUP: b"", FIXED32: bytes(4)}
 REQUEST_PATHS: dict[

@@ -222,7 +222,7 @@ def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):
             command = [sys.executable, "-m", "joybridge.simulator", "serve", "--address", address]
             servers.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
 
-    monkeypatch.setattr(trainer, "_say", serve)
+    monkeypatch.setattr(trainer, "say", serve)
     result = train(tmp_path / "run", *SMALL, "stop=160", "--simulator", address)
     (server,) = servers
     server.terminate()

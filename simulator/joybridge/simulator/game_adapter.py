@@ -3,9 +3,8 @@
 Everything that an author returns is checked here: a mistake raises a GameError that names the arena.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, ClassVar
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -26,6 +25,35 @@ def batched(game: type[Game]) -> type["GameAdapter"]:
 Rows = list[tuple[int, TimeStep]]  # timesteps, each with the number of its arena
 
 
+class SensorFormat(NamedTuple):
+    """What the values of a sensor must be."""
+
+    name: str
+    where: str  # for errors
+    dtype: Any
+    shape: tuple[int, ...]
+
+
+class BehaviorFormat:
+    """The parts of a behavior's spec that every step needs, as plain Python: protobuf is slow to read."""
+
+    def __init__(self, behavior: pb.Behavior, first_slot: int) -> None:
+        """Read a behavior whose agents are those from `first_slot` on in the author's lists."""
+        self.name, self.agents = behavior.name, behavior.agents_per_arena
+        self.slots = range(first_slot, first_slot + self.agents)
+        device = behavior.device
+        self.actions = [part.name for part in (*device.axes, *device.branches)]
+        self.choices = {branch.name: len(branch.choices) for branch in device.branches}
+        self.channels = {channel.name: index for index, channel in enumerate(behavior.channels)}
+        self.metrics = [metric.name for metric in behavior.metrics]
+        self.sensors = [
+            SensorFormat(
+                sensor.name, f"{behavior.name}: sensor {sensor.name!r}", NUMPY_TYPES[sensor.dtype], tuple(sensor.shape)
+            )
+            for sensor in behavior.sensors
+        ]
+
+
 class GameAdapter(BatchedGame):
     """Many arenas of one author's game. `batched` creates the subclass for a game."""
 
@@ -42,9 +70,11 @@ class GameAdapter(BatchedGame):
         """Create the arenas, each with its own random generator, and begin a first episode in each."""
         self.spec = self.describe(options)
         self.first_arena = first_arena
+        self.behaviors: list[BehaviorFormat] = []
+        for behavior in self.spec.behaviors:
+            self.behaviors.append(BehaviorFormat(behavior, sum(one.agents for one in self.behaviors)))
         # One (behavior index, agent number) per agent of an arena, in the order of the author's lists.
-        counts = [behavior.agents_per_arena for behavior in self.spec.behaviors]
-        self.agents = [(b, agent) for b, count in enumerate(counts) for agent in range(count)]
+        self.agents = [(b, agent) for b, one in enumerate(self.behaviors) for agent in range(one.agents)]
         self.parameters = {p.name: p.default_value for p in self.spec.parameters}
         self.arenas, self.option = arenas, options
         self.reset(seed, parameters)
@@ -62,32 +92,34 @@ class GameAdapter(BatchedGame):
         self.timesteps = [self._reset(arena) for arena in range(len(self.games))]
         # Per behavior [lanes, channels]: rewards since the lane's last decision, for lanes that wait.
         self.earned = [
-            np.zeros((len(self.games) * behavior.agents_per_arena, len(behavior.channels)), np.float32)
-            for behavior in self.spec.behaviors
+            np.zeros((len(self.games) * behavior.agents, len(behavior.channels)), np.float32)
+            for behavior in self.behaviors
         ]
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""
-        return [self._behavior_step(b, {}) for b in range(len(self.spec.behaviors))]
+        return [self._behavior_step(b, {}) for b in range(len(self.behaviors))]
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision. Where the episode ends, the next one begins in the same step."""
         ended: dict[int, list[TimeStep]] = {}
+        actions = [self._actions(act, behavior) for act, behavior in zip(acts, self.behaviors, strict=True)]
         for arena, game in enumerate(self.games):
-            actions = [self._action(acts[b], b, a, arena) for b, a in self.agents]
-            timesteps = self._timesteps(arena, game.step, actions[0] if len(actions) == 1 else actions)
-            with _naming(arena):
-                self._earn(arena, timesteps)
+            own = [actions[b][arena * self.behaviors[b].agents + agent] for b, agent in self.agents]
+            timesteps = self._timesteps(arena, game.step, own[0] if len(own) == 1 else own)
+            self._earn(arena, timesteps)
             if timesteps[0].terminated or timesteps[0].truncated:
                 ended[arena] = timesteps
                 timesteps = self._reset(arena)
             self.timesteps[arena] = timesteps
-        return [self._behavior_step(b, ended) for b in range(len(self.spec.behaviors))]
+        return [self._behavior_step(b, ended) for b in range(len(self.behaviors))]
 
     def draw(self, arena: int) -> Array:
         """Return the author's picture of one arena."""
-        with _naming(arena):
+        try:
             return self.games[arena].draw()
+        except BaseException as error:
+            raise _named(arena, error) from error
 
     def _reset(self, arena: int) -> list[TimeStep]:
         timesteps = self._timesteps(arena, self.games[arena].reset)
@@ -95,18 +127,18 @@ class GameAdapter(BatchedGame):
             raise GameError(f"arena {arena}: reset returned an episode's end, expected transition(...) or waiting(...)")
         return timesteps
 
-    def _action(self, act: ActArrays, b: int, agent: int, arena: int) -> Action:
-        """Return one agent's action by name."""
-        device = self.spec.behaviors[b].device
-        lane = arena * self.spec.behaviors[b].agents_per_arena + agent
-        action: Action = {axis.name: float(v) for axis, v in zip(device.axes, act.axes[lane], strict=True)}
-        action |= {branch.name: int(v) for branch, v in zip(device.branches, act.choices[lane], strict=True)}
-        return action
+    @staticmethod
+    def _actions(act: ActArrays, behavior: BehaviorFormat) -> list[Action]:
+        """Return the action of every lane by name."""
+        lanes = zip(act.axes.tolist(), act.choices.tolist(), strict=True)
+        return [dict(zip(behavior.actions, axes + choices, strict=True)) for axes, choices in lanes]
 
     def _timesteps(self, arena: int, play: Callable[..., Any], *actions: Any) -> list[TimeStep]:
         """Call `reset` or `step` of one arena and return a timestep per agent, checked."""
-        with _naming(arena):
+        try:
             result = play(*actions)
+        except BaseException as error:
+            raise _named(arena, error) from error
         timesteps: list[TimeStep] = [result] if isinstance(result, TimeStep) else result
         if not (isinstance(timesteps, list | tuple) and all(isinstance(one, TimeStep) for one in timesteps)):
             raise GameError(
@@ -122,22 +154,25 @@ class GameAdapter(BatchedGame):
 
     def _earn(self, arena: int, timesteps: list[TimeStep]) -> None:
         for (b, agent), timestep in zip(self.agents, timesteps, strict=True):
-            behavior = self.spec.behaviors[b]
-            names = [channel.name for channel in behavior.channels]
-            _require_known(f"{behavior.name}: reward channel", timestep.rewards, names)
-            for name, value in timestep.rewards.items():
-                self.earned[b][arena * behavior.agents_per_arena + agent, names.index(name)] += value
+            behavior, earned = self.behaviors[b], self.earned[b]
+            try:
+                for name, value in timestep.rewards.items():
+                    earned[arena * behavior.agents + agent, behavior.channels[name]] += value
+            except KeyError as error:
+                unknown = _unknown(f"{behavior.name}: reward channel", error.args[0], behavior.channels)
+                raise _named(arena, unknown) from error
+            except BaseException as error:
+                raise _named(arena, error) from error
 
     def _behavior_step(self, b: int, ended: Mapping[int, list[TimeStep]]) -> StepArrays:
         """Collect one behavior's lanes into arrays."""
-        behavior = self.spec.behaviors[b]
-        slots = [slot for slot, (index, _) in enumerate(self.agents) if index == b]
-        timesteps = [(arena, self.timesteps[arena][slot]) for arena in range(len(self.games)) for slot in slots]
-        ends = [(arena, ended[arena][slot]) for arena in ended for slot in slots]
-        lanes = np.arange(len(timesteps)).reshape(len(self.games), len(slots))
+        behavior = self.behaviors[b]
+        timesteps = [(arena, own[slot]) for arena, own in enumerate(self.timesteps) for slot in behavior.slots]
+        ends = [(arena, ended[arena][slot]) for arena in ended for slot in behavior.slots]
+        lanes = np.arange(len(timesteps)).reshape(len(self.games), behavior.agents)
         step = StepArrays(
-            self._observations(behavior, timesteps), np.zeros_like(self.earned[b]), np.zeros(len(timesteps), bool),
-            np.zeros(len(timesteps), bool), self._masks(behavior, timesteps),
+            _observations(behavior, timesteps), np.zeros_like(self.earned[b]), np.zeros(len(timesteps), bool),
+            np.zeros(len(timesteps), bool), _masks(behavior, timesteps),
         )  # fmt: skip
         ended_lanes = lanes[list(ended)].reshape(-1)
         step.terminated[ended_lanes] = [timestep.terminated for _, timestep in ends]
@@ -151,75 +186,87 @@ class GameAdapter(BatchedGame):
         self.earned[b][due] = 0.0
         if ends:
             step.ended = ended_lanes.astype(np.int32)
-            step.final_observations = self._observations(behavior, ends)
-            step.metrics = self._metrics(behavior, ends)
+            step.final_observations = _observations(behavior, ends)
+            step.metrics = _metrics(behavior, ends)
         return step
 
-    @staticmethod
-    def _observations(behavior: pb.Behavior, timesteps: Rows) -> list[Array]:
-        columns = []
-        for sensor in behavior.sensors:
-            where = f"{behavior.name}: sensor {sensor.name!r}"
-            column = np.empty((len(timesteps), *sensor.shape), NUMPY_TYPES[sensor.dtype])
-            for row, (arena, timestep) in enumerate(timesteps):
-                if sensor.name not in timestep.observation:
-                    raise GameError(f"arena {arena}: {where} is in the spec but not in the observation")
-                value = timestep.observation[sensor.name]
-                if np.shape(value) != column.shape[1:]:
-                    came, wanted = list(np.shape(value)), list(sensor.shape)
-                    raise GameError(f"arena {arena}: {where} has shape {came}, expected {wanted}")
-                try:
-                    column[row] = value
-                except Exception as error:  # it is no number, or too large for the dtype
-                    raise GameError(f"arena {arena}: {where}: {type(error).__name__}: {error}") from error
-            _require_finite(where, column, timesteps)
-            columns.append(column)
-        return columns
 
-    @staticmethod
-    def _masks(behavior: pb.Behavior, timesteps: Rows) -> list[Array] | None:
-        if not any(timestep.masks for _, timestep in timesteps):
-            return None
-        choices = {branch.name: len(branch.choices) for branch in behavior.device.branches}
-        for arena, timestep in timesteps:
-            with _naming(arena):
-                _require_known(f"{behavior.name}: masked branch", timestep.masks, choices)
-                for name, mask in timestep.masks.items():
-                    if len(mask) != choices[name] or not any(mask):
-                        came, wanted = list(mask), f"{choices[name]} booleans that are not all false"
-                        raise GameError(f"{behavior.name}: mask of {name!r} is {came}, expected {wanted}")
-        return [
-            np.array([timestep.masks.get(name, [True] * count) for _, timestep in timesteps], bool)
-            for name, count in choices.items()
-        ]
-
-    @staticmethod
-    def _metrics(behavior: pb.Behavior, ends: Rows) -> Array | None:
-        names = [metric.name for metric in behavior.metrics]
-        metrics = np.empty((len(ends), len(names)), np.float32)
-        for row, (arena, timestep) in enumerate(ends):
-            with _naming(arena):
-                _require_known(f"{behavior.name}: metric", timestep.metrics, names)
-                metrics[row] = [timestep.metrics.get(name, 0.0) for name in names]
-        _require_finite(f"{behavior.name}: a metric of {names}", metrics, ends)
-        return metrics if names else None
+def _observations(behavior: BehaviorFormat, timesteps: Rows) -> list[Array]:
+    columns = []
+    for sensor in behavior.sensors:
+        try:
+            column = np.array([timestep.observation[sensor.name] for _, timestep in timesteps], sensor.dtype)
+        except Exception:  # one of them is wrong
+            column = np.empty(0)
+        if column.shape != (len(timesteps), *sensor.shape):
+            column = _column(sensor, timesteps)
+        _require_finite(sensor.where, column, timesteps)
+        columns.append(column)
+    return columns
 
 
-@contextmanager
-def _naming(arena: int) -> Iterator[None]:
-    """Add the number of the arena to whatever its game raises; a call of exit() is an error as well."""
-    try:
-        yield
-    except GameError as error:
-        raise GameError(f"arena {arena}: {error}") from error
-    except BaseException as error:
-        raise GameError(f"arena {arena}: {type(error).__name__}: {error}") from error
+def _column(sensor: SensorFormat, timesteps: Rows) -> Array:
+    """Return the values of a sensor. Raises GameError, which names the arena of the first wrong one."""
+    column = np.empty((len(timesteps), *sensor.shape), sensor.dtype)
+    for row, (arena, timestep) in enumerate(timesteps):
+        if sensor.name not in timestep.observation:
+            raise GameError(f"arena {arena}: {sensor.where} is in the spec but not in the observation")
+        value = timestep.observation[sensor.name]
+        if np.shape(value) != sensor.shape:
+            came, wanted = list(np.shape(value)), list(sensor.shape)
+            raise GameError(f"arena {arena}: {sensor.where} has shape {came}, expected {wanted}")
+        try:
+            column[row] = value
+        except Exception as error:  # it is no number, or too large for the dtype
+            raise GameError(f"arena {arena}: {sensor.where}: {type(error).__name__}: {error}") from error
+    return column
+
+
+def _masks(behavior: BehaviorFormat, timesteps: Rows) -> list[Array] | None:
+    if not any(timestep.masks for _, timestep in timesteps):
+        return None
+    for arena, timestep in timesteps:
+        try:
+            _require_known(f"{behavior.name}: masked branch", timestep.masks, behavior.choices)
+            for name, mask in timestep.masks.items():
+                if len(mask) != behavior.choices[name] or not any(mask):
+                    came, wanted = list(mask), f"{behavior.choices[name]} booleans that are not all false"
+                    raise GameError(f"{behavior.name}: mask of {name!r} is {came}, expected {wanted}")
+        except BaseException as error:
+            raise _named(arena, error) from error
+    return [
+        np.array([timestep.masks.get(name, [True] * count) for _, timestep in timesteps], bool)
+        for name, count in behavior.choices.items()
+    ]
+
+
+def _metrics(behavior: BehaviorFormat, ends: Rows) -> Array | None:
+    names = behavior.metrics
+    metrics = np.empty((len(ends), len(names)), np.float32)
+    for row, (arena, timestep) in enumerate(ends):
+        try:
+            _require_known(f"{behavior.name}: metric", timestep.metrics, names)
+            metrics[row] = [timestep.metrics.get(name, 0.0) for name in names]
+        except BaseException as error:
+            raise _named(arena, error) from error
+    _require_finite(f"{behavior.name}: a metric of {names}", metrics, ends)
+    return metrics if names else None
+
+
+def _named(arena: int, error: BaseException) -> GameError:
+    """Return what a game has raised with the number of its arena; a call of exit() is an error as well."""
+    text = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
+    return GameError(f"arena {arena}: {text}")
 
 
 def _require_known(what: str, given: Iterable[str], known: Collection[str]) -> None:
     for name in given:
         if name not in known:
-            raise GameError(f"{what} {name!r} is not in the spec, which has {list(known)}")
+            raise _unknown(what, name, known)
+
+
+def _unknown(what: str, name: object, known: Collection[str]) -> GameError:
+    return GameError(f"{what} {name!r} is not in the spec, which has {list(known)}")
 
 
 def _require_finite(what: str, rows: Array, timesteps: Rows) -> None:
