@@ -16,8 +16,8 @@ from joybridge.v1 import bridge_pb2 as pb
 from tests.support.own_layouts import ENTRY_POINTS, offer
 
 NAMES = (
-    "hybrid", "bucket-2", "bucket-11", "bucket-8-mu", "joint-2", "joint-3-mu", "threshold-0.0", "threshold-0.1",
-    "threshold-0.5", "multiagent", "compass-8", "hybrid, axis0=bucket-5-mu, branch1=threshold-0.0",
+    "hybrid", "bucket-2", "bucket-11", "bucket-8-mu", "joint-2", "joint-3-mu", "ordinal-5", "threshold-0.0",
+    "threshold-0.1", "threshold-0.5", "multiagent", "compass-8", "hybrid, axis0=bucket-5-mu, branch1=threshold-0.0",
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch.distributions import Categorical, Normal
 
+from joybridge.trainer.layouts import ActionSpace
 from joybridge.trainer.ppo.distributions import (
     FORBIDDEN,
     branch_entropies,
@@ -13,6 +14,7 @@ from joybridge.trainer.ppo.distributions import (
     gaussian_log_probs,
 )
 from joybridge.trainer.ppo.fast.kernels import Action, Head, Noise, sample
+from joybridge.trainer.ppo.networks import Network
 
 SIZES = (5, 3, 2)
 
@@ -116,3 +118,21 @@ def test_the_likeliest_action_is_the_largest_logit_and_the_mean():
     uniform, normal = np.full((64, 3), 0.99, np.float32), np.ones((64, 2), np.float32)
     choices, samples, _ = sampled(outputs, uniform, normal, (0.0, 0.0), likeliest=True)
     assert (choices == logits.argmax(-1)).all() and (samples == outputs[:, -2:]).all()
+
+
+def test_ordinal_log_probs_and_entropies_are_those_of_tang_and_agrawal():
+    network = Network(6, ActionSpace(0, (5, 3), ordinal=(0,)), [16], True, seed=1)
+    observations = torch.randn(64, 6, generator=torch.Generator().manual_seed(3))
+    with torch.no_grad():
+        network.actor.head.weight *= 30.0
+        raw, logits = network.actor(observations), network(observations).logits
+    below, beyond = (torch.nn.functional.logsigmoid(sign * raw[:, :5]) for sign in (1, -1))
+    ordinal = torch.stack([below[:, : j + 1].sum(1) + beyond[:, j + 1 :].sum(1) for j in range(5)], 1)
+    truth = [Categorical(logits=ordinal), Categorical(logits=raw[:, 5:8])]
+    choices = torch.stack([torch.arange(64) % size for size in (5, 3)], 1)
+    log_p = torch.log_softmax(logits, -1)
+    torch.testing.assert_close(
+        chosen_log_probs(log_p, choices), sum(d.log_prob(choices[:, i]) for i, d in enumerate(truth))
+    )
+    torch.testing.assert_close(branch_entropies(log_p), torch.stack([d.entropy() for d in truth], 1))
+    assert ordinal.std() > 1.0

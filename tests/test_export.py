@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("signals")
 
 EXAMPLES = Path(__file__).parents[1] / "proto" / "examples"
 RUNTIME = EXAMPLES / "python" / "policy.py"
-LAYOUTS = ["hybrid", "bucket-3", "threshold-0.0", "threshold-0.5", "multiagent", "joint-3-mu", "hybrid, x=bucket-4-mu"]
+LAYOUTS = ["hybrid", "bucket-3", "threshold-0.0", "threshold-0.5", "multiagent", "joint-3-mu", "ordinal-4, x=hybrid"]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
 
 

@@ -52,7 +52,6 @@ def learn(address: str, run: Path, game: str, layout: str, timesteps: int, **mor
         ("identity_hybrid", "bucket-11", 24_000, 0.9),
         ("identity_hybrid", "multiagent", 12_000, 0.9),
         ("identity_hybrid", "threshold-0.0", 24_000, 0.9),
-        ("identity_hybrid", "joint-5", 12_000, 0.8),  # its five values reach 0.95 at best
     ],
 )
 def test_the_identity_game_is_learned(game, layout, timesteps, wanted, address, tmp_path):

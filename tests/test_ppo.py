@@ -23,6 +23,7 @@ SPACES = {
     "hybrid": (ActionSpace(2, (2, 2)), False, False),
     "hybrid in one tower, masked": (ActionSpace(2, (4, 3)), True, True),
     "discrete in two towers, masked": (ActionSpace(0, (5, 2)), False, True),
+    "ordinal and others, masked": (ActionSpace(1, (4, 7, 3), ordinal=(0, 2)), True, True),
 }
 
 

@@ -70,12 +70,15 @@ def _policy(actor: Actor) -> Document:
         {"weight": state[f"actor.hidden.{index}.weight"], "bias": state[f"actor.hidden.{index}.bias"]}
         for index in range(len(actor.config.hidden_sizes))
     ]
+    head, sums = state["actor.head.weight"], actor.network.sums
+    if sums is not None:  # ordinal logits are sums of outputs, so weights are added up once and for all
+        head = sums.numpy(force=True).T @ head
     bias = np.concatenate([np.zeros(len(choices), np.float32), state["mean_bias"]])
     return {
         "name": actor.name,
         "sensors": [sensor.name for sensor in actor.encoder.sensors],
         "frame_stack": actor.config.frame_stack,
-        "layers": [*hidden, {"weight": state["actor.head.weight"][rows], "bias": bias}],
+        "layers": [*hidden, {"weight": head[rows], "bias": bias}],
         "deviations": np.exp(0.5 * state["log_variance"].astype(float)).astype(np.float32),
         "discrete": [_table(table) for table in layout.discrete],
         "continuous": [_target(target) for target in layout.continuous],

@@ -5,6 +5,7 @@ The paper compares such mappings. Each works on the device of any spec, knows no
     hybrid        every axis a Gaussian, every branch categorical, one joint log-probability
     bucket-N      every axis a branch of N evenly spaced values; all buttons share one branch with "nothing"
     bucket-N-mu   the same, with values that are dense in the middle of each axis
+    ordinal-N     as bucket-N, with an ordinal distribution over the values of each axis
     joint-N       one branch: all combinations of N values per axis and of the choices of all branches
     threshold-T   every axis and every button a Gaussian; a button is pressed by a threshold
     multiagent    two policies: one holds the axes, one the buttons

@@ -19,6 +19,7 @@ from joybridge.trainer.layouts.hybrid import hybrid
 from joybridge.trainer.layouts.joint import joint
 from joybridge.trainer.layouts.layout import DeviceError, Layout, SettingError
 from joybridge.trainer.layouts.multiagent import multiagent
+from joybridge.trainer.layouts.ordinal import ordinal
 from joybridge.trainer.layouts.threshold import threshold
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -30,8 +31,12 @@ Maker = Callable[[pb.Device, str], Layout | Mapping[str, Layout]]
 
 KINDS: dict[str, Maker] = {
     "hybrid": hybrid, "multiagent": multiagent, "bucket": bucket, "threshold": threshold, "joint": joint,
+    "ordinal": ordinal,
 }  # fmt: skip
-FORMS = ("hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu")
+FORMS = (
+    "hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu", "ordinal-N",
+    "ordinal-N-mu",
+)  # fmt: skip
 
 
 def find_layouts(name: str, device: pb.Device) -> dict[str, Layout]:

@@ -32,6 +32,7 @@ class ActionSpace:
 
     continuous: int
     branches: tuple[int, ...]
+    ordinal: tuple[int, ...] = ()  # branches whose choices are neighbors, by their indices
 
     @property
     def widest(self) -> int:
@@ -49,7 +50,8 @@ class Layout:
     @property
     def space(self) -> ActionSpace:
         """Return the action space that this layout gives its policy."""
-        return ActionSpace(len(self.continuous), tuple(len(table.values) for table in self.discrete))
+        ordinal = [index for index, table in enumerate(self.discrete) if isinstance(table, AxisTable) and table.ordinal]
+        return ActionSpace(len(self.continuous), tuple(len(table.values) for table in self.discrete), tuple(ordinal))
 
     def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
         """Return what the policy's branches and its continuous actions act on: names of the device's parts."""

@@ -41,6 +41,7 @@ class AxisTable:
 
     axis: int
     values: Array  # float32 [choices]
+    ordinal: bool = False  # the values are neighbors: what makes one likelier makes those beyond it likelier as well
 
 
 @dataclass(frozen=True)

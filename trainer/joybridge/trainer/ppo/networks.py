@@ -48,9 +48,12 @@ class Network(nn.Module):
     original (ML-Agents 0.7): hidden kernels from a truncated normal with variance 1/fan-in, policy heads a
     hundredth of that, the value head Glorot uniform, biases zero. One log-variance per continuous action,
     independent of the state, begins at 0.
+
+    `sums` [columns, columns], None without ordinal branches: the logits are the outputs of the tower times this matrix.
     """
 
     pad: Tensor
+    sums: Tensor | None
 
     def __init__(self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int) -> None:
         """Make a network for observations of `observation` numbers; `shared`: one tower for both."""
@@ -61,7 +64,9 @@ class Network(nn.Module):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
         sizes = [observation, *hidden]
-        self.actor = Tower(sizes, pad.numel() + space.continuous + shared)
+        columns = pad.numel() + space.continuous + shared
+        self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
+        self.actor = Tower(sizes, columns)
         self.critic = None if shared else Tower(sizes, 1)
         self.mean_bias = nn.Parameter(torch.zeros(space.continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
@@ -82,6 +87,8 @@ class Network(nn.Module):
         """Return the actor's outputs [lanes, columns], without mask and bias, and the values [lanes]."""
         outputs = self.actor(observations)
         value = outputs if self.critic is None else self.critic(observations)
+        if self.sums is not None:
+            outputs = outputs @ self.sums
         return outputs, value[:, -1] + self.value_bias
 
     def forward(self, observations: Tensor) -> Outputs:
@@ -94,6 +101,22 @@ class Network(nn.Module):
     def value(self, observations: Tensor) -> Tensor:
         """Return the values [lanes] alone."""
         return (self.critic or self.actor)(observations)[:, -1] + self.value_bias  # type: ignore[no-any-return]
+
+
+def ordinal_sums(space: ActionSpace, columns: int) -> Tensor | None:
+    """Return the matrix that turns the outputs of a tower into logits, [columns, columns]; None: they are equal.
+
+    The ordinal logits of Tang and Agrawal (2020) are sums of log s and log(1 - s), with s the sigmoid of an output. The
+    difference of the two is the output itself. So but for a summand that all choices share, and that the softmax
+    ignores, the logit of a choice is the sum of the outputs up to its own.
+    """
+    if not space.ordinal:
+        return None
+    sums = torch.eye(columns)
+    for branch in space.ordinal:
+        begin, end = branch * space.widest, branch * space.widest + space.branches[branch]
+        sums[begin:end, begin:end] = torch.ones(end - begin, end - begin).triu()
+    return sums
 
 
 def flatten_parameters(network: nn.Module) -> Tensor:

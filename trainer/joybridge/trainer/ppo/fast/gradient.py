@@ -32,6 +32,8 @@ class ClosedFormGradient:
         network = self.network
         outputs = self.actor.forward(batch.observations)
         values = (outputs if self.critic is None else self.critic.forward(batch.observations))[:, -1]
+        if network.sums is not None:
+            outputs = torch.mm(outputs, network.sums)
         d_outputs = torch.empty_like(outputs)
         d_values = d_outputs[:, -1] if self.critic is None else torch.empty_like(values)
         action = Action(batch.continuous.numpy(), batch.discrete.numpy(), batch.log_probs.numpy())
@@ -47,7 +49,7 @@ class ClosedFormGradient:
         _into(network.value_bias, d_values.sum())
         if self.critic is not None:
             self.critic.backward(d_values.unsqueeze(-1))
-        self.actor.backward(d_outputs)
+        self.actor.backward(d_outputs if network.sums is None else torch.mm(d_outputs, network.sums.t()))
         return statistics
 
 
