@@ -42,7 +42,7 @@ class BehaviorFormat:
         self.name, self.agents = behavior.name, behavior.agents_per_arena
         self.slots = range(first_slot, first_slot + self.agents)
         device = behavior.device
-        self.actions = [part.name for part in (*device.axes, *device.branches)]
+        self.actions = [*(axis.name for axis in device.axes), *(branch.name for branch in device.branches)]
         self.choices = {branch.name: len(branch.choices) for branch in device.branches}
         self.channels = {channel.name: index for index, channel in enumerate(behavior.channels)}
         self.metrics = [metric.name for metric in behavior.metrics]
