@@ -1,6 +1,7 @@
 """Grids: finished runs are skipped, a failed run stops no other, and a killed grid ends with the same results."""
 
 import csv
+import io
 import os
 import shutil
 import signal
@@ -12,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 import joybridge.experiments
-from joybridge.experiments import Job, Process, ResultName, RunName, cluster, find_results, grid, run_grid, start
+from joybridge.experiments import Job, Process, ResultName, RunName, cluster, find_results, grid, job, run_grid, start
 from joybridge.experiments.cluster import read_files, write_files
 from joybridge.experiments.display import Display, time_left
 from joybridge.experiments.grid import keep_results
@@ -182,13 +184,14 @@ def test_a_ray_cluster_resumes_killed_runs_to_the_same_results_and_reports_failu
 
 def test_a_run_that_another_process_is_training_is_refused(configs, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "PARENT_SECONDS", 0.0)
+    monkeypatch.setattr(job, "PARENT_SECONDS", 0.0)
     taken = make_job(configs, tmp_path)
     sentence = f"{taken.run} is being trained by process {os.getpid()} on "
     with locked(taken.run):
         with pytest.raises(RunLockedError, match=sentence):
             cluster.RemoteRun(None, taken)
         failed = run_grid([taken], 1, tmp_path / "results")
-    assert failed[taken].startswith(f"error: {sentence}")
+    assert failed[taken].startswith(sentence)
 
 
 class Endless:
@@ -228,14 +231,36 @@ def test_the_time_left_follows_from_the_speed_and_is_unknown_before_the_first_me
     assert time_left(9_000_000, 0.0) == "measuring"
 
 
-def test_a_failed_run_no_longer_counts_for_the_time_left(configs, tmp_path):
+def test_the_table_shows_what_all_runs_have_reached_and_the_time_left_leaves_failed_ones_out(configs, tmp_path):
     jobs = [make_job(configs, tmp_path, seed=seed) for seed in (0, 1)]
-    display = Display(jobs, finished=0)
-    display.update([])
-    assert display.bars.tasks[display.all].total == 2 * TIMESTEPS
+    for one, reward in zip(jobs, ("2.5", "3.5"), strict=True):
+        one.run.mkdir(parents=True)
+        (one.run / "metrics-a.csv").write_text(f"timesteps,reward\n1500,1\n3000,{reward}\n")
+    display, printed = Display(jobs, finished=[]), io.StringIO()
+    display.console = Console(file=printed, width=200)
+    display.update([jobs[1]])
+    display.console.print(display.table())
     display.end(jobs[0], "error: it failed")
-    display.update([])
-    assert display.bars.tasks[display.all].total == TIMESTEPS
+    display.end(jobs[1], None)
+    heads, survive, every, _, failed, done = map(str.split, printed.getvalue().splitlines())
+    assert heads == ["experiment", "finished", "running", "timesteps", "reward"]
+    assert survive == ["survive", "0", "of", "2", "1", "50", "%", "3"]
+    assert every == ["all", "0", "of", "2", "1", "50", "%"]
+    assert failed[:5] == ["survive-s0:", "failed:", "error:", "it", "failed"]
+    assert done == ["survive-s1:", "done,", "reward", "3.5"]
+    assert list(display.first) == [jobs[1]]
+
+
+def test_a_run_that_cannot_be_resumed_exactly_begins_anew(whole, configs, tmp_path):
+    plain = make_job(configs, whole.results.parent)
+    shutil.copytree(plain.run, tmp_path / "survive-s0")
+    left = replace(plain, runs=tmp_path, exact=False, timesteps=2 * TIMESTEPS)
+    replace(left, overrides=("policy.epochs=1",)).prepare()
+    assert has_checkpoint(left.run)  # of another configuration: the trainer refuses it
+    replace(left, exact=True).prepare()
+    assert has_checkpoint(left.run) and left.last_row()
+    left.prepare()
+    assert not has_checkpoint(left.run) and not left.last_row() and (left.run / "log.txt").exists()
 
 
 def test_results_of_one_policy_are_named_without_it(tmp_path):

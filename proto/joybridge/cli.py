@@ -33,6 +33,9 @@ COMMANDS = {
         "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
     ),
     "train": Command("joybridge.trainer.__main__", "train", "train a configuration"),
+    "compare": Command(
+        "joybridge.experiments.compare", "compare", "train variants with several seeds, and write a page about them"
+    ),
     "keys": Command("joybridge.trainer.keys", "train", "list the keys of configurations: default, meaning and range"),
     "evaluate": Command("joybridge.trainer.__main__", "train", "measure how well the policy of a run plays"),
     "record": Command("joybridge.trainer.__main__", "train", "record a video of the policy of a run"),

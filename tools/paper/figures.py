@@ -1,6 +1,5 @@
 """The paper's figures 11 to 14 with our runs and the original's ten."""
 
-import io
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
@@ -16,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, NullLocator, PercentFormatter
-from PIL import Image
 
+from joybridge.experiments import pictures
 from tools.paper.original import TIMESTEPS_PER_STEP, original_curve, original_ends, paper_figures
 from tools.paper.runs import COMPLETE, GAMES, LAYOUTS, MARK, Experiment, Results, main_policy
 
@@ -184,9 +183,7 @@ def _duration(hours: float) -> str:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a small PNG: 256 colors are enough for these pictures."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=110)
+    """Write a figure as a small PNG, and free it."""
+    pictures.save_figure(figure, path)
     plt.close(figure)
-    Image.open(buffer).convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, kmeans=4).save(path, optimize=True)
     return path

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from statistics import mean, stdev
 
 import numpy as np
-from scipy.stats import bootstrap, trim_mean, ttest_ind_from_stats
+from scipy.stats import bootstrap, ttest_ind_from_stats
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
+
+from joybridge.experiments import estimators
 
 HOLDS, FAILS, UNDECIDED, UNTESTED = "holds", "does not hold", "undecided", "not tested"
 SIGNIFICANCE = 0.05  # of every test
@@ -106,7 +108,7 @@ def interval(values: Sequence[float]) -> tuple[float, float] | None:
 
 def interquartile_mean(values: Sequence[float]) -> float:
     """Return the mean without the lowest and the highest quarter of the values; up to three values all count."""
-    return float(trim_mean(values, 0.25))
+    return float(estimators.interquartile_mean(np.array(values)[:, None]))
 
 
 def _critical_t(freedom: float) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from statistics import mean, stdev
 
+from joybridge.experiments.page import table
 from tools.paper.claims import Behavior, Judged
 from tools.paper.figures import TITLES
 from tools.paper.original import TIMESTEPS_PER_STEP, original_ends, original_point, paper_figures
@@ -45,7 +46,7 @@ def complete_experiments(results: Results) -> str:
                 f"{inside} of {len(runs)}" if ends else "",
                 f"{mean(run.hours for run in runs):.2f}", f"{mean(ends.hours):.1f}" if ends else "",
             ))  # fmt: skip
-    return _table(heads, rows) if rows else NONE
+    return table(heads, rows) if rows else NONE
 
 
 def complete_runs(results: Results) -> str:
@@ -63,7 +64,7 @@ def complete_runs(results: Results) -> str:
                 f"{last:.1f}", _two_sigma(ends.last_ten) if ends else "",
                 f"{run.hours:.2f}", f"{mean(ends.hours):.1f}" if ends else "",
             ))  # fmt: skip
-    return _table(heads, rows) if rows else NONE
+    return table(heads, rows) if rows else NONE
 
 
 def agreement(results: Results) -> str:
@@ -80,7 +81,7 @@ def agreement(results: Results) -> str:
                 f"{theirs.runs}", f"{theirs.mean:.1f}", f"{theirs.std:.1f}",
                 _p(welch_p(ours, theirs)), _p(variance_p(ours, theirs)),
             ))  # fmt: skip
-    return _table(heads, rows) if rows else f"No experiment has {ENOUGH} complete runs yet."
+    return table(heads, rows) if rows else f"No experiment has {ENOUGH} complete runs yet."
 
 
 def _p(value: float) -> str:
@@ -110,13 +111,13 @@ def behaviors(behavior: Behavior) -> list[str]:
             for name, figures in chosen.items()
         ]
         if rows:
-            blocks += [f"{title}:", _table(("policy", *(key.replace("_", " ") for key in keys)), rows)]
+            blocks += [f"{title}:", table(("policy", *(key.replace("_", " ") for key in keys)), rows)]
     return blocks
 
 
 def claims(judged: Sequence[Judged]) -> str:
     """Return a table of the claims with our verdict and that of the original's logs."""
-    return _table(
+    return table(
         ("", "the paper's claim", "game", "here", "the original's logs"),
         [
             (
@@ -153,7 +154,7 @@ def every_experiment(results: Results) -> str:
         "timesteps/s alone",
         "logs: reward", "logs: IQM", "logs: length", "paper: reward", "paper: accuracy or length", "paper: hours",
     )  # fmt: skip
-    return _table(
+    return table(
         heads,
         [
             _experiment_row(experiment, mark)
@@ -195,7 +196,7 @@ def by_marks(results: Results) -> list[str]:
         marks = [mark for mark in MARKS if any(experiment.at(mark) for experiment in experiments)]
         heads = [f"{mark / 1e6:g} M ({mark // TIMESTEPS_PER_STEP // 1000} k steps)" for mark in marks]
         rows = [(each.name, *(_mark_cell(each, mark) for mark in marks)) for each in experiments]
-        blocks += [f"{title}:", _table(("experiment", *heads), rows)]
+        blocks += [f"{title}:", table(("experiment", *heads), rows)]
     return blocks
 
 
@@ -229,7 +230,3 @@ def _figure(value: float | Sequence[float] | None) -> str:
     if isinstance(value, Sequence):
         return " ".join(f"{each:.0f}" for each in value)
     return "" if value is None else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, ["---"] * len(heads), *rows))

@@ -1,54 +1,76 @@
-"""The progress of a grid on the terminal."""
+"""The progress of a grid on the terminal: a live table, and a line per finished run everywhere."""
 
 import time
 from collections.abc import Sequence
+from statistics import mean
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
 from joybridge.experiments.job import Job
 
 
 class Display:
-    """One line per running job and one for all jobs, with the speed and the time left at that speed."""
+    """A line per experiment and one for all, with the speed and the time left at that speed."""
 
-    def __init__(self, jobs: Sequence[Job], finished: int) -> None:
-        """Show the jobs to run. finished: how many others were finished before."""
+    def __init__(self, jobs: Sequence[Job], finished: Sequence[Job]) -> None:
+        """Show a grid. finished: those of its jobs that were finished before."""
         self.console = Console(highlight=False)
-        self.console.print(f"{len(jobs) + finished} runs, {finished} of them already finished")
-        self.bars = Progress(
-            TextColumn("{task.description:<32}"), BarColumn(bar_width=16), TextColumn("{task.fields[text]}"),
-            TimeElapsedColumn(), console=self.console,
-        )  # fmt: skip
-        self.jobs = list(jobs)
-        self.all = self.bars.add_task("all", total=None, text="")
-        self.tasks = {
-            job: self.bars.add_task(str(job.name), total=job.timesteps, visible=False, text="") for job in jobs
-        }
-        self.started, self.first = time.monotonic(), {job: job.done() for job in jobs}
-        self.done = dict(self.first)
+        self.console.print(f"{len(jobs)} runs, {len(finished)} of them already finished")
+        self.jobs, self.ended, self.running = list(jobs), set(finished), set[Job]()
+        self.rows = {job: job.last_row() for job in jobs}
+        self.first = {job: self._done(job) if job.exact else 0 for job in jobs if job not in finished}  # nor failed
+        self.begin = time.monotonic()
+        self.live = Live(get_renderable=self.table, console=self.console, refresh_per_second=2, transient=True)
 
     def update(self, running: Sequence[Job]) -> None:
         """Show the progress of the running jobs and of all."""
-        for job in running:
-            self.done[job] = job.done()
-            text = f"{self.done[job] / 1e6:.1f} M"
-            self.bars.update(self.tasks[job], completed=self.done[job], visible=True, text=text)
-        total = sum(job.timesteps for job in self.jobs)
-        done = sum(self.done[job] for job in self.jobs)
-        before = sum(self.first[job] for job in self.jobs)
-        text = time_left(total - done, (done - before) / (time.monotonic() - self.started))
-        self.bars.update(self.all, completed=done, total=total, text=text)
+        self.running = set(running)
+        self.rows |= {job: job.last_row() for job in running}
 
     def end(self, job: Job, failure: str | None) -> None:
         """Print that a job has ended, or why it failed. A failed job no longer counts for the time left."""
-        self.done[job] = job.done()
-        self.bars.update(self.tasks[job], visible=False)
+        self.rows[job] = job.last_row()
+        self.running.discard(job)
         if failure is None:
-            self.console.print(f"{job.name}: done")
+            self.ended.add(job)
+            reward = f", reward {self.rows[job]['reward']:.4g}" if "reward" in self.rows[job] else ""
+            text = f"{job.name}: done{reward}"
         else:
-            self.jobs.remove(job)
-            self.console.print(f"{job.name}: failed: {failure} (see {job.run / 'log.txt'})", soft_wrap=True)
+            del self.first[job]
+            text = f"{job.name}: failed: {failure} (see {job.run / 'log.txt'})"
+        self.console.print(text, soft_wrap=True, markup=False)
+
+    def table(self) -> Table:
+        """Return what is shown live: the runs and timesteps of each experiment, and the mean of the last rewards."""
+        table = Table(box=None, pad_edge=False, caption=self.time_left(), caption_justify="left")
+        for head in ("experiment", "finished", "running", "timesteps", "reward"):
+            table.add_column(head, justify="left" if head == "experiment" else "right")
+        groups = {
+            name: [job for job in self.jobs if job.experiment == name]
+            for name in dict.fromkeys(job.experiment for job in self.jobs)
+        }
+        for name, jobs in [*groups.items(), ("all", self.jobs)]:
+            share = sum(map(self._done, jobs)) / sum(job.timesteps for job in jobs)
+            rewards = [self.rows[job]["reward"] for job in jobs if "reward" in self.rows[job]]
+            table.add_row(
+                Text(name), f"{len(self.ended.intersection(jobs))} of {len(jobs)}",
+                f"{len(self.running.intersection(jobs))}", f"{100 * share:.0f} %",
+                f"{mean(rewards):.4g}" if rewards and name in groups else "",
+            )  # fmt: skip
+        return table
+
+    def time_left(self) -> str:
+        """Return the speed of all running jobs and the time left at this speed."""
+        done, first = sum(map(self._done, self.first)), sum(self.first.values())
+        left = sum(job.timesteps for job in self.first) - done
+        return time_left(left, (done - first) / (time.monotonic() - self.begin))
+
+    def _done(self, job: Job) -> int:
+        """Return the timesteps of a job that the table knows of."""
+        return min(job.timesteps, int(self.rows[job].get("timesteps", 0)))
 
 
 def time_left(timesteps: int, speed: float) -> str:

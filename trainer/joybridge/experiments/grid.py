@@ -27,24 +27,27 @@ def run_grid(
     """
     finished = [job for job in jobs if job.finished()]
     waiting = [job for job in jobs if job not in finished]
-    display = Display(waiting, len(finished))
     running: dict[Job, Process] = {}
     failed: dict[Job, str] = {}
 
     def keep(job: Job) -> None:
         try:
             keep_results(job, results)
-        except FileExistsError as error:
+        except (OSError, JoybridgeError) as error:
             failed[job] = str(error)
 
     for job in finished:
         keep(job)
+    if not waiting:
+        return failed
+    display = Display(jobs, finished)
     try:
-        with display.bars:
+        with display.live:
             while waiting or running:
                 while waiting and len(running) < parallel:
                     job = waiting.pop(0)
                     try:
+                        job.prepare()
                         running[job] = begin(job)
                     except (OSError, JoybridgeError) as error:
                         failed[job] = str(error)

@@ -1,9 +1,11 @@
 """One training run of a grid: its configuration, its folder, and the trainer process that makes it."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,7 +15,9 @@ from joybridge.experiments.names import RunName
 from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
 from joybridge.trainer.config import changes, load_config, run_config
 from joybridge.trainer.errors import CheckpointError, ConfigError
-from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.files import storing
+from joybridge.trainer.metrics import Row, read_rows
+from joybridge.trainer.run_lock import PARENT_SECONDS, locked
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,8 @@ class Job:
     configs: Path  # folder of configurations
     runs: Path  # folder of all runs
     overrides: tuple[str, ...] = ()  # of the configuration, each KEY=VALUE
+    arguments: tuple[str, ...] = ()  # of `train`, for example --simulator ADDRESS
+    exact: bool = True  # a resumed run has the same results; otherwise an interrupted run begins anew
 
     def __post_init__(self) -> None:
         """Check the experiment's name."""
@@ -46,10 +52,15 @@ class Job:
         """Return the run's folder."""
         return self.runs / str(self.name)
 
-    def done(self) -> int:
-        """Return the timesteps of the last row of metrics, at most those of the job."""
-        rows = [row for path in self.run.glob("metrics-*.csv") for row in read_rows(path)[-1:]]
-        return min(self.timesteps, max((int(row["timesteps"]) for row in rows), default=0))
+    def last_row(self) -> Row:
+        """Return the last row of metrics of the run's last policy, which has the buttons; empty if there is none.
+
+        Metrics that cannot be read are reported by the trainer when it is started, and when they are kept.
+        """
+        for path in sorted(self.run.glob("metrics-*.csv"))[-1:]:
+            with suppress(CheckpointError):
+                return next(reversed(read_rows(path)), {})
+        return {}
 
     def finished(self) -> bool:
         """Return whether the run has reached its number of timesteps with the configuration as it is now."""
@@ -60,6 +71,23 @@ class Job:
             return not changes(run_config(self.run), config)
         except (CheckpointError, ConfigError):  # the trainer reports the same error when the job is started
             return False
+
+    def prepare(self) -> None:
+        """Wait for the trainer of a grid that was killed, and delete what it left if this cannot be resumed exactly.
+
+        A run of another configuration is left alone: the trainer refuses to resume it. Raises ConfigError and
+        StorageError, and RunLockedError while another process is training the run.
+        """
+        with locked(self.run, PARENT_SECONDS):
+            if self.exact or not has_checkpoint(self.run):
+                return
+            if changes(run_config(self.run), load_config(self.config, self.settings())):
+                return
+            with storing(self.run):
+                shutil.rmtree(self.run / "tensorboard", ignore_errors=True)
+                for path in self.run.glob("metrics-*.csv"):
+                    path.unlink()
+                shutil.rmtree(self.run / "checkpoints")  # last: without it, nothing would be known to be left
 
     def settings(self) -> list[str]:
         """Return everything that differs from the configuration, each KEY=VALUE."""
@@ -72,7 +100,7 @@ class Job:
         """
         resume = ["--resume"] if has_checkpoint(run) else []
         trainer = [sys.executable, "-m", "joybridge.trainer", "train", "--with-parent"]
-        return [*trainer, str(config), "--run", str(run), *self.settings(), *resume]
+        return [*trainer, str(config), "--run", str(run), *self.arguments, *self.settings(), *resume]
 
     def failure(self, status: int) -> str:
         """Return why the run failed: the signal that killed it, or the last line of its log."""

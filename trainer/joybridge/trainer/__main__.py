@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
@@ -174,12 +174,8 @@ def _train(options: argparse.Namespace) -> None:
 
 def _continuation(run: Path, options: argparse.Namespace) -> str:
     """Return what is saved of a run that has ended early, and the command that continues it."""
-    command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume"]
-    for value in options.simulator:  # waited for, unlike one that the run remembers
-        command += ["--simulator", value]
-    for flag, file in (("--tls-ca", options.tls_ca), ("--token-file", options.token_file)):
-        if file:
-            command += [flag, str(file)]
+    named = replace(wanted_simulators(options), games=())  # waited for, unlike simulators that the run remembers
+    command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume", *named.arguments()]
     saved = checkpoints(run)
     done = f"saved at {int(saved[-1].name):,} timesteps; continue" if saved else "nothing is saved yet; begin again"
     return f"{done} with: {shlex.join(command)}"

@@ -1,6 +1,5 @@
 """The metrics of one policy: a row every `log_interval` timesteps, to a CSV file and to TensorBoard."""
 
-import re
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +9,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.files import storing
-from joybridge.trainer.metrics import Row, read_cells, write_cells
+from joybridge.trainer.metrics import Row, metrics_name, read_cells, write_cells
 
 
 class RunningMean:
@@ -47,7 +46,7 @@ class Logger:
 
         Raises CheckpointError for a file of metrics that cannot be read, and StorageError.
         """
-        name = re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)  # never a path of its own
+        name = metrics_name(policy)
         self.mean = RunningMean()
         self.path = run / f"metrics-{name}.csv"
         self.rows = [cells for cells in read_cells(self.path) if float(cells["timesteps"]) <= after]

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from pathlib import Path
 
 from joybridge.trainer.errors import CheckpointError
@@ -24,6 +25,11 @@ _COLUMNS = {
 def is_trainers(column: str) -> bool:
     """Return whether the trainer writes a column for every game; the others are metrics of the game."""
     return column in _COLUMNS or column.startswith("entropy_")
+
+
+def metrics_name(policy: str) -> str:
+    """Return the name of a policy in the names of files: never a path of its own."""
+    return re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)
 
 
 def read_rows(path: Path) -> list[Row]:

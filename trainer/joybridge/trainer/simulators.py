@@ -38,6 +38,12 @@ class Simulators:
         credentials = load_credentials(*files)
         return [ProtectedAddress(address, credentials) for address in self.addresses]
 
+    def arguments(self) -> list[str]:
+        """Return the options of the command line that name them."""
+        pairs = [("--simulator", address) for address in self.addresses] + [("--game", game) for game in self.games]
+        pairs += [(flag, file) for flag, file in (("--tls-ca", self.tls_ca), ("--token-file", self.token_file)) if file]
+        return [word for pair in pairs for word in pair]
+
 
 def remember(run: Path, simulators: Simulators) -> None:
     """Keep in the folder of a run what it is trained with. Raises StorageError."""

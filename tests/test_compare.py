@@ -1,0 +1,333 @@
+"""`joybridge compare`: what it trains, refuses and repeats, and what its page says. Runs train in this process."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from joybridge.experiments import compare as command
+from joybridge.experiments import page as pages
+from joybridge.experiments.analysis import Analysis, analyze
+from joybridge.experiments.job import Job
+from joybridge.experiments.page import Setting, page_text, write_page
+from joybridge.experiments.scores import Point, Run, read_run
+from joybridge.experiments.variants import differences, kept_spec, make_variants, read_values
+from joybridge.trainer.__main__ import main as trainer
+from joybridge.trainer.checkpoint import has_checkpoint
+from joybridge.trainer.errors import CheckpointError, ConfigError
+from tests.support.command_line import Done, joybridge
+
+pytestmark = pytest.mark.usefixtures("signals")
+
+SMALL = """
+game: archer
+arenas: 8
+total_timesteps: 1280
+log_interval: 320
+policy: {frame_stack: 1, hidden_sizes: [16], rollout_steps: 20, time_horizon: 20, minibatch_size: 80}
+"""
+FIGURES = ("scores.csv", "pictures/scores-light.png", "pictures/curves-dark.png", "pictures/profiles-light.png")
+OUT = Path("out")
+Compare = Callable[..., Done]
+
+
+class Ended:
+    """A run that was trained in this process."""
+
+    def __init__(self, status: int) -> None:
+        self.status = status
+
+    def poll(self) -> int:
+        return self.status
+
+    def terminate(self) -> None:
+        raise AssertionError("it has ended")
+
+    def wait(self) -> int:
+        return self.status
+
+
+def train_here(job: Job) -> Ended:
+    """Train a job with the command that a grid would start."""
+    _, _, _, *arguments = job.command(job.config, job.run)
+    arguments.remove("--with-parent")
+    return Ended(trainer(arguments))
+
+
+def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done:
+    """Compare two layouts with two seeds in a folder. draw: also draw the pictures, which takes a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not draw:
+            patch.setattr(pages, "draw_pictures", lambda *_: None)
+        patch.chdir(folder)
+        patch.setattr(command, "start", train_here)
+        Path("small.yaml").write_text(SMALL)
+        shared = ["--layouts", "hybrid", "bucket-3", "--seeds", "2", "--output", str(OUT), "--simulator", simulator]
+        return joybridge("compare", "small.yaml", *shared, *more)
+
+
+@pytest.fixture(scope="module")
+def whole(simulator, tmp_path_factory) -> Path:
+    """Return a folder with a comparison that was not interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    done = run_in(folder, simulator, draw=True)
+    assert done.status == 0, done.errors
+    assert "hybrid-s0: done, reward " in done.output and "next: joybridge evaluate out/runs/" in done.errors
+    return folder
+
+
+@pytest.fixture
+def copied(whole, tmp_path, monkeypatch) -> Iterator[Path]:
+    """Return a copy of the whole comparison, beside which the test works."""
+    shutil.copytree(whole, tmp_path / "copy")
+    monkeypatch.chdir(tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def page(folder: Path) -> str:
+    """Return the page without its only section that depends on the clock."""
+    before, _, after = (folder / OUT / "page.md").read_text().partition("## Wall-clock time")
+    return before + after[after.index("## ") :]
+
+
+def numbers(folder: Path) -> dict[str, object]:
+    """Return the numbers of the page without those that depend on the clock."""
+    data: dict[str, object] = json.loads((folder / OUT / "compare.json").read_text())
+    assert data.pop("wall_clock")
+    return data
+
+
+def assert_same(one: Path, other: Path) -> None:
+    assert page(one) == page(other)
+    assert numbers(one) == numbers(other)
+    for name in FIGURES:
+        assert (one / OUT / name).read_bytes() == (other / OUT / name).read_bytes()
+
+
+# ------------------------------------------------------------------------------------------------- the whole command
+
+
+def test_a_comparison_that_was_killed_and_is_repeated_ends_in_the_same_figures(whole, copied, simulator):
+    # As a kill leaves it: a finished run, one that was interrupted after a checkpoint, two that have not begun.
+    for name in ("hybrid-s1", "bucket-3-s0", "bucket-3-s1"):
+        shutil.rmtree(OUT / "runs" / name)
+    shutil.rmtree(OUT / "metrics")
+    half = Job("bucket-3", 0, 640, OUT / "configs", OUT / "runs", arguments=("--simulator", simulator))
+    assert train_here(half).status == 0 and has_checkpoint(half.run)
+    done = run_in(copied, simulator, draw=True)
+    assert done.status == 0 and "4 runs, 1 of them already finished" in done.output
+    assert_same(copied, whole)
+
+
+def test_a_finished_comparison_is_repeated_without_a_simulator(whole, copied):
+    done = run_in(copied, "127.0.0.1:1", "--wait", "0.1")
+    assert done.status == 0 and "done" not in done.output
+    for name in ("page.md", "page.html", "compare.json"):
+        assert (copied / OUT / name).read_bytes() == (whole / OUT / name).read_bytes()
+
+
+def test_another_metric_and_score_need_no_training(copied):
+    done = run_in(copied, "127.0.0.1:1", "--metric", "accuracy", "--score", "0.25")
+    assert done.status == 0
+    text = page(copied)
+    assert "mean *accuracy*" in text and "## Timesteps to a score of 0.25" in text
+    assert "--metric accuracy --score 0.25" in text.splitlines()[-2]
+    unknown = run_in(copied, "127.0.0.1:1", "--metric", "acuracy")
+    assert unknown.status == 1
+    assert "has no acuracy: it has accuracy, " in unknown.errors
+    assert page(copied) == text  # the last page is still there
+
+
+def test_a_comparison_of_another_configuration_is_refused_by_name(copied):
+    before = page(copied)
+    done = run_in(copied, "127.0.0.1:1", "policy.epochs=3", "stop=640")
+    assert done.status == 1
+    assert done.errors == (
+        "error: out holds another comparison: of 'hybrid', policy.epochs was 4 and is now 3; repeat the command as it "
+        "was, or name another folder with --output\n"
+    )
+    assert page(copied) == before
+
+
+def test_a_game_that_has_changed_is_refused_by_name(copied, simulator):
+    path = OUT / "configs/bucket-3.spec.json"
+    spec = json.loads(path.read_text())
+    spec["behaviors"][0]["sensors"][0]["shape"] = [77]
+    path.write_text(json.dumps(spec))
+    shutil.rmtree(OUT / "runs/bucket-3-s1")
+    done = run_in(copied, simulator)
+    assert done.status == 1
+    assert (
+        "the game archer has changed since out was begun: of 'bucket-3', behaviors.0.sensors.0.shape.0 was 77 and "
+        in (done.errors)
+    )
+
+
+def test_damaged_metrics_are_named_and_nothing_else_is_lost(whole, copied):
+    damaged = OUT / "runs/hybrid-s1/metrics-archer.csv"
+    damaged.write_text("timesteps,reward\n320,half\n")
+    done = run_in(copied, "127.0.0.1:1")
+    assert done.status == 1
+    assert f"missing: hybrid-s1: {damaged} is no file of metrics" in done.errors
+    assert "These runs are missing" in page(copied) and "1 to 2 runs" in page(copied)
+    damaged.rename(copied / "away.csv")  # as the error says; the kept copy is whole
+    assert run_in(copied, "127.0.0.1:1").status == 0
+    assert_same(copied, whole)
+    kept = OUT / "metrics/0.00128M/hybrid-s1.csv"
+    kept.unlink()
+    done = run_in(copied, "127.0.0.1:1")
+    assert "out/runs/hybrid-s1 has no metrics; delete this folder, and repeat the command" in done.errors
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--set", "layout=hybrid,auto"], "layout is set twice; set it once, with all of its values"),
+        (["--set", "policy.epochs=1,1"], "--set got 'policy.epochs=1,1', which names a value twice"),
+        (["--set", "policy.epochs="], "expected KEY=VALUE,VALUE,… as in policy.gamma=0.9,0.99"),
+        (["--set", "policy.gamma=0.9,0.90"], "'hybrid, gamma=0.9' and 'hybrid, gamma=0.90' have the same config"),
+        (["--set", "seed=1,2"], "--set seed=…: seed does not vary here; use --seeds"),
+        (["--set", "game=archer,orchard"], "use a comparison for each game"),
+        (["seed=7"], "seed=…: seeds are counted from 0; use --seeds for their number"),
+        (["epocs=7"], "unknown key 'epocs'; did you mean 'policy.epochs'?"),
+    ],
+)
+def test_a_wrong_grid_is_refused_before_a_simulator_is_waited_for(more, message, tmp_path):
+    done = run_in(tmp_path, "127.0.0.1:1", *more)
+    assert done.status == 1 and message in done.errors and "waiting" not in done.errors
+    assert not (tmp_path / OUT).exists()
+
+
+def test_a_layout_that_cannot_play_the_game_is_refused_before_anything_is_trained(tmp_path, simulator):
+    done = run_in(tmp_path, simulator, "policy.sensors=[gnu]")
+    assert done.status == 1 and "hybrid: archer: sensors: the game has no 'gnu'" in done.errors
+    assert not (tmp_path / OUT).exists()
+    done = run_in(tmp_path, simulator, "--behavior", "archers")
+    assert done.status == 1 and "--behavior got 'archers'; archer has archer" in done.errors
+
+
+# ---------------------------------------------------------------------------------------------------------- variants
+
+
+def test_values_may_be_lists_and_variants_are_named_after_what_differs(tmp_path):
+    (tmp_path / "small.yaml").write_text(SMALL)
+    sizes = read_values("policy.hidden_sizes=[8, 8], [16]")
+    assert sizes == ("policy.hidden_sizes", ["[8, 8]", "[16]"])
+    made = make_variants(str(tmp_path / "small.yaml"), ["arenas=4"], [("layout", ["bucket-3", "hybrid"]), sizes])
+    assert [variant.label for variant in made[:2]] == ["bucket-3, hidden_sizes=[8, 8]", "bucket-3, hidden_sizes=[16]"]
+    assert [variant.name for variant in made[2:]] == ["hybrid-hidden_sizes=_8-8", "hybrid-hidden_sizes=_16"]
+    assert made[3].config.layout == "hybrid" and made[3].config.policy.hidden_sizes == [16]
+    assert {variant.config.arenas for variant in made} == {4}
+    (alone,) = make_variants(str(tmp_path / "small.yaml"), [], [])
+    assert alone.label == "hybrid"
+
+
+def test_of_axes_and_buttons_the_buttons_count_and_of_several_behaviors_the_first_or_the_named_one(whole):
+    (two,) = make_variants("archer/hybrid", ["layout=multiagent"], [])
+    (one,) = make_variants("archer/hybrid", [], [])
+    spec = kept_spec(one, whole / OUT)
+    assert spec is not None
+    del spec.behaviors[0].device.branches[0].choices[2:]  # it is a button now
+    assert [command.scored_policy(variant, spec, None) for variant in (one, two)] == ["", "buttons"]
+    spec.behaviors.add().CopyFrom(spec.behaviors[0])
+    spec.behaviors[1].name = "other"
+    assert command.scored_policy(one, spec, None) == "archer"
+    assert command.scored_policy(two, spec, "other") == "other-buttons"
+
+
+def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
+    words = [
+        "compare",
+        "x.yaml",
+        "--layouts",
+        "hybrid",
+        "bucket-3, direction=hybrid",
+        "arenas=4",
+        "--output",
+        "y",
+        "seed=1",
+    ]
+    options = command.parse(words, "joybridge")
+    assert options.layouts == ["hybrid", "bucket-3, direction=hybrid"]
+    assert sorted(options.overrides) == ["arenas=4", "seed=1"]
+
+
+def test_differences_name_the_innermost_key():
+    before, now = {"a": {"b": [1, 2]}, "c": 3}, {"a": {"b": [1, 4]}, "d": 5}
+    assert list(differences(before, now)) == [("a.b.1", 2, 4), ("c", 3, None), ("d", None, 5)]
+
+
+# ------------------------------------------------------------------------------------------------ scores and the page
+
+
+def runs(*values: list[float]) -> list[Run]:
+    """Return runs with rows of metrics every 100 timesteps, one per second."""
+    return [
+        Run(seed, tuple(Point(100 * i, float(i), value) for i, value in enumerate(each, 1)))
+        for seed, each in enumerate(values)
+    ]
+
+
+def setting_of(analysis: Analysis, missing: list[str]) -> Setting:
+    return Setting("a game", [1000], {result.label: "" for result in analysis.results}, "joybridge …", missing)
+
+
+def text_of(analysis: Analysis) -> str:
+    return page_text(analysis, setting_of(analysis, []))
+
+
+def test_the_score_of_a_run_is_the_mean_of_its_last_tenth_rounded_up():
+    assert runs([0.0] * 9 + [4.0])[0].score == 4.0
+    assert runs([0.0] * 9 + [4.0, 6.0])[0].score == 5.0
+    assert runs([3.0])[0].score == 3.0
+
+
+def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path):
+    path = tmp_path / "run-s0.csv"
+    path.write_text("timesteps,seconds,reward\n100,1,\n200,2,0.5\n300,3,1.5\n")
+    assert read_run(path, 7, "reward") == Run(7, (Point(200, 2.0, 0.5), Point(300, 3.0, 1.5)))
+    path.write_text("timesteps,reward\n100,nan\n")
+    with pytest.raises(CheckpointError, match=r"run-s0.csv: reward is nan after 100 timesteps, expected a finite"):
+        read_run(path, 7, "reward")
+    path.write_text("timesteps,length\n100,\n")
+    with pytest.raises(ConfigError, match="has no reward: no episode ended; lengthen the runs"):
+        read_run(path, 7, "reward")
+
+
+def test_the_time_to_a_score_is_a_median_to_which_unsuccessful_runs_count():
+    three = runs([1, 5, 5], [1, 1, 5], [1, 1, 1])
+    analysis = analyze("reward", {"three": three, "none": runs([0, 0], [0, 1])}, 5.0)
+    text = text_of(analysis)
+    assert "| three | 2 of 3 | 300 | 200 to 300 |" in text
+    assert "| none | 0 of 2 | not reached |  |" in text
+    assert "| three | 3 | 3 |" in text  # seconds
+
+
+def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
+    good, bad = [[10.0 + i] for i in range(5)], [[0.0 + i] for i in range(5)]
+    text = text_of(analyze("reward", {"good": runs(*good), "bad": runs(*bad)}))
+    assert "- good (IQM 12) is better than bad (2), p = 0.0079." in text  # 2 of the 252 ways to choose 5 ranks of 10
+    assert "| good |  | **100 % [100, 100]** |" in text and "| bad | **0.0079** |  |" in text
+    assert "Too few runs" not in text
+    text = text_of(analyze("reward", {"good": runs(*good[:3]), "bad": runs(*bad[:3])}))
+    assert "No two variants differ significantly." in text
+    assert "**Too few runs for a significance test**: the smallest p value that is possible with them is 0.1." in text
+
+
+def test_one_variant_has_a_page_without_comparisons():
+    text = text_of(analyze("reward", {"alone": runs([1.0, 2.0])}))
+    assert "Which variant is better" not in text and "| **alone** | 1 | 2 | 2 ± 0 | 2 | 2 to 2 |" in text
+
+
+def test_the_html_page_is_one_file_that_follows_the_theme(tmp_path):
+    analysis = analyze("reward", {"a|<b>*$": runs([1.0], [2.0]), "c": runs([1.5])})
+    write_page(analysis, setting_of(analysis, ["x: <i>"]), tmp_path)
+    html = (tmp_path / "page.html").read_text()
+    assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 6
+    assert not re.search(r'(?:src|srcset|href)="(?!data:|https://github.com)', html)
+    assert "prefers-color-scheme: dark" in html
+    assert "<strong>" in html and "a|&lt;b&gt;*$" in html and "<li>x: &lt;i&gt;</li>" in html
+    assert html.count("<table>") == 5
