@@ -298,3 +298,10 @@ def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
     (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v0"}')
     with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v1'; write it with"):
         runtime.Policy(tmp_path / "policy.json")
+
+
+def test_distributions_that_the_format_does_not_have_are_refused(simulator, tmp_path, capsys):
+    run = make_run(tmp_path / "run", simulator, layout="beta, force=squashed")
+    assert main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 1
+    assert "error: player: its axes are drawn from Beta, Squashed; only Gaussians and" in capsys.readouterr().err
+    assert not (tmp_path / "policy.onnx").exists()

@@ -66,12 +66,22 @@ class Identity:
 
 @pytest.mark.parametrize(
     ("layout", "wanted"),
-    [("bucket-5-mu", 0.8), ("joint-3", 0.75), ("ordinal-7", 0.85), ("bucket-7, y=hybrid, a=threshold-0.0", 0.8)],
+    [
+        ("bucket-5-mu", 0.8),
+        ("joint-3", 0.75),
+        ("ordinal-7", 0.85),
+        ("beta", 0.85),
+        ("squashed", 0.85),
+        ("bucket-7, y=hybrid, a=threshold-0.0", 0.8),
+    ],
 )
 def test_the_identity_game_is_learned(layout, wanted):
     game, scores = Identity(layout), []
     for update in range(UPDATES):
         scores.append(game.rollout())
         for policy in game.policies:
-            learn(policy, update / UPDATES)
+            statistics = learn(policy, update / UPDATES)
+            parts = [value for key, value in statistics.items() if key.startswith("entropy_")]
+            assert len(parts) == policy.rollout.space.continuous + len(policy.rollout.space.branches)
+            assert np.isfinite(parts).all()
     assert np.mean(scores[:2]) < 0.6 and np.mean(scores[-3:]) > wanted

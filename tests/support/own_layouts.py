@@ -1,14 +1,18 @@
 """Layouts of another package, as its users have it: `offer` installs them, without pip."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from joybridge.trainer.layouts import DeviceError, JointTable, Layout, SettingError
-from joybridge.trainer.layouts.hybrid import hybrid
+from joybridge.trainer.layouts.hybrid import hybrid, ranges
 
 ENTRY_POINTS = """[joybridge.layouts]
 compass = tests.support.own_layouts:compass
+laplace = tests.support.own_layouts:laplace
 careless = tests.support.own_layouts:careless
 missing = tests.support.own_layouts:nothing
 hybrid = tests.support.own_layouts:careless
@@ -36,6 +40,29 @@ def compass(device, setting):
     positions = np.clip((low + high) / 2 + (high - low) / 2 * shares, low, high).astype(np.float32)
     both = JointTable((), np.zeros((len(shares), 0), np.int32), (0, 1), positions)
     return Layout(discrete=(both, *hybrid(device).discrete))
+
+
+def laplace(device, setting):
+    """As hybrid, with a distribution of this package."""
+    axes = [replace(axis, distribution="tests.support.own_layouts:Laplace") for axis in ranges(device)]
+    return Layout(tuple(axes), hybrid(device).discrete)
+
+
+class Laplace:
+    """A mean from the network, and the logarithm of a scale."""
+
+    outputs = 1
+    parameters = 1
+
+    def sample(self, outputs, parameters, noise):
+        share = torch.special.ndtr(noise) - 0.5
+        return outputs[0] - torch.exp(parameters) * share.sign() * torch.log1p(-2 * share.abs().clamp(max=0.4999999))
+
+    def log_prob(self, outputs, parameters, samples):
+        return -(samples - outputs[0]).abs() * torch.exp(-parameters) - parameters - math.log(2.0)
+
+    def entropy(self, outputs, parameters):
+        return (1 + math.log(2.0) + parameters).expand(outputs.shape[1])
 
 
 def careless(device, setting):

@@ -11,9 +11,9 @@ from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.fit import misfits
 from joybridge.trainer.layouts import Role
 from joybridge.trainer.observations import ObservationEncoder
-from joybridge.trainer.ppo.fast.kernels import Head, sample
 from joybridge.trainer.ppo.networks import Network
 from joybridge.trainer.ppo.rollout import Decision
+from joybridge.trainer.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -34,7 +34,6 @@ class Actor:
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
         self.network = Network(self.observation_size, space, config.hidden_sizes, shared, seed).to(self.accelerator)
-        self._sizes = np.array(space.branches, np.int64)
 
     @torch.inference_mode()
     def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
@@ -45,8 +44,7 @@ class Actor:
         """
         network, action = self.network, decision.action
         outputs, values = network.heads(self._tensor(decision.observations))
-        head = Head(network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True), self._sizes)
-        sample(outputs.numpy(force=True), head, decision.masks, decision.noise, deterministic, action)
+        sample_actions(network, outputs, decision.masks, decision.noise, action, deterministic=deterministic)
         decision.values[:] = values.numpy(force=True)
         self.layout.write(action.continuous, action.discrete, act, step.masks)
 

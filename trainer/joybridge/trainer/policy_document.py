@@ -13,6 +13,7 @@ import numpy as np
 
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.trainer.actor import Actor
+from joybridge.trainer.errors import ExportError
 from joybridge.trainer.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -63,6 +64,12 @@ def _policy(actor: Actor) -> Document:
     its Gaussians: neither padding nor a value.
     """
     state, space, layout = actor.state(), actor.layout.space, actor.layout
+    if space.distributions:
+        names = ", ".join(dict.fromkeys(name.rpartition(":")[2] for name in space.distributions))
+        raise ExportError(
+            f"{actor.name}: its axes are drawn from {names}; only Gaussians and choices can be exported, so train it "
+            "with a layout such as hybrid or bucket-11"
+        )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
     rows = [*choices, *range(padded, padded + space.continuous)]

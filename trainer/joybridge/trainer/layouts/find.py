@@ -13,6 +13,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.layouts.bounded import beta, squashed
 from joybridge.trainer.layouts.bucket import bucket
 from joybridge.trainer.layouts.check import check_layouts
 from joybridge.trainer.layouts.hybrid import hybrid
@@ -31,11 +32,11 @@ Maker = Callable[[pb.Device, str], Layout | Mapping[str, Layout]]
 
 KINDS: dict[str, Maker] = {
     "hybrid": hybrid, "multiagent": multiagent, "bucket": bucket, "threshold": threshold, "joint": joint,
-    "ordinal": ordinal,
+    "ordinal": ordinal, "beta": beta, "squashed": squashed,
 }  # fmt: skip
 FORMS = (
     "hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu", "ordinal-N",
-    "ordinal-N-mu",
+    "ordinal-N-mu", "beta", "squashed",
 )  # fmt: skip
 
 

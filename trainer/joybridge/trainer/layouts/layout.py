@@ -16,6 +16,7 @@ from joybridge.trainer.layouts.parts import AxisRange, AxisTable, JointTable, Pa
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
+GAUSSIAN = "joybridge.trainer.ppo.continuous.gaussian:Gaussian"  # beside other distributions
 
 
 class SettingError(ConfigError):
@@ -33,6 +34,7 @@ class ActionSpace:
     continuous: int
     branches: tuple[int, ...]
     ordinal: tuple[int, ...] = ()  # branches whose choices are neighbors, by their indices
+    distributions: tuple[str, ...] = ()  # of each continuous action; (): all are Gaussians
 
     @property
     def widest(self) -> int:
@@ -51,7 +53,10 @@ class Layout:
     def space(self) -> ActionSpace:
         """Return the action space that this layout gives its policy."""
         ordinal = [index for index, table in enumerate(self.discrete) if isinstance(table, AxisTable) and table.ordinal]
-        return ActionSpace(len(self.continuous), tuple(len(table.values) for table in self.discrete), tuple(ordinal))
+        sizes = tuple(len(table.values) for table in self.discrete)
+        names = [target.distribution if isinstance(target, AxisRange) else "" for target in self.continuous]
+        distributions = tuple(name or GAUSSIAN for name in names) if any(names) else ()
+        return ActionSpace(len(self.continuous), sizes, tuple(ordinal), distributions)
 
     def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
         """Return what the policy's branches and its continuous actions act on: names of the device's parts."""

@@ -4,7 +4,7 @@ This is the readable reference, differentiated by autograd. `fast/` holds a twin
 The order of operations is that of the original (ML-Agents 0.7).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
+from joybridge.trainer.ppo.continuous import Distribution, log_probs_of_each
 from joybridge.trainer.ppo.distributions import branch_entropies, chosen_log_probs, gaussian_log_probs
 from joybridge.trainer.ppo.networks import Network, Outputs
 from joybridge.trainer.ppo.schedule import Coefficients
@@ -54,8 +55,13 @@ class Batch:
 LossGradient = Callable[[Batch, Coefficients], Array]
 
 
-def joint_log_probs(outputs: Outputs, log_variance: Tensor, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the joint log-probability of the actions [n], their mean entropy, and that of each branch [branches]."""
+def joint_log_probs(
+    outputs: Outputs, log_variance: Tensor, batch: Batch, distributions: Sequence[Distribution] = ()
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the joint log-probability of the actions [n], their mean entropy, and the entropies of the parts.
+
+    Those are one per branch, and one per continuous action if these have other distributions than Gaussians.
+    """
     log_probs = torch.zeros_like(outputs.value)
     entropy = torch.zeros(())
     entropies = torch.zeros(0)
@@ -65,7 +71,12 @@ def joint_log_probs(outputs: Outputs, log_variance: Tensor, batch: Batch) -> tup
         log_probs = log_probs + chosen_log_probs(log_p, batch.discrete)
         entropies = branch_entropies(log_p).mean(0)
         entropy = entropies.sum()
-    if batch.continuous.shape[1]:
+    if distributions:
+        each, parts = log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous)
+        log_probs = log_probs + each
+        entropy = entropy + parts.mean()  # over the actions, as that of Gaussians
+        entropies = torch.cat([entropies.to(parts), parts])
+    elif batch.continuous.shape[1]:
         gaussian, gaussian_entropy = gaussian_log_probs(outputs.mean, log_variance, batch.continuous)
         log_probs = log_probs + gaussian
         entropy = entropy + gaussian_entropy
@@ -81,7 +92,7 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     """
     clip = coefficients.clip_range
     outputs = network(batch.observations)
-    log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch)
+    log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch, network.distributions)
     log_ratio = log_probs - batch.log_probs
     ratio = torch.exp(log_ratio)
     surrogate = torch.min(ratio * batch.advantages, ratio.clamp(1 - clip, 1 + clip) * batch.advantages)

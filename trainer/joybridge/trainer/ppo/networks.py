@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.ppo.continuous import load_distributions
 from joybridge.trainer.ppo.distributions import FORBIDDEN
 
 
@@ -15,7 +16,7 @@ class Outputs(NamedTuple):
     """The outputs of the network for a batch of observations."""
 
     logits: Tensor  # [lanes, branches, widest]
-    mean: Tensor  # [lanes, continuous]
+    mean: Tensor  # [lanes, continuous]; with other distributions than Gaussians the outputs of each, side by side
     value: Tensor  # [lanes]
 
 
@@ -47,7 +48,8 @@ class Network(nn.Module):
     comes last, or alone from the critic's tower. Only means and value have a bias. Initialized as the
     original (ML-Agents 0.7): hidden kernels from a truncated normal with variance 1/fan-in, policy heads a
     hundredth of that, the value head Glorot uniform, biases zero. One log-variance per continuous action,
-    independent of the state, begins at 0.
+    independent of the state, begins at 0. `distributions` are those of continuous actions, none if all are Gaussians;
+    `log_variance` then holds the parameters of all of them.
 
     `sums` [columns, columns], None without ordinal branches: the logits are the outputs of the tower times this matrix.
     """
@@ -64,13 +66,18 @@ class Network(nn.Module):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
         sizes = [observation, *hidden]
-        columns = pad.numel() + space.continuous + shared
+        self.distributions = load_distributions(space.distributions)
+        self._continuous, free = space.continuous, space.continuous  # outputs and parameters of continuous actions
+        if self.distributions:
+            self._continuous = sum(each.outputs for each in self.distributions)
+            free = sum(each.parameters for each in self.distributions)
+        columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
         self.actor = Tower(sizes, columns)
         self.critic = None if shared else Tower(sizes, 1)
-        self.mean_bias = nn.Parameter(torch.zeros(space.continuous))
+        self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
-        self.log_variance = nn.Parameter(torch.zeros(space.continuous))
+        self.log_variance = nn.Parameter(torch.zeros(free))
         self._initialize(torch.Generator().manual_seed(seed))
 
     def _initialize(self, generator: torch.Generator) -> None:
@@ -78,7 +85,7 @@ class Network(nn.Module):
             for layer in tower.layers if tower else ():
                 _variance_scaling(layer.weight, 1.0, generator)
                 nn.init.zeros_(layer.bias)
-        policy = self.actor.head.weight[: self.pad.numel() + self.space.continuous]
+        policy = self.actor.head.weight[: self.pad.numel() + self._continuous]
         _variance_scaling(policy, 0.01, generator)
         value = (self.critic or self.actor).head.weight[-1:]
         nn.init.xavier_uniform_(value, generator=generator)
@@ -95,8 +102,11 @@ class Network(nn.Module):
         """Return what `heads` does, taken apart."""
         outputs, value = self.heads(observations)
         logits = outputs[:, : self.pad.numel()].view(len(outputs), *self.pad.shape) + self.pad
-        mean = outputs[:, self.pad.numel() : self.pad.numel() + self.space.continuous] + self.mean_bias
-        return Outputs(logits, mean, value)
+        return Outputs(logits, self.continuous(outputs), value)
+
+    def continuous(self, outputs: Tensor) -> Tensor:
+        """Return the means, or what other distributions get, from the outputs of `heads`."""
+        return outputs[:, self.pad.numel() : self.pad.numel() + self._continuous] + self.mean_bias
 
     def value(self, observations: Tensor) -> Tensor:
         """Return the values [lanes] alone."""

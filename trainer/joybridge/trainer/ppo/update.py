@@ -26,13 +26,15 @@ class Learner:
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
-        processor.
+        processor, and Gaussians or choices.
         """
         self.name, self.network, self.gaussians = name, network, gaussians
         self.weights = flatten_parameters(network)
         self.optimizer = torch.optim.Adam([self.weights], fused=True)
-        self.gradient: LossGradient = partial(autograd_gradient, network) if autograd else ClosedFormGradient(network)
-        self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in branches)]
+        closed = not autograd and not network.distributions
+        self.gradient: LossGradient = ClosedFormGradient(network) if closed else partial(autograd_gradient, network)
+        parts = [*branches, *(gaussians if network.distributions else ())]  # whose entropies the gradient returns
+        self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in parts)]
 
     def state(self) -> dict[str, Array]:
         """Return copies of the optimizer's moments for a checkpoint."""
@@ -73,9 +75,10 @@ def ppo_update(
             "observations, or take a smaller learning_rate in a new run"
         )
     assert learner.weights.grad is not None
-    log_variance = learner.network.log_variance.tolist()
-    entropies = [0.5 * (math.log(2 * math.pi * math.e) + value) for value in log_variance]
-    statistics |= {f"entropy_{name}": entropy for name, entropy in zip(learner.gaussians, entropies, strict=True)}
+    if not learner.network.distributions:
+        log_variance = learner.network.log_variance.tolist()
+        entropies = [0.5 * (math.log(2 * math.pi * math.e) + value) for value in log_variance]
+        statistics |= {f"entropy_{name}": entropy for name, entropy in zip(learner.gaussians, entropies, strict=True)}
     return statistics | {
         "explained_variance": explained_variance(batch.values, batch.returns),
         "grad_norm": float(torch.linalg.vector_norm(learner.weights.grad)),  # of the last minibatch

@@ -1,0 +1,131 @@
+"""Under any layout, also of another package, samples are allowed, their log-probabilities right, and rows alone."""
+
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+
+from joybridge.trainer.layouts import ActionSpace, list_roles
+from joybridge.trainer.ppo.distributions import fill_masks
+from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
+from joybridge.trainer.ppo.fast.kernels import Action, Noise, draw_noise
+from joybridge.trainer.ppo.loss import Batch, autograd_gradient, joint_log_probs
+from joybridge.trainer.ppo.networks import Network, flatten_parameters
+from joybridge.trainer.ppo.sampling import sample_actions
+from joybridge.trainer.ppo.schedule import Coefficients
+from tests.support.own_layouts import ENTRY_POINTS, offer
+from tests.test_layouts_learn import SPEC
+
+LANES = 64
+NAMES = [
+    "hybrid", "bucket-5", "bucket-6-mu", "joint-3", "ordinal-5", "threshold-0.0", "multiagent", "beta", "squashed",
+    "compass-8", "laplace", "beta, y=squashed, a=threshold-0.0", "hybrid, x=ordinal-4, y=laplace",
+]  # fmt: skip
+
+
+@pytest.fixture(autouse=True, scope="module")
+def other_package(tmp_path_factory):
+    """Install a package with the layouts `compass` and `laplace`."""
+    folder = tmp_path_factory.mktemp("packages")
+    offer(folder, "compass", ENTRY_POINTS)
+    sys.path.append(str(folder))
+    yield
+    sys.path.remove(str(folder))
+
+
+def networks(name: str):
+    """Yield a network with large random weights for each policy of a layout, and the layout."""
+    for role in list_roles(name, SPEC):
+        network = Network(5, role.layout.space, [16], False, seed=1)
+        with torch.no_grad():
+            network.actor.head.weight *= 10.0
+            network.log_variance.add_(0.3)
+            network.mean_bias.sub_(0.2)
+        yield network, role.layout
+
+
+draw = torch.inference_mode()(sample_actions)
+
+
+def empty(space: ActionSpace, lanes: int = LANES) -> Action:
+    continuous = np.zeros((lanes, space.continuous), np.float32)
+    return Action(continuous, np.zeros((lanes, len(space.branches)), np.int64), np.zeros(lanes, np.float32))
+
+
+def made(name: str, masked: bool):
+    """Yield what is sampled by each policy of a layout."""
+    rng = np.random.default_rng(3)
+    device_masks = [rng.random((LANES, len(branch.choices))) < 0.6 for branch in SPEC.behaviors[0].device.branches]
+    for mask in device_masks:
+        mask[:, 0] = True
+    for network, layout in networks(name):
+        space = layout.space
+        masks = np.zeros((LANES, len(space.branches), space.widest), np.float32)
+        allowed = layout.masks(device_masks) if masked else [np.ones((LANES, size), bool) for size in space.branches]
+        fill_masks(allowed, masks)
+        noise = draw_noise(rng, (LANES, space.continuous), (LANES, len(space.branches)))
+        observations = torch.from_numpy(rng.normal(size=(LANES, 5)).astype(np.float32))
+        with torch.no_grad():
+            outputs, values = network.heads(observations)
+        action = empty(space)
+        draw(network, outputs, masks, noise, action, deterministic=False)
+        batch = Batch(
+            observations, torch.from_numpy(action.continuous), torch.from_numpy(action.discrete),
+            torch.from_numpy(masks), torch.from_numpy(action.log_probs), values, torch.ones(LANES),
+            values + 1.0,
+        )  # fmt: skip
+        yield network, outputs, masks, allowed, noise, action, batch
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("masked", [False, True])
+def test_samples_are_allowed_and_their_log_probabilities_are_those_of_the_loss(name, masked):
+    for network, _, _, allowed, _, action, batch in made(name, masked):
+        for column, mask in enumerate(allowed):
+            assert mask[np.arange(LANES), action.discrete[:, column]].all()
+        assert np.isfinite(action.continuous).all() and np.isfinite(action.log_probs).all()
+        outputs = network(batch.observations)
+        log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch, network.distributions)
+        torch.testing.assert_close(log_probs, batch.log_probs, atol=2e-5, rtol=1e-5)
+        assert entropy.isfinite() and entropies.isfinite().all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_row_is_sampled_alike_alone_and_among_others(name):
+    for network, outputs, masks, _, noise, action, _ in made(name, masked=True):
+        for size in (1, 7, 33):
+            again = empty(network.space)
+            for begin in range(0, LANES, size):
+                rows = slice(begin, begin + size)
+                part, some = Noise(*(array[rows] for array in noise)), Action(*(array[rows] for array in again))
+                draw(network, outputs[rows], masks[rows], part, some, deterministic=False)
+            for whole, pieces in zip(action, again, strict=True):
+                assert whole.tobytes() == pieces.tobytes()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_deterministic_play_ignores_the_noise_and_takes_allowed_choices(name):
+    for network, outputs, masks, allowed, noise, _, _ in made(name, masked=True):
+        first, second = empty(network.space), empty(network.space)
+        draw(network, outputs, masks, noise, first, deterministic=True)
+        other = Noise(noise.normal + 1, np.zeros_like(noise.uniform))
+        draw(network, outputs, masks, other, second, deterministic=True)
+        np.testing.assert_array_equal(first.discrete, second.discrete)
+        np.testing.assert_array_equal(first.continuous, second.continuous)
+        for column, mask in enumerate(allowed):
+            assert mask[np.arange(LANES), first.discrete[:, column]].all()
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if not any(n in name for n in ("beta", "squash", "laplace"))])
+def test_the_gradient_in_closed_form_is_that_of_autograd(name):
+    coefficients = Coefficients(1e-3, 0.2, 0.05)
+    for network, *_, batch in made(name, masked=True):
+        flat = flatten_parameters(network)
+        batch.log_probs = batch.log_probs + 0.3 * torch.randn(LANES, generator=torch.Generator().manual_seed(9))
+        reference = partial(autograd_gradient, network)(batch, coefficients)
+        assert flat.grad is not None
+        gradient = flat.grad.clone()
+        np.testing.assert_allclose(ClosedFormGradient(network)(batch, coefficients), reference, atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(flat.grad, gradient, atol=1e-6, rtol=1e-5)

@@ -1,0 +1,23 @@
+"""The layouts `beta` and `squashed`: axes whose distributions have the bounds of the axis, so nothing is clipped."""
+
+from dataclasses import replace
+
+from joybridge.trainer.layouts.hybrid import hybrid, ranges
+from joybridge.trainer.layouts.layout import Layout, SettingError
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def beta(device: pb.Device, setting: str = "") -> Layout:
+    """As hybrid, with a beta distribution for every axis (Chou, Maturana and Scherer 2017)."""
+    return _hybrid("beta", "joybridge.trainer.ppo.continuous.beta:Beta", device, setting)
+
+
+def squashed(device: pb.Device, setting: str = "") -> Layout:
+    """As hybrid, with a Gaussian that tanh squashes for every axis (Haarnoja et al. 2018)."""
+    return _hybrid("squashed", "joybridge.trainer.ppo.continuous.squashed:Squashed", device, setting)
+
+
+def _hybrid(kind: str, distribution: str, device: pb.Device, setting: str) -> Layout:
+    if setting:
+        raise SettingError(f"expected {kind}")
+    return Layout(tuple(replace(axis, distribution=distribution) for axis in ranges(device)), hybrid(device).discrete)
