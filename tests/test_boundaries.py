@@ -137,7 +137,7 @@ def test_the_contract_and_the_kit_need_nothing_but_numpy_protobuf_and_grpc():
     found = [targets for package in (*CONTRACT, "joybridge.conformance") for targets in modules(package).values()]
     roots = {module.split(".")[0] for targets in found for module, _ in targets}
     assert roots - set(sys.stdlib_module_names) == {
-        "numpy", "google", "grpc", "grpc_health", "grpc_reflection", "joybridge",
+        "numpy", "google", "grpc", "grpc_health", "grpc_reflection", "grpc_status", "joybridge",
     }  # fmt: skip
 
 

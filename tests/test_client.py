@@ -69,8 +69,9 @@ def test_an_error_ends_the_session_and_is_raised_again(address):
         acts = make_acts(session.spec, 2)
         acts[0].axes[1, 0] = 2.0
         for _ in range(2):
-            with pytest.raises(SimulatorError, match=r"got 2\.0 in lane 1"):
+            with pytest.raises(SimulatorError, match=r"got 2\.0 in lane 1") as caught:
                 session.step(acts)
+            assert (caught.value.reason, caught.value.field) == ("ACTION_OUT_OF_RANGE", "act.behaviors[0].axes")
 
 
 def test_a_session_of_a_simulator_that_went_away_is_lost_and_can_be_closed_twice():
@@ -106,13 +107,18 @@ def test_a_wait_for_a_simulator_ends_and_names_the_command_that_starts_one():
 
 @contextmanager
 def answering(describe: bytes | None = None, *answers: bytes) -> Iterator[str]:
-    """Yield the address of a server that sends these bytes: instead of a spec, and after Started; then it is silent."""
+    """Yield the address of a server that sends these bytes: instead of a spec, and as answers after Start.
+
+    Then it is silent.
+    """
     end = Event()
     spec = pb.DescribeGameResponse(spec=Gauntlet.describe({"size": "small"}), version=own_version()).SerializeToString()
 
     def play(requests, context):
         yield Honest({Gauntlet.name: Gauntlet}).answer(pb.PlayRequest.FromString(next(requests))).SerializeToString()
-        yield from answers
+        for answer in answers:
+            next(requests)
+            yield answer
         end.wait(60.0)
 
     handlers = {

@@ -195,7 +195,7 @@ class Service(rpc.SimulatorServiceServicer):  # type: ignore[misc]
             games = [pb.GameSummary(name=Gauntlet.name, description=Gauntlet.description)]
             return pb.ListGamesResponse(games=games, version=self.session.version())
         except Refusal as refusal:
-            return context.abort(refusal.code, str(refusal))
+            return context.abort_with_status(refusal.status())
 
     def DescribeGame(self, request, context):
         try:
@@ -203,7 +203,7 @@ class Service(rpc.SimulatorServiceServicer):  # type: ignore[misc]
             spec = self.session.describe(self.games, request.game, request.options)
             return pb.DescribeGameResponse(spec=spec, version=self.session.version())
         except Refusal as refusal:
-            return context.abort(refusal.code, str(refusal))
+            return context.abort_with_status(refusal.status())
 
     def Play(self, requests, context):
         session = self.session(self.games)
@@ -211,7 +211,7 @@ class Service(rpc.SimulatorServiceServicer):  # type: ignore[misc]
             for request in requests:
                 yield session.answer(request)
         except Refusal as refusal:
-            context.abort(refusal.code, str(refusal))
+            context.abort_with_status(refusal.status())
 
 
 class Honest(Session):
@@ -503,7 +503,7 @@ class ResetForgetsParameters(Gauntlet):
 class WrongStatusBeforeStart(Honest):
     def answer(self, request):
         if self.game is None and request.WhichOneof("request") in ("act", "reset", "save"):
-            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "start comes first")
+            raise Refusal(pb.REASON_UNKNOWN_REQUEST, "start comes first")
         return super().answer(request)
 
 
@@ -526,7 +526,7 @@ class RefusesWhatItDoesNotKnow(Honest):
         known.CopyFrom(request)
         known.DiscardUnknownFields()
         if known.ByteSize() != request.ByteSize():
-            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "a field is unknown")
+            raise Refusal(pb.REASON_MALFORMED_MESSAGE, "a field is unknown")
 
     def request(self, request):
         kind = request.WhichOneof("request")
@@ -535,7 +535,7 @@ class RefusesWhatItDoesNotKnow(Honest):
             size = part.ByteSize()
             part.DiscardUnknownFields()
             if part.ByteSize() != size:
-                raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "a field is unknown")
+                raise Refusal(pb.REASON_MALFORMED_MESSAGE, "a field is unknown")
         return request
 
 
@@ -565,7 +565,7 @@ class ServesOnlyWhoStatesNoRevision(Honest):
         if request.version.revision:
             client = request.version
             raise Refusal(
-                grpc.StatusCode.FAILED_PRECONDITION,
+                pb.REASON_OLD_SERVER,
                 f"{client.product} {client.revision} is not {own_version().product} {own_version().revision}",
             )
 
@@ -575,7 +575,7 @@ class UnknownGameIsInvalid(Honest):
     @staticmethod
     def describe(games, name, options):
         if name not in games:
-            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, f"no game {name}")
+            raise Refusal(pb.REASON_UNKNOWN_OPTION, f"no game {name}")
         return sessions.describe(games, name, options)
 
 
@@ -958,5 +958,5 @@ class NoArenasIsOne(Honest):
 class TooManyArenasAreInvalid(Honest):
     def answer(self, request):
         if request.start.arenas > 16:
-            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, "too many arenas")
+            raise Refusal(pb.REASON_NO_ARENAS, "too many arenas")
         return super().answer(request)

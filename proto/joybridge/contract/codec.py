@@ -113,9 +113,9 @@ def pack(array: Array) -> pb.Tensor:
 class Format:
     """The dtype and shape that the tensors of one field must have. It is made once per session."""
 
-    def __init__(self, dtype: "pb.Dtype", shape: tuple[int, ...], field: str) -> None:
-        """Require `dtype` and `shape`. Errors name `field`."""
-        self.dtype, self.shape, self.field = dtype, shape, field
+    def __init__(self, dtype: "pb.Dtype", shape: tuple[int, ...], field: str, path: str = "") -> None:
+        """Require `dtype` and `shape`. The text of errors names `field`; their `field` is `path`."""
+        self.dtype, self.shape, self.field, self.path = dtype, shape, field, path
         self.sizes = list(shape)
         self.numpy_type = NUMPY_TYPES[dtype]
         self.bytes = math.prod(shape) * self.numpy_type.itemsize
@@ -128,22 +128,23 @@ class Format:
         """
         if tensor.dtype != self.dtype:
             came, wanted = _dtype_name(tensor.dtype), _dtype_name(self.dtype)
-            raise TensorError(f"{self.field}: dtype is {came}, expected {wanted}")
+            raise self._wrong(f"dtype is {came}, expected {wanted}")
         if tensor.shape != self.sizes:
-            raise TensorError(f"{self.field}: shape is {_cut(list(tensor.shape))}, expected {self.sizes}")
+            raise self._wrong(f"shape is {_cut(list(tensor.shape))}, expected {self.sizes}")
         data = tensor.data
         if len(data) != self.bytes:
-            raise TensorError(
-                f"{self.field}: {len(data)} bytes of data, expected {self.bytes} for shape {self.sizes}"
-            )  # fmt: skip
+            raise self._wrong(f"{len(data)} bytes of data, expected {self.bytes} for shape {self.sizes}")
         if self.dtype == pb.DTYPE_BOOL and (others := data.translate(None, b"\0\1")):
-            raise TensorError(f"{self.field}: a boolean is {max(others)}, expected 0 or 1")
+            raise self._wrong(f"a boolean is {max(others)}, expected 0 or 1")
         array: Array = np.ndarray(self.shape, self.numpy_type, data)
         # A finite sum of squares means that all values are finite. It is faster than testing each value.
         if self.dtype == pb.DTYPE_FLOAT32 and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
             index = np.argwhere(~np.isfinite(array))[0].tolist()
-            raise TensorError(f"{self.field}: value {array[tuple(index)]} at {index}, expected finite numbers")
+            raise self._wrong(f"value {array[tuple(index)]} at {index}, expected finite numbers", pb.REASON_NOT_FINITE)
         return array
+
+    def _wrong(self, text: str, reason: "pb.Reason" = pb.REASON_WRONG_TENSOR) -> TensorError:
+        return TensorError(f"{self.field}: {text}", reason, self.path)
 
 
 class Codec:
@@ -160,8 +161,8 @@ class Codec:
         self._high = np.array([axis.high for axis in device.axes], np.float32)
         self._branches = [(branch.name, list(branch.choices)) for branch in device.branches]
         self._counts = np.array([len(choices) for _, choices in self._branches], np.int32)
-        self._axes = Format(pb.DTYPE_FLOAT32, (lanes, len(device.axes)), f"{name}.axes")
-        self._choices = Format(pb.DTYPE_INT32, (lanes, len(device.branches)), f"{name}.choices")
+        self._axes = Format(pb.DTYPE_FLOAT32, (lanes, len(device.axes)), f"{name}.axes", "axes")
+        self._choices = Format(pb.DTYPE_INT32, (lanes, len(device.branches)), f"{name}.choices", "choices")
         self._sensors = [(sensor.name, sensor.dtype, tuple(sensor.shape)) for sensor in behavior.sensors]
         self._observations = self._sensor_formats(lanes, "observations")
         self._rewards = Format(pb.DTYPE_FLOAT32, (lanes, len(behavior.channels)), f"{name}.rewards")
@@ -204,14 +205,14 @@ class Codec:
     def _refuse_axes(self, axes: Array) -> None:
         for axis, low, high, column in zip(self._axis_names, self._low, self._high, axes.T, strict=True):
             for lane in np.flatnonzero((column < low) | (column > high)):
-                where = f"{self.name}.axes: axis {axis!r}"
-                raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected {low:g}..{high:g}")
+                text = f"axis {axis!r} got {column[lane]} in lane {lane}, expected {low:g}..{high:g}"
+                raise TensorError(f"{self.name}.axes: {text}", pb.REASON_ACTION_OUT_OF_RANGE, "axes")
 
     def _refuse_choices(self, choices: Array) -> None:
         for (branch, names), column in zip(self._branches, choices.T, strict=True):
             for lane in np.flatnonzero((column < 0) | (column >= len(names))):
-                where = f"{self.name}.choices: branch {branch!r}"
-                raise TensorError(f"{where} got {column[lane]} in lane {lane}, expected 0..{len(names) - 1}")
+                text = f"branch {branch!r} got {column[lane]} in lane {lane}, expected 0..{len(names) - 1}"
+                raise TensorError(f"{self.name}.choices: {text}", pb.REASON_ACTION_OUT_OF_RANGE, "choices")
 
     def _refuse_masked(self, choices: Array, masks: list[Array], deciding: Array | None) -> None:
         for (branch, names), mask, column in zip(self._branches, masks, choices.T, strict=True):
@@ -219,10 +220,10 @@ class Codec:
             if deciding is not None:
                 forbidden &= deciding
             for lane in np.flatnonzero(forbidden):
-                where = f"{self.name}.choices: branch {branch!r}"
-                raise TensorError(
-                    f"{where} got {names[column[lane]]!r} in lane {lane}, which its mask forbids in this step"
+                text = (
+                    f"branch {branch!r} got {names[column[lane]]!r} in lane {lane}, which its mask forbids in this step"
                 )
+                raise TensorError(f"{self.name}.choices: {text}", pb.REASON_ACTION_MASKED, "choices")
 
     def unpack_step(self, message: pb.BehaviorStep) -> StepArrays:
         """Return the step, checked against the spec. Raises TensorError naming the field."""

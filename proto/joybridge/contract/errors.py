@@ -1,7 +1,21 @@
-"""The base of every exception that Joybridge raises on purpose."""
+"""The bases of the exceptions that Joybridge raises on purpose."""
 
-__all__ = ["JoybridgeError"]
+from joybridge.v1 import bridge_pb2 as pb
+
+__all__ = ["JoybridgeError", "MessageError"]
 
 
 class JoybridgeError(Exception):
     """The base class: `except JoybridgeError` catches what any part of Joybridge raises on purpose."""
+
+
+class MessageError(JoybridgeError, ValueError):
+    """The content of a message breaks the contract. The text names the field, what came and what was expected.
+
+    `reason` says for programs what is wrong with a request; it is REASON_UNSPECIFIED for what servers send. `field` is
+    the path of the field in the message that was checked, "" if it is not known.
+    """
+
+    def __init__(self, text: str, reason: "pb.Reason" = pb.REASON_UNSPECIFIED, field: str = "") -> None:
+        super().__init__(text)
+        self.reason, self.field = reason, field

@@ -5,7 +5,7 @@ from math import isfinite, isnan
 from typing import Protocol
 
 from joybridge.contract.codec import lane_count
-from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.errors import MessageError
 from joybridge.contract.limits import (
     MAX_CHOICES,
     MAX_DESCRIPTION,
@@ -26,7 +26,7 @@ from joybridge.v1 import bridge_pb2 as pb
 __all__ = ["SpecError", "check_spec", "choose_options", "choose_parameters"]
 
 
-class SpecError(JoybridgeError, ValueError):
+class SpecError(MessageError):
     """A spec, option or parameter breaks the contract. The text names it and what was expected."""
 
 
@@ -41,10 +41,13 @@ def choose_options(options: Sequence[pb.Option], chosen: Mapping[str, str], game
     """Return a choice for every option, defaults filled in. Raises SpecError for an unknown name or choice."""
     known = {option.name: option for option in options}
     for name, choice in chosen.items():
+        field = f"options[{name}]"
         if name not in known:
-            raise SpecError(f"{game}: unknown option {name!r}, expected one of {_list(known)}")
+            text = f"{game}: unknown option {name!r}, expected one of {_list(known)}"
+            raise SpecError(text, pb.REASON_UNKNOWN_OPTION, field)
         if choice not in known[name].choices:
-            raise SpecError(f"{game}: option {name!r} got {choice!r}, expected one of {_list(known[name].choices)}")
+            text = f"{game}: option {name!r} got {choice!r}, expected one of {_list(known[name].choices)}"
+            raise SpecError(text, pb.REASON_UNKNOWN_CHOICE, field)
     return {name: chosen.get(name, option.default_choice) for name, option in known.items()}
 
 
@@ -52,11 +55,14 @@ def choose_parameters(parameters: Sequence[pb.Parameter], chosen: Mapping[str, f
     """Return the given parameters, checked. Raises SpecError for an unknown name or a value out of range."""
     known = {parameter.name: parameter for parameter in parameters}
     for name, value in chosen.items():
+        field = f"parameters[{name}]"
         if name not in known:
-            raise SpecError(f"{game}: unknown parameter {name!r}, expected one of {_list(known)}")
+            text = f"{game}: unknown parameter {name!r}, expected one of {_list(known)}"
+            raise SpecError(text, pb.REASON_UNKNOWN_PARAMETER, field)
         low, high = known[name].low, known[name].high
         if not low <= value <= high:
-            raise SpecError(f"{game}: parameter {name!r} got {value:g}, expected {low:g}..{high:g}")
+            text = f"{game}: parameter {name!r} got {value:g}, expected {low:g}..{high:g}"
+            raise SpecError(text, pb.REASON_PARAMETER_OUT_OF_RANGE, field)
     return dict(chosen)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.errors import MessageError
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["NUMPY_TYPES", "Array", "TensorError"]
@@ -20,5 +20,5 @@ NUMPY_TYPES: dict[pb.Dtype, np.dtype[Any]] = {
 }
 
 
-class TensorError(JoybridgeError, ValueError):
+class TensorError(MessageError):
     """A tensor does not fit its field. The text names the field, what was received and what was expected."""

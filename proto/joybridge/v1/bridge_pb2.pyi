@@ -13,11 +13,72 @@ class Dtype(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     DTYPE_INT32: _ClassVar[Dtype]
     DTYPE_UINT8: _ClassVar[Dtype]
     DTYPE_BOOL: _ClassVar[Dtype]
+
+class Reason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    REASON_UNSPECIFIED: _ClassVar[Reason]
+    REASON_UNKNOWN_GAME: _ClassVar[Reason]
+    REASON_MALFORMED_MESSAGE: _ClassVar[Reason]
+    REASON_UNKNOWN_REQUEST: _ClassVar[Reason]
+    REASON_UNKNOWN_OPTION: _ClassVar[Reason]
+    REASON_UNKNOWN_CHOICE: _ClassVar[Reason]
+    REASON_UNKNOWN_PARAMETER: _ClassVar[Reason]
+    REASON_PARAMETER_OUT_OF_RANGE: _ClassVar[Reason]
+    REASON_NO_ARENAS: _ClassVar[Reason]
+    REASON_WRONG_SNAPSHOT: _ClassVar[Reason]
+    REASON_WRONG_BEHAVIORS: _ClassVar[Reason]
+    REASON_WRONG_TENSOR: _ClassVar[Reason]
+    REASON_NOT_FINITE: _ClassVar[Reason]
+    REASON_ACTION_OUT_OF_RANGE: _ClassVar[Reason]
+    REASON_ACTION_MASKED: _ClassVar[Reason]
+    REASON_WRONG_DRAW: _ClassVar[Reason]
+    REASON_OLD_SERVER: _ClassVar[Reason]
+    REASON_WRONG_ORDER: _ClassVar[Reason]
+    REASON_NO_SNAPSHOTS: _ClassVar[Reason]
+    REASON_NO_PICTURES: _ClassVar[Reason]
+    REASON_TOO_MANY_ARENAS: _ClassVar[Reason]
+    REASON_TOO_MANY_SESSIONS: _ClassVar[Reason]
+    REASON_MESSAGE_TOO_LARGE: _ClassVar[Reason]
+    REASON_GAME_FAILED: _ClassVar[Reason]
+    REASON_GAME_TOO_SLOW: _ClassVar[Reason]
+    REASON_NO_START: _ClassVar[Reason]
+    REASON_IDLE: _ClassVar[Reason]
+    REASON_NO_TOKEN: _ClassVar[Reason]
+    REASON_SHUTTING_DOWN: _ClassVar[Reason]
 DTYPE_UNSPECIFIED: Dtype
 DTYPE_FLOAT32: Dtype
 DTYPE_INT32: Dtype
 DTYPE_UINT8: Dtype
 DTYPE_BOOL: Dtype
+REASON_UNSPECIFIED: Reason
+REASON_UNKNOWN_GAME: Reason
+REASON_MALFORMED_MESSAGE: Reason
+REASON_UNKNOWN_REQUEST: Reason
+REASON_UNKNOWN_OPTION: Reason
+REASON_UNKNOWN_CHOICE: Reason
+REASON_UNKNOWN_PARAMETER: Reason
+REASON_PARAMETER_OUT_OF_RANGE: Reason
+REASON_NO_ARENAS: Reason
+REASON_WRONG_SNAPSHOT: Reason
+REASON_WRONG_BEHAVIORS: Reason
+REASON_WRONG_TENSOR: Reason
+REASON_NOT_FINITE: Reason
+REASON_ACTION_OUT_OF_RANGE: Reason
+REASON_ACTION_MASKED: Reason
+REASON_WRONG_DRAW: Reason
+REASON_OLD_SERVER: Reason
+REASON_WRONG_ORDER: Reason
+REASON_NO_SNAPSHOTS: Reason
+REASON_NO_PICTURES: Reason
+REASON_TOO_MANY_ARENAS: Reason
+REASON_TOO_MANY_SESSIONS: Reason
+REASON_MESSAGE_TOO_LARGE: Reason
+REASON_GAME_FAILED: Reason
+REASON_GAME_TOO_SLOW: Reason
+REASON_NO_START: Reason
+REASON_IDLE: Reason
+REASON_NO_TOKEN: Reason
+REASON_SHUTTING_DOWN: Reason
 
 class Version(_message.Message):
     __slots__ = ("product", "revision")

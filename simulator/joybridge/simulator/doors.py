@@ -9,12 +9,13 @@ from typing import Any
 
 import grpc
 from google.protobuf.message import DecodeError
-from grpc import StatusCode
 
 from joybridge.contract.address import is_local
 from joybridge.contract.credentials import AUTHORIZATION, bearer, read_token
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.statuses import status
 from joybridge.contract.text import printable
+from joybridge.v1 import bridge_pb2 as pb
 
 HEALTH = "/grpc.health.v1.Health/"  # load balancers call it without a token
 
@@ -76,7 +77,7 @@ class Door(grpc.aio.ServerInterceptor):  # type: ignore[misc]  # gRPC has no typ
 
 async def _refuse(requests: Any, context: Any) -> None:
     text = "this server requires a token; give the client its file with --token-file"
-    await context.abort(StatusCode.UNAUTHENTICATED, text)
+    await context.abort(*status(pb.REASON_NO_TOKEN, text))
 
 
 def _checking_messages(handler: Any) -> Any:
@@ -115,4 +116,4 @@ def _checking_messages(handler: Any) -> Any:
 async def _check(request: Any, context: Any) -> None:
     if isinstance(request, DecodeError):
         text = printable(f"the request is not a message of this method: {request}")
-        await context.abort(StatusCode.INVALID_ARGUMENT, text)
+        await context.abort(*status(pb.REASON_MALFORMED_MESSAGE, text))

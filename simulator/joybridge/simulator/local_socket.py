@@ -55,7 +55,7 @@ class LocalSocket:
             (size,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
             if size > self._largest:
                 text = f"a request of {size} bytes, expected at most {self._largest} bytes for this session"
-                raise Refusal(grpc.StatusCode.RESOURCE_EXHAUSTED, text)
+                raise Refusal(pb.REASON_MESSAGE_TOO_LARGE, text)
             data = await reader.readexactly(size)
         except (asyncio.IncompleteReadError, ConnectionError):
             return grpc.aio.EOF

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, TypeAlias, cast
 
 import grpc
 from google.protobuf.message import DecodeError
-from grpc import StatusCode
 
 from joybridge.contract.limits import request_bytes
 from joybridge.contract.versions import own_version
@@ -89,7 +88,7 @@ class Service(rpc.SimulatorServiceServicer):
         try:
             check_version(request.version)
         except Refusal as refusal:
-            await context.abort(refusal.code, str(refusal))
+            await context.abort(*refusal.status())
         games = [pb.GameSummary(name=game.name, description=game.description) for game in self.games.values()]
         return pb.ListGamesResponse(games=games, version=own_version())
 
@@ -99,7 +98,7 @@ class Service(rpc.SimulatorServiceServicer):
             check_version(request.version)
             spec = await self._describe(request)
         except Refusal as refusal:
-            await context.abort(refusal.code, str(refusal))
+            await context.abort(*refusal.status())
         return pb.DescribeGameResponse(spec=spec, version=own_version())
 
     async def _describe(self, request: pb.DescribeGameRequest) -> pb.GameSpec:
@@ -135,16 +134,17 @@ class Service(rpc.SimulatorServiceServicer):
                 if stream.ending is not None:
                     raise stream.ending
         except Refusal as refusal:
-            await context.abort(refusal.code, str(refusal))
+            await context.abort(*refusal.status())
         except DecodeError as error:
-            await context.abort(StatusCode.INVALID_ARGUMENT, f"not a PlayRequest: {error}")
+            malformed = Refusal(pb.REASON_MALFORMED_MESSAGE, f"not a PlayRequest: {error}")
+            await context.abort(*malformed.status())
         except (grpc.aio.InternalError, ConnectionError):  # the client has gone while a response was on its way
             raise asyncio.CancelledError from None
         except asyncio.CancelledError:
             # Without a reason the client has gone. And while a response is being sent, no status can be.
             if stream.ending is None or stream.doing == WRITING:
                 raise
-            await context.abort(stream.ending.code, str(stream.ending))
+            await context.abort(*stream.ending.status())
         finally:
             self.streams.discard(stream)
             stream.thread.end()
@@ -171,7 +171,7 @@ class Service(rpc.SimulatorServiceServicer):
         if len(silent) >= self.limits.sessions:
             idle = f"{len(silent)} sessions are open already, one of them idle for {max(silent):.0f} s"
             text = f"{idle}; close one or start the server with --sessions"
-            raise Refusal(StatusCode.RESOURCE_EXHAUSTED, text)
+            raise Refusal(pb.REASON_TOO_MANY_SESSIONS, text)
         stream.playing = True
 
     def _too_slow(self, game: str, moment: str, arenas: int = 0) -> Refusal:
@@ -180,7 +180,7 @@ class Service(rpc.SimulatorServiceServicer):
             f"{game} failed in {moment}{where}: no result after {self.limits.step_seconds:g} s; its stack is in the "
             "server's log; a game that needs more time is served with --step-seconds"
         )
-        return Refusal(StatusCode.INTERNAL, text)
+        return Refusal(pb.REASON_GAME_TOO_SLOW, text)
 
     async def sweep(self) -> None:
         """End streams whose clients are silent for too long, and free memory, until this is cancelled."""
@@ -193,14 +193,15 @@ class Service(rpc.SimulatorServiceServicer):
                 limit = self.limits.idle_seconds if stream.playing else self.limits.start_seconds
                 if stream.silent_seconds() > limit and stream.ending is None:
                     wanted = "request (see --idle-seconds)" if stream.playing else "start (see --start-seconds)"
-                    stream.end(Refusal(StatusCode.DEADLINE_EXCEEDED, f"no {wanted} for {limit:g} s; open a new stream"))
+                    reason = pb.REASON_IDLE if stream.playing else pb.REASON_NO_START
+                    stream.end(Refusal(reason, f"no {wanted} for {limit:g} s; open a new stream"))
                     if stream.doing == WRITING:  # the client does not read, so no status can reach it
                         stream.task.cancel()
 
     def end_streams(self) -> int:
         """End every stream with UNAVAILABLE, and return how many of them were sessions."""
         for stream in list(self.streams):
-            stream.end(Refusal(StatusCode.UNAVAILABLE, "the simulator is shutting down"))
+            stream.end(Refusal(pb.REASON_SHUTTING_DOWN, "the simulator is shutting down"))
         for thread in self.describers.values():
             thread.end()
         return sum(stream.playing for stream in self.streams)

@@ -1,6 +1,6 @@
 """One session: it answers requests, and checks every rule of bridge.proto about their order and content.
 
-It uses only the status codes of gRPC, so tests need no connection.
+It uses no gRPC, so tests need no connection.
 """
 
 import hashlib
@@ -9,14 +9,15 @@ import logging
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
-import grpc
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill, fill_step
-from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.errors import JoybridgeError, MessageError
 from joybridge.contract.limits import max_pictures
-from joybridge.contract.spec import SpecError, check_spec, choose_options, choose_parameters
+from joybridge.contract.spec import check_spec, choose_options, choose_parameters
+from joybridge.contract.statuses import status
 from joybridge.contract.tensors import Array, TensorError
 from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch, own_version
@@ -27,35 +28,51 @@ from joybridge.v1 import bridge_pb2 as pb
 log = logging.getLogger("simulator")
 
 EMPTY = "an empty PlayRequest, or a request that this server does not know; send start, act, reset or save"
-HEAD, TAIL = 400, 200  # characters of a long text that are kept: gRPC gives a status 8 KiB, a character up to 12 bytes
+# Characters of a long text that are kept. gRPC gives a status 8 KiB. A character of the sentence takes up to 18 bytes
+# of them, because the details repeat it, and one of the field up to 6.
+HEAD, TAIL = 250, 130
+FIELD_HEAD, FIELD_TAIL = 90, 30
 BRIEF_SECONDS = 0.01  # of a step; handing a request to a thread and back costs less than 2 % of this
 
 
 class Refusal(JoybridgeError):
-    """An error that ends the session with a gRPC status. The text names what was received and expected, and the fix."""
+    """An error that ends the session with a gRPC status. The text names what was received and expected, and the fix.
 
-    def __init__(self, code: grpc.StatusCode, text: str) -> None:
-        super().__init__(_cut(printable(_cut(text))))
-        self.code = code
+    field: the path of the wrong field from the request, "" if there is none.
+    """
+
+    def __init__(self, reason: "pb.Reason", text: str, field: str = "") -> None:
+        super().__init__(_cut(text, HEAD, TAIL))
+        self.reason = reason
+        self.field = _cut(field, FIELD_HEAD, FIELD_TAIL)
+
+    def status(self) -> Any:
+        """Return the grpc.Status; see `joybridge.contract.statuses.status`."""
+        return status(self.reason, str(self), self.field)
 
 
-def _cut(text: str) -> str:
-    return text if len(text) <= HEAD + TAIL else f"{text[:HEAD]} … {text[-TAIL:]}"
+def _cut(text: str, head: int, tail: int) -> str:
+    """Return a printable text without its middle if it is long."""
+    for _ in range(2):  # before anything looks at every character, and after some became longer
+        if len(text) > head + tail:
+            text = f"{text[:head]} … {text[-tail:]}"
+        text = printable(text)
+    return text
 
 
 @contextmanager
-def checking() -> Iterator[None]:
-    """Raise TensorError and SpecError as Refusal with INVALID_ARGUMENT: the request is wrong, not the game."""
+def checking(where: str = "") -> Iterator[None]:
+    """Raise MessageError as Refusal: the request is wrong, not the game. where: the path of what is checked."""
     try:
         yield
-    except (TensorError, SpecError) as error:
-        raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, str(error)) from error
+    except MessageError as error:
+        raise Refusal(error.reason, str(error), f"{where}.{error.field}".strip(".")) from error
 
 
 def check_version(client: pb.Version) -> None:
     """Raise Refusal if a client needs a newer revision of the contract than this server has."""
     if text := mismatch(client, own_version()):
-        raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, text)
+        raise Refusal(pb.REASON_OLD_SERVER, text)
 
 
 def failure(game: str, moment: str, error: BaseException) -> Refusal:
@@ -63,19 +80,22 @@ def failure(game: str, moment: str, error: BaseException) -> Refusal:
     log.exception("game %s failed in %s", game, moment)
     place = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
     text = f"{game} failed in {moment}: {place}; the traceback is in the server's log"
-    return Refusal(grpc.StatusCode.INTERNAL, text)
+    return Refusal(pb.REASON_GAME_FAILED, text)
 
 
-def describe(games: Catalog, name: str, options: Mapping[str, str]) -> pb.GameSpec:
-    """Return the spec of a game. Raises Refusal for an unknown game, option or choice, and for a broken spec."""
+def describe(games: Catalog, name: str, options: Mapping[str, str], where: str = "") -> pb.GameSpec:
+    """Return the spec of a game. Raises Refusal for an unknown game, option or choice, and for a broken spec.
+
+    where: the path of the message that has them.
+    """
     if name not in games:
         known = ", ".join(games)
-        raise Refusal(
-            grpc.StatusCode.NOT_FOUND,
-            f"no game named {name!r}; this server has {known}; name one of your own as MODULE:CLASS, in `serve` "
-            "and `train` after --game",
+        text = (
+            f"no game named {name!r}; this server has {known}; name one of your own as MODULE:CLASS, in `serve` and "
+            "`train` after --game"
         )
-    with checking():
+        raise Refusal(pb.REASON_UNKNOWN_GAME, text, f"{where}.game".strip("."))
+    with checking(where):
         chosen = choose_options(games[name].options, options, name)
     try:
         spec = games[name].describe(chosen)
@@ -108,10 +128,10 @@ class Session:
         """Return the response to one request. Raises Refusal; the session must then end."""
         kind = request.WhichOneof("request")
         if kind is None:
-            raise Refusal(grpc.StatusCode.INVALID_ARGUMENT, EMPTY)
+            raise Refusal(pb.REASON_UNKNOWN_REQUEST, EMPTY)
         if (kind == "start") == (self.game is not None):
             wanted = "start came a second time" if kind == "start" else f"{kind} came before start"
-            raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, f"{wanted}; open a new stream and begin with start")
+            raise Refusal(pb.REASON_WRONG_ORDER, f"{wanted}; open a new stream and begin with start")
         try:
             return getattr(self, f"_{kind}")(getattr(request, kind))  # type: ignore[no-any-return]
         except Refusal:
@@ -121,12 +141,13 @@ class Session:
 
     def _start(self, start: pb.Start) -> pb.PlayResponse:
         check_version(start.version)
-        spec = describe(self.games, start.game, start.options)
+        spec = describe(self.games, start.game, start.options, "start")
         self.spec = spec
         if not 1 <= start.arenas <= spec.max_arenas:
-            code = grpc.StatusCode.INVALID_ARGUMENT if start.arenas == 0 else grpc.StatusCode.RESOURCE_EXHAUSTED
-            raise Refusal(code, f"{spec.name}: arenas is {start.arenas}, expected 1..{spec.max_arenas}")
-        with checking():
+            reason = pb.REASON_NO_ARENAS if start.arenas == 0 else pb.REASON_TOO_MANY_ARENAS
+            text = f"{spec.name}: arenas is {start.arenas}, expected 1..{spec.max_arenas}"
+            raise Refusal(reason, text, "start.arenas")
+        with checking("start"):
             options = choose_options(spec.options, start.options, spec.name)
             parameters = choose_parameters(spec.parameters, start.parameters, spec.name)
         self.arenas = start.arenas
@@ -136,7 +157,7 @@ class Session:
         self.origin = hashlib.blake2b(json.dumps(how, sort_keys=True).encode(), digest_size=16).digest()
         if start.HasField("snapshot"):
             self._require_snapshots()
-            with checking():
+            with checking("start.snapshot"):
                 restore(game, start.snapshot, self.origin)
         self.game = game
         self.codecs = [Codec(behavior, start.arenas) for behavior in spec.behaviors]
@@ -146,9 +167,8 @@ class Session:
 
     def _act(self, act: pb.Act) -> pb.PlayResponse:
         assert self.game is not None
-        with checking():
-            acts = self._unpack(act)
-            self._check_draw(act)
+        acts = self._unpack(act)
+        self._check_draw(act)
         self.steps += 1
         begin = time.perf_counter()
         self.previous = self.game.step(acts)
@@ -162,7 +182,7 @@ class Session:
 
     def _reset(self, reset: pb.Reset) -> pb.PlayResponse:
         assert self.game is not None
-        with checking():
+        with checking("reset"):
             parameters = choose_parameters(self.spec.parameters, reset.parameters, self.spec.name)
         self.game.reset(reset.seed if reset.HasField("seed") else None, parameters)
         response = pb.PlayResponse()
@@ -187,25 +207,26 @@ class Session:
     def _unpack(self, act: pb.Act) -> list[ActArrays]:
         messages, codecs = act.behaviors, self.codecs
         if len(messages) != len(codecs):
-            raise TensorError(f"act.behaviors has {len(messages)} entries, expected {len(codecs)}")
-        return [
-            codec.unpack_act(message, previous)
-            for codec, message, previous in zip(codecs, messages, self.previous, strict=True)
-        ]
+            text = f"act.behaviors has {len(messages)} entries, expected {len(codecs)}"
+            raise Refusal(pb.REASON_WRONG_BEHAVIORS, text, "act.behaviors")
+        acts = []
+        for index, codec in enumerate(codecs):
+            with checking(f"act.behaviors[{index}]"):
+                acts.append(codec.unpack_act(messages[index], self.previous[index]))
+        return acts
 
     def _check_draw(self, act: pb.Act) -> None:
         if not act.draw:
             return
         if not self.spec.HasField("picture"):
-            raise Refusal(
-                grpc.StatusCode.FAILED_PRECONDITION, f"{self.spec.name} cannot be drawn; leave act.draw empty"
-            )
+            raise Refusal(pb.REASON_NO_PICTURES, f"{self.spec.name} cannot be drawn; leave act.draw empty", "act.draw")
         most = max_pictures(self.spec)
         if len(act.draw) > most or max(act.draw) >= self.arenas:
-            raise TensorError(
+            text = (
                 f"act.draw asks for {len(act.draw)} pictures up to arena {max(act.draw)}, "
                 f"expected at most {most} of arenas 0..{self.arenas - 1}"
             )
+            raise Refusal(pb.REASON_WRONG_DRAW, text, "act.draw")
 
     def _draw(self, arena: int) -> Array:
         assert self.game is not None
@@ -218,7 +239,7 @@ class Session:
     def _require_snapshots(self) -> None:
         if not self.spec.snapshot_bytes_per_arena:
             text = f"{self.spec.name} has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead"
-            raise Refusal(grpc.StatusCode.FAILED_PRECONDITION, text)
+            raise Refusal(pb.REASON_NO_SNAPSHOTS, text)
 
 
 def restore(game: BatchedGame, snapshot: pb.Snapshot, origin: bytes) -> None:
@@ -226,19 +247,24 @@ def restore(game: BatchedGame, snapshot: pb.Snapshot, origin: bytes) -> None:
     present = game.save()
     wanted = {"origin", *present}
     if set(snapshot.parts) != wanted:
-        raise TensorError(f"snapshot has parts {sorted(snapshot.parts)}, expected {sorted(wanted)}")
+        raise wrong_snapshot(f"has parts {sorted(snapshot.parts)}, expected {sorted(wanted)}", "parts")
     state = {}
     for name, array in present.items():
         data = snapshot.parts[name]
         if len(data) != array.nbytes:
-            raise TensorError(f"snapshot part {name!r} has {len(data)} bytes, expected {array.nbytes} for this session")
+            text = f"part {name!r} has {len(data)} bytes, expected {array.nbytes} for this session"
+            raise wrong_snapshot(text, f"parts[{name}]")
         state[name] = np.frombuffer(data, array.dtype).reshape(array.shape)
     if snapshot.parts["origin"] != origin:
-        raise TensorError(
-            "snapshot is from a session with another Start; use the same game, options, parameters, arenas, "
-            "seed and first_arena"
+        raise wrong_snapshot(
+            "is from a session with another Start; use the same game, options, parameters, arenas, seed and first_arena"
         )
     try:
         game.restore(state)
     except ValueError as error:
-        raise TensorError(f"snapshot: {error}") from error
+        raise TensorError(f"snapshot: {error}", pb.REASON_WRONG_SNAPSHOT) from error
+
+
+def wrong_snapshot(text: str, field: str = "") -> TensorError:
+    """Return the error for a snapshot that does not fit a session. field: its path in the snapshot."""
+    return TensorError(f"snapshot {text}", pb.REASON_WRONG_SNAPSHOT, field)

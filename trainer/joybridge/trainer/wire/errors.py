@@ -11,6 +11,7 @@ from typing import Any
 import grpc
 
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.statuses import details_of
 
 __all__ = ["NoSuchGame", "SimulatorError", "SimulatorLost", "SimulatorShutDown"]
 
@@ -18,7 +19,14 @@ _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode
 
 
 class SimulatorError(JoybridgeError):
-    """A simulator refused a request, failed, or sent something that breaks the contract."""
+    """A simulator refused a request, failed, or sent something that breaks the contract.
+
+    `reason` is the name of a Reason in bridge.proto without REASON_, such as "UNKNOWN_GAME", and `field` the path of
+    the wrong field of the request. Either is "" if the simulator did not send it.
+    """
+
+    reason = ""
+    field = ""
 
 
 class SimulatorLost(SimulatorError):
@@ -36,9 +44,14 @@ class SimulatorShutDown(SimulatorLost):
 def from_grpc(error: Any, address: str) -> SimulatorError:
     """Return the error to raise for a grpc.RpcError."""
     code, text = error.code(), error.details()
+    reason, field = details_of(error)
+    made: SimulatorError
     if code in _LOST:
-        # gRPC itself reports a lost connection as UNAVAILABLE, too; only the sentence tells the difference.
-        lost = SimulatorShutDown if "shutting down" in str(text) else SimulatorLost
-        return lost(f"lost the simulator at {address}: {text} ({code.name})")
-    kind = NoSuchGame if code is grpc.StatusCode.NOT_FOUND else SimulatorError
-    return kind(f"error from the simulator at {address}: {text} ({code.name})")
+        # gRPC itself reports a lost connection as UNAVAILABLE, too. Servers need not send a reason beside the sentence.
+        lost = SimulatorShutDown if reason == "SHUTTING_DOWN" or "shutting down" in str(text) else SimulatorLost
+        made = lost(f"lost the simulator at {address}: {text} ({code.name})")
+    else:
+        kind = NoSuchGame if code is grpc.StatusCode.NOT_FOUND else SimulatorError
+        made = kind(f"error from the simulator at {address}: {text} ({code.name})")
+    made.reason, made.field = reason, field
+    return made

@@ -81,6 +81,7 @@ class Stream:
             self._channel = credentials.aio_channel(self.address, self._options)
             play = self._channel.stream_stream(f"/{SERVICE}/Play", pb.PlayRequest.SerializeToString)
             self._call = play(metadata=credentials.metadata)
+            self._ended = None
             self._listening = asyncio.create_task(self._listen(self._call))
             try:
                 return await self._wait(self._exchange(pb.PlayRequest(start=start)))
@@ -119,6 +120,8 @@ class Stream:
             with suppress(asyncio.CancelledError, SimulatorError):
                 await self._pending
             self._pending = None
+        if self._listening is not None:
+            self._listening.cancel()
         if self._channel is not None:
             self._call.cancel()
             await self._channel.close()

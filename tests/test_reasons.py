@@ -1,0 +1,220 @@
+"""Every Reason of bridge.proto: the request that provokes it, over a connection within this process."""
+
+import asyncio
+import re
+import socket
+from typing import NamedTuple
+
+import grpc
+import numpy as np
+import pytest
+from google.rpc.error_details_pb2 import ErrorInfo
+from google.rpc.status_pb2 import Status
+
+from joybridge.contract.codec import ActArrays, pack_act
+from joybridge.contract.local_socket import LENGTH
+from joybridge.contract.statuses import CODES, details_of, status
+from joybridge.simulator import service
+from joybridge.simulator.catalog import Catalog
+from joybridge.simulator.doors import Door
+from joybridge.simulator.service import Limits, Service
+from joybridge.simulator.session import Refusal
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.v1 import bridge_pb2_grpc as rpc
+from tests.support.broken_servers import Gauntlet
+from tests.support.wire import PLAY, SAVE, SECONDS, act, encode, reset, start
+from tools.generate_proto import PROTO, SOURCE
+
+REASONS = [name.removeprefix("REASON_") for name in pb.Reason.keys() if name != "REASON_UNSPECIFIED"]  # noqa: SIM118
+
+
+class Plain(Gauntlet):
+    """Without pictures and snapshots."""
+
+    name = "plain"
+
+    @classmethod
+    def describe(cls, options):
+        spec = super().describe(options)
+        spec.ClearField("picture")
+        spec.snapshot_bytes_per_arena = 0
+        return spec
+
+
+class Fails(Gauntlet):
+    name = "fails"
+
+    def step(self, acts):
+        raise RuntimeError("the wheel came off")
+
+
+class Hangs(Gauntlet):
+    name = "hangs"
+
+    def step(self, acts):
+        while True:
+            pass
+
+
+GAMES: Catalog = {game.name: game for game in (Gauntlet, Plain, Fails, Hangs)}
+TOKEN = "0123456789abcdef"
+
+
+class Case(NamedTuple):
+    """Requests, the last of which is refused, and the field that is named; a server that has them refused."""
+
+    requests: list[pb.PlayRequest | bytes]
+    field: str = ""
+    limits: Limits = Limits()
+    token: str = ""
+    others: int = 0  # sessions beside it
+    ends: bool = False  # whether the server shuts down after the last request
+
+
+def gauntlet_act(axes=1.0, gear=0, draw=(), judges=4):
+    """Return an Act for two arenas of `gauntlet`."""
+    player = ActArrays(np.array([[0.0, axes]] * 2, np.float32), np.array([[gear, 0]] * 2, np.int32))
+    judge = ActArrays(np.empty((4, 0), np.float32), np.zeros((judges, 1), np.int32))
+    runner = ActArrays(np.zeros((2, 1), np.float32), np.empty((2, 0), np.int32))
+    return act(*map(pack_act, (player, judge, runner)), draw=draw)
+
+
+START = start("gauntlet")
+CASES = {
+    "UNKNOWN_GAME": Case([start("chess")], "start.game"),
+    "MALFORMED_MESSAGE": Case([b"\xff\xff"]),
+    "UNKNOWN_REQUEST": Case([pb.PlayRequest()]),
+    "UNKNOWN_OPTION": Case([start("gauntlet", options={"colour": "red"})], "start.options[colour]"),
+    "UNKNOWN_CHOICE": Case([start("gauntlet", options={"size": "huge"})], "start.options[size]"),
+    "UNKNOWN_PARAMETER": Case([start("gauntlet", parameters={"wind": 1.0})], "start.parameters[wind]"),
+    "PARAMETER_OUT_OF_RANGE": Case([START, reset(parameters={"drift": 9.0})], "reset.parameters[drift]"),
+    "NO_ARENAS": Case([start("gauntlet", arenas=0)], "start.arenas"),
+    "WRONG_SNAPSHOT": Case([start("gauntlet", snapshot=pb.Snapshot(parts={"place": b""}))], "start.snapshot.parts"),
+    "WRONG_BEHAVIORS": Case([START, act()], "act.behaviors"),
+    "WRONG_TENSOR": Case([START, gauntlet_act(judges=3)], "act.behaviors[1].choices"),
+    "NOT_FINITE": Case([START, gauntlet_act(axes=np.nan)], "act.behaviors[0].axes"),
+    "ACTION_OUT_OF_RANGE": Case([START, gauntlet_act(axes=3.0)], "act.behaviors[0].axes"),
+    "ACTION_MASKED": Case([START, gauntlet_act(gear=2)], "act.behaviors[0].choices"),
+    "WRONG_DRAW": Case([START, gauntlet_act(draw=[2])], "act.draw"),
+    "OLD_SERVER": Case([start("gauntlet", version=pb.Version(revision=1_000))]),
+    "WRONG_ORDER": Case([SAVE]),
+    "NO_SNAPSHOTS": Case([start("plain"), SAVE]),
+    "NO_PICTURES": Case([start("plain"), gauntlet_act(draw=[0])], "act.draw"),
+    "TOO_MANY_ARENAS": Case([start("gauntlet", arenas=17)], "start.arenas"),
+    "TOO_MANY_SESSIONS": Case([START], limits=Limits(sessions=1), others=1),
+    "MESSAGE_TOO_LARGE": Case([start("gauntlet", local_transport=True), LENGTH.pack(2**31)]),
+    "GAME_FAILED": Case([start("fails"), gauntlet_act()]),
+    "GAME_TOO_SLOW": Case([start("hangs"), gauntlet_act()], limits=Limits(step_seconds=0.2)),
+    "NO_START": Case([b""], limits=Limits(start_seconds=0.0)),
+    "IDLE": Case([START, b""], limits=Limits(idle_seconds=0.0)),
+    "NO_TOKEN": Case([START], token=TOKEN),
+    "SHUTTING_DOWN": Case([START, b""], ends=True),
+}
+
+
+async def refused(case: Case) -> grpc.aio.AioRpcError:
+    """Play the requests of a case at a server of its own and return the error. b"" stands for silence."""
+    server = grpc.aio.server(interceptors=[Door(case.token)])
+    servicer = Service(GAMES, case.limits)
+    rpc.add_SimulatorServiceServicer_to_server(servicer, server)
+    port = server.add_insecure_port("127.0.0.1:0")
+    await server.start()
+    sweeper = asyncio.create_task(servicer.sweep())
+    try:
+        async with grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel:
+            play = channel.stream_stream(PLAY, encode, pb.PlayResponse.FromString)
+            others = [play(timeout=SECONDS) for _ in range(case.others)]
+            for other in others:
+                await other.write(START)
+                await other.read()
+            call = play(timeout=SECONDS)
+            local_socket = ""
+            for request in case.requests[:-1]:
+                await call.write(request)
+                local_socket = (await call.read()).started.local_socket
+            if local_socket:
+                with socket.socket(socket.AF_UNIX) as local:
+                    local.connect(local_socket)
+                    local.sendall(encode(case.requests[-1]))
+            elif case.requests[-1] != b"":
+                await call.write(case.requests[-1])
+            if case.ends:
+                servicer.end_streams()
+            with pytest.raises(grpc.aio.AioRpcError) as caught:
+                await call.read()
+            return caught.value
+    finally:
+        sweeper.cancel()
+        await server.stop(None)
+
+
+@pytest.mark.parametrize("name", REASONS)
+def test_every_reason_is_provoked_and_sent_with_the_field_and_a_sentence(name, monkeypatch):
+    monkeypatch.setattr(service, "SWEEP_SECONDS", 0.01)
+    case = CASES[name]
+    error = asyncio.run(refused(case))
+    assert details_of(error) == (name, case.field)
+    assert error.code() == CODES[pb.Reason.Value(f"REASON_{name}")]
+    assert error.details()
+
+
+def test_the_manual_tells_the_status_of_every_reason():
+    text = (PROTO / SOURCE).read_text()
+    told = re.findall(r"^  REASON_(\w+) = \d+; +// ([A-Z_]+): [^ ]", text, re.MULTILINE)
+    assert told == [(name, CODES[pb.Reason.Value(f"REASON_{name}")].name) for name in REASONS]
+
+
+def test_the_longest_sentence_and_field_arrive():
+    """They are cut to fit into the 8 KiB of a status, also where every character takes the most bytes."""
+    text = "\U0001f426" * 10_000
+    error = asyncio.run(refused(Case([start("gauntlet", options={text: text})])))
+    reason, field = details_of(error)
+    assert (error.code(), reason) == (grpc.StatusCode.INVALID_ARGUMENT, "UNKNOWN_OPTION")
+    assert field.startswith("start.options[\U0001f426") and len(field) > 100 and len(error.details()) > 300
+    refusal = Refusal(pb.REASON_UNKNOWN_OPTION, text, text)
+    assert len(str(refusal)) > 300 and "…" in str(refusal) and "…" in refusal.field
+
+
+class Error(NamedTuple):
+    """What a client gets from gRPC when a call has failed."""
+
+    metadata: list[tuple[str, bytes]] | None
+    sentence: str = "no such game"
+
+    def code(self):
+        return grpc.StatusCode.NOT_FOUND
+
+    def details(self):
+        return self.sentence
+
+    def trailing_metadata(self):
+        return self.metadata
+
+
+def sent(sentence="no such game", **info):
+    message = Status(code=5, message=sentence)
+    message.details.add().Pack(ErrorInfo(**info))
+    return [("grpc-status-details-bin", message.SerializeToString())]
+
+
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        None,
+        [],
+        [("other", b"x")],
+        [("grpc-status-details-bin", b"\xff")],
+        [("grpc-status-details-bin", Status(code=5, message="no such game").SerializeToString())],
+        sent(domain="joybridge.v1", reason="BEWITCHED"),
+        sent(domain="somebody.else", reason="UNKNOWN_GAME"),
+        sent(domain="joybridge.v1", reason="UNKNOWN_GAME", sentence="another sentence"),
+    ],
+)
+def test_servers_need_not_send_details_and_strange_ones_are_ignored(metadata):
+    assert details_of(Error(metadata)) == ("", "")
+
+
+def test_details_are_read_without_control_characters():
+    code, sentence, metadata = status(pb.REASON_UNKNOWN_GAME, "no such game", "start.\x1b[2Jgame")
+    assert (code, sentence) == (grpc.StatusCode.NOT_FOUND, "no such game")
+    assert details_of(Error(list(metadata))) == ("UNKNOWN_GAME", r"start.\x1b[2Jgame")
