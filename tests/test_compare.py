@@ -12,7 +12,7 @@ from joybridge.experiments import compare as command
 from joybridge.experiments import page as pages
 from joybridge.experiments.analysis import Analysis, analyze
 from joybridge.experiments.job import Job
-from joybridge.experiments.page import Setting, page_text, write_page
+from joybridge.experiments.page import Setting, page_html, page_text
 from joybridge.experiments.scores import Point, Run, read_run
 from joybridge.experiments.variants import differences, kept_spec, make_variants, read_values
 from joybridge.trainer.__main__ import main as trainer
@@ -202,6 +202,9 @@ def test_a_wrong_grid_is_refused_before_a_simulator_is_waited_for(more, message,
 
 
 def test_a_layout_that_cannot_play_the_game_is_refused_before_anything_is_trained(tmp_path, simulator):
+    done = run_in(tmp_path, simulator, "--layouts", "hybrid", "joint-9999")
+    assert done.status == 1
+    assert "joint-9999: layout: 'joint-9999' cannot express this device: " in done.errors
     done = run_in(tmp_path, simulator, "policy.sensors=[gnu]")
     assert done.status == 1 and "hybrid: archer: sensors: the game has no 'gnu'" in done.errors
     assert not (tmp_path / OUT).exists()
@@ -236,6 +239,18 @@ def test_of_axes_and_buttons_the_buttons_count_and_of_several_behaviors_the_firs
     spec.behaviors[1].name = "other"
     assert command.scored_policy(one, spec, None) == "archer"
     assert command.scored_policy(two, spec, "other") == "other-buttons"
+
+
+def test_only_runs_of_games_with_snapshots_are_resumed_and_go_on_after_a_loss(whole):
+    (variant,) = make_variants("archer/hybrid", [], [])
+    spec = kept_spec(variant, whole / OUT)
+    assert spec is not None
+    options = command.parse(["compare", "archer/hybrid", "--output", "out", "--game", "a:B"], "joybridge")
+    job = command.make_job(variant, spec, 3, options)
+    assert (job.exact, job.overrides, job.arguments) == (False, ("restarts=0",), ("--game", "a:B"))
+    spec.snapshot_bytes_per_arena = 8
+    job = command.make_job(variant, spec, 3, options)
+    assert (job.exact, job.overrides, job.timesteps) == (True, (), 150_000)
 
 
 def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
@@ -313,8 +328,13 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
     assert "| good |  | **100 % [100, 100]** |" in text and "| bad | **0.0079** |  |" in text
     assert "Too few runs" not in text
     text = text_of(analyze("reward", {"good": runs(*good[:3]), "bad": runs(*bad[:3])}))
-    assert "No two variants differ significantly." in text
+    assert "No two variants differ significantly." in text and "the same score" not in text
     assert "**Too few runs for a significance test**: the smallest p value that is possible with them is 0.1." in text
+
+
+def test_variants_that_play_the_same_are_named():
+    text = text_of(analyze("reward", {"hybrid": runs([1.0], [2.0]), "x": runs([1.0]), "y": runs([1.0], [2.0])}))
+    assert "**hybrid and y have the same score with every seed.**" in text and text.count("the same score") == 1
 
 
 def test_one_variant_has_a_page_without_comparisons():
@@ -322,12 +342,15 @@ def test_one_variant_has_a_page_without_comparisons():
     assert "Which variant is better" not in text and "| **alone** | 1 | 2 | 2 ± 0 | 2 | 2 to 2 |" in text
 
 
-def test_the_html_page_is_one_file_that_follows_the_theme(tmp_path):
-    analysis = analyze("reward", {"a|<b>*$": runs([1.0], [2.0]), "c": runs([1.5])})
-    write_page(analysis, setting_of(analysis, ["x: <i>"]), tmp_path)
-    html = (tmp_path / "page.html").read_text()
+def test_the_html_page_is_one_file_that_follows_the_theme(whole):
+    html = (whole / OUT / "page.html").read_text()
     assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 6
     assert not re.search(r'(?:src|srcset|href)="(?!data:|https://github.com)', html)
-    assert "prefers-color-scheme: dark" in html
-    assert "<strong>" in html and "a|&lt;b&gt;*$" in html and "<li>x: &lt;i&gt;</li>" in html
-    assert html.count("<table>") == 5
+    assert "prefers-color-scheme: dark" in html and html.count("<table>") == 5
+
+
+def test_names_mean_nothing_to_markdown_and_html(tmp_path):
+    analysis = analyze("reward", {"a|<b>*$": runs([1.0], [2.0]), "c": runs([1.5])})
+    html = page_html(page_text(analysis, setting_of(analysis, ["x: <i>"])), tmp_path)
+    assert "<strong>a|&lt;b&gt;*$</strong>" in html or "<td>a|&lt;b&gt;*$</td>" in html
+    assert "<li>x: &lt;i&gt;</li>" in html and html.count("<table>") == 5

@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -171,6 +172,12 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     if setting.missing:
         runs = "\n".join(f"- {_text(each)}" for each in setting.missing)
         blocks.append(f"**These runs are missing, and the page is computed without them:**\n\n{runs}")
+    for one, other in combinations(analysis.results, 2):
+        if one.scores == other.scores:
+            blocks.append(
+                f"**{_text(one.label)} and {_text(other.label)} have the same score with every seed.** Perhaps they do "
+                "not differ on this game: without buttons, for example, threshold and hybrid are the same."
+            )
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
             f"**Too few runs for a significance test**: the smallest p value that is possible with them is "
