@@ -28,7 +28,16 @@ pytestmark = pytest.mark.usefixtures("signals")
 
 EXAMPLES = Path(__file__).parents[1] / "proto" / "examples"
 RUNTIME = EXAMPLES / "python" / "policy.py"
-LAYOUTS = ["hybrid", "bucket-3", "threshold-0.0", "threshold-0.5", "multiagent", "joint-3-mu", "ordinal-4, x=hybrid"]
+LAYOUTS = [
+    "hybrid",
+    "bucket-3",
+    "threshold-0.0",
+    "threshold-0.5",
+    "multiagent",
+    "joint-3-mu",
+    "ordinal-4, x=hybrid",
+    "auto-3",
+]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
 
 
@@ -263,7 +272,7 @@ console.log(JSON.stringify(played));
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="install Node.js to play a policy in JavaScript")
 @pytest.mark.parametrize(
-    ("layout", "deterministic"), [("threshold-0.5", True), ("multiagent", False), ("joint-3", False)]
+    ("layout", "deterministic"), [("threshold-0.5", True), ("multiagent", False), ("joint-3", False), ("auto-3", False)]
 )
 def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, simulator, tmp_path):
     run = make_run(tmp_path / "run", simulator, layout=layout)

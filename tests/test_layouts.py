@@ -7,11 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch.distributions import Categorical
 
 from joybridge.contract.codec import ActArrays
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import AxisRange, AxisTable, DeviceError, JointTable, list_roles, make_layouts
 from joybridge.trainer.layouts.check import check_layouts
+from joybridge.trainer.ppo.fast.kernels import Action, draw_noise
+from joybridge.trainer.ppo.networks import Network
+from joybridge.trainer.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.own_layouts import ENTRY_POINTS, offer
 from tests.test_actions import POINTER, make_device
@@ -154,3 +159,36 @@ def test_the_layout_in_the_page_about_layouts_is_what_the_text_says():
     np.testing.assert_allclose(layout.discrete[0].positions, [[1, 2], [0, 4], [-1, 2], [0, 0]], atol=1e-6)
     with pytest.raises(DeviceError, match="a compass moves two axes and presses nothing"):
         names["compass"](POINTER, "4")
+
+
+def test_axes_that_are_given_the_buttons_are_those_of_the_chosen_button():
+    (layout,) = make_layouts("auto-3, speed=joint-2", POINTER).values()
+    names, _ = layout.names(POINTER)
+    assert names == ["shoot+reload", "angle|shoot+reload=0", "angle|shoot+reload=1", "angle|shoot+reload=2", "speed"]
+    act = ActArrays(np.zeros((3, 2), np.float32), np.zeros((3, 2), np.int32))
+    chosen = np.array([[0, 0, 1, 2, 1], [1, 0, 1, 2, 1], [2, 0, 1, 2, 1]])
+    layout.write(np.zeros((3, 0), np.float32), chosen, act)
+    assert act.axes[:, 0].tolist() == [-1.0, 0.0, 1.0] and act.choices.tolist() == [[1, 0], [0, 1], [0, 0]]
+
+
+def test_the_joint_probability_of_auto_is_that_of_the_buttons_times_that_of_the_axes_given_them():
+    (layout,) = make_layouts("auto-4", make_device([(-1, 1), (0, 1)], [2])).values()
+    network = Network(3, layout.space, [8], True, seed=2)
+    with torch.no_grad():
+        network.actor.head.weight *= 30.0
+    observations = torch.randn(200, 3, generator=torch.Generator().manual_seed(1))
+    noise = draw_noise(np.random.default_rng(5), (200, 0), (200, 5))
+    action = Action(np.zeros((200, 0), np.float32), np.zeros((200, 5), np.int64), np.zeros(200, np.float32))
+    masks = np.zeros((200, 5, 4), np.float32)
+    with torch.inference_mode():
+        outputs, _ = network.heads(observations)
+        logits = network(observations).logits.clone()
+        sample_actions(network, outputs, masks, noise, action, deterministic=False)
+    buttons = torch.from_numpy(action.discrete[:, 0])
+    rows = torch.arange(200)
+    truth = Categorical(logits=logits[:, 0]).log_prob(buttons)
+    for first in (1, 3):  # the branches of each axis, one for each choice of the buttons
+        given = Categorical(logits=logits[rows, first + buttons])
+        truth = truth + given.log_prob(torch.from_numpy(action.discrete)[rows, first + buttons])
+    torch.testing.assert_close(torch.from_numpy(action.log_probs), truth, atol=1e-5, rtol=1e-5)
+    assert 20 < int(buttons.sum()) < 180

@@ -72,6 +72,7 @@ class Identity:
         ("ordinal-7", 0.85),
         ("beta", 0.85),
         ("squashed", 0.85),
+        ("auto-5", 0.8),
         ("bucket-7, y=hybrid, a=threshold-0.0", 0.8),
     ],
 )

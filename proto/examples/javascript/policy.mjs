@@ -60,14 +60,17 @@ export class Policy {
       const frame = network.sensors.flatMap((name) => Array.from(sensors[name], Number));
       const seen = Float32Array.from([...state[index], ...frame]);
       const outputs = dense(network.layers, seen);
+      const rows = [];
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
         const row = this.#choose(table, logits, allowed, noise);
+        rows.push(row);
+        begin += table.values.length;
+        if (table.given && rows[table.given[0]] !== table.given[1]) continue;
         if (table.axis !== undefined) axes[table.axis] = table.values[row];
         else table.branches.forEach((branch, column) => (choices[branch] = table.values[row][column]));
         table.axes?.forEach((axis, column) => (axes[axis] = table.positions[row][column]));
-        begin += table.values.length;
       }
       network.continuous.forEach((target, column) => {
         let sample = outputs[begin + column];

@@ -58,13 +58,17 @@ class Policy:
             seen = np.concatenate([older, *frame], axis=1)
             following.append(seen[:, seen.shape[1] - older.shape[1] :])
             normal, uniform = self._noise(network, lanes, random)
-            outputs, begin = _dense(network["layers"], seen), 0
+            outputs, begin, rows = _dense(network["layers"], seen), 0, []
             for column, table in enumerate(network["discrete"]):
                 end = begin + len(table["values"])
                 logits = self._mask(table, outputs[:, begin:end], allowed)
                 row = logits.argmax(axis=1) if uniform is None else _sample(logits, uniform[:, column])
+                rows.append(row)
                 values = np.array(table["values"])[row]
-                if "axis" in table:
+                if "given" in table:
+                    counts = rows[table["given"][0]] == table["given"][1]
+                    axes[counts, table["axis"]] = values[counts]
+                elif "axis" in table:
                     axes[:, table["axis"]] = values
                 else:
                     choices[:, table["branches"]] = values

@@ -87,12 +87,19 @@ class _Builder:
         """Add one policy: its columns of `axes` and `choices`, and what it remembers."""
         outputs = self._network(policy, self._observe(policy, states))
         row = 0
+        rows: list[str] = []  # that the tables have chosen
         for table in policy["discrete"]:
             size = len(table["values"])
             choice = self._choose(table, self._columns(outputs, row, size))
             row += size
+            rows.append(choice)
             if "axis" in table:
-                axes[table["axis"]] = self._node("Gather", self._constant(table["values"]), choice)
+                value = self._node("Gather", self._constant(table["values"]), choice)
+                if "given" in table and axes[table["axis"]]:
+                    branch, wanted = table["given"]
+                    counts = self._node("Equal", rows[branch], self._constant(wanted, np.int64))
+                    value = self._node("Where", counts, value, axes[table["axis"]])
+                axes[table["axis"]] = value
                 continue
             for branch, values in zip(table["branches"], zip(*table["values"], strict=True), strict=True):
                 choices[branch] = self._node("Gather", self._constant(values, np.int64), choice)

@@ -94,8 +94,9 @@ def _policy(actor: Actor) -> Document:
 
 def _table(table: AxisTable | JointTable) -> Document:
     if isinstance(table, AxisTable):
-        return {"axis": table.axis, "values": table.values.tolist()}
-    document: Document = {"branches": list(table.branches), "values": table.values.tolist()}
+        document: Document = {"axis": table.axis, "values": table.values.tolist()}
+        return document if table.given is None else document | {"given": list(table.given)}
+    document = {"branches": list(table.branches), "values": table.values.tolist()}
     if table.positions is not None:
         document |= {"axes": list(table.axes), "positions": table.positions.tolist()}
     return document

@@ -13,6 +13,9 @@ from joybridge.v1 import bridge_pb2 as pb
 def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
     """Raise DeviceError unless the layouts of all policies that share a device fit it."""
     parts: list[Part] = [part for layout in layouts for part in (*layout.continuous, *layout.discrete)]
+    for layout in layouts:
+        _check_given(layout)
+    parts = [part for part in parts if not (isinstance(part, AxisTable) and part.given and part.given[1])]
     axes, branches = ([index for part in parts for index in covers(part)[kind]] for kind in (0, 1))
     _check_each_once("axis", [axis.name for axis in device.axes], axes)
     _check_each_once("branch", [branch.name for branch in device.branches], branches)
@@ -20,6 +23,20 @@ def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
         for name, values, low, high in _values(part, device):
             if not len(values) or not (low <= values.min() <= values.max() <= high):
                 raise DeviceError(f"it sets {name!r} to {values.tolist()[:9]}, expected values in {low:g}..{high:g}")
+
+
+def _check_given(layout: Layout) -> None:
+    """Raise DeviceError unless a table that counts with one choice of a branch has one like it for all its choices."""
+    found: dict[tuple[int, int], list[int]] = {}
+    for index, table in enumerate(layout.discrete):
+        if isinstance(table, AxisTable) and table.given is not None:
+            branch, choice = table.given
+            if not 0 <= branch < index or not isinstance(layout.discrete[branch], JointTable):
+                raise DeviceError(f"its branch {index} is given branch {branch}, which is no earlier joint table")
+            found.setdefault((table.axis, branch), []).append(choice)
+    for (axis, branch), choices in found.items():
+        if sorted(choices) != list(range(count := len(layout.discrete[branch].values))):
+            raise DeviceError(f"it sets axis {axis} given the choices {choices} of a branch, expected all {count} once")
 
 
 def _check_each_once(kind: str, names: Sequence[str], held: Sequence[int]) -> None:

@@ -13,6 +13,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.layouts.auto import auto
 from joybridge.trainer.layouts.bounded import beta, squashed
 from joybridge.trainer.layouts.bucket import bucket
 from joybridge.trainer.layouts.check import check_layouts
@@ -32,11 +33,11 @@ Maker = Callable[[pb.Device, str], Layout | Mapping[str, Layout]]
 
 KINDS: dict[str, Maker] = {
     "hybrid": hybrid, "multiagent": multiagent, "bucket": bucket, "threshold": threshold, "joint": joint,
-    "ordinal": ordinal, "beta": beta, "squashed": squashed,
+    "ordinal": ordinal, "beta": beta, "squashed": squashed, "auto": auto,
 }  # fmt: skip
 FORMS = (
     "hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu", "ordinal-N",
-    "ordinal-N-mu", "beta", "squashed",
+    "ordinal-N-mu", "beta", "squashed", "auto-N", "auto-N-mu",
 )  # fmt: skip
 
 

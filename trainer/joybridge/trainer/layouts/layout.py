@@ -5,7 +5,7 @@ A policy's action is a float array `continuous` [lanes, continuous] of unbounded
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,7 @@ class ActionSpace:
     branches: tuple[int, ...]
     ordinal: tuple[int, ...] = ()  # branches whose choices are neighbors, by their indices
     distributions: tuple[str, ...] = ()  # of each continuous action; (): all are Gaussians
+    given: tuple[tuple[int, int, int], ...] = ()  # a branch, and an earlier branch and its choice with which it counts
 
     @property
     def widest(self) -> int:
@@ -52,15 +53,24 @@ class Layout:
     @property
     def space(self) -> ActionSpace:
         """Return the action space that this layout gives its policy."""
-        ordinal = [index for index, table in enumerate(self.discrete) if isinstance(table, AxisTable) and table.ordinal]
+        tables = [(index, table) for index, table in enumerate(self.discrete) if isinstance(table, AxisTable)]
+        ordinal = tuple(index for index, table in tables if table.ordinal)
+        given = tuple((index, *table.given) for index, table in tables if table.given is not None)
         sizes = tuple(len(table.values) for table in self.discrete)
         names = [target.distribution if isinstance(target, AxisRange) else "" for target in self.continuous]
         distributions = tuple(name or GAUSSIAN for name in names) if any(names) else ()
-        return ActionSpace(len(self.continuous), sizes, tuple(ordinal), distributions)
+        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, given)
 
     def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
         """Return what the policy's branches and its continuous actions act on: names of the device's parts."""
-        return [_name(table, device) for table in self.discrete], [_name(target, device) for target in self.continuous]
+        branches = []
+        for table in self.discrete:
+            name = _name(table, device)
+            if isinstance(table, AxisTable) and table.given is not None:
+                branch, choice = table.given
+                name += f"|{_name(self.discrete[branch], device)}={choice}"
+            branches.append(name)
+        return branches, [_name(target, device) for target in self.continuous]
 
     def write(
         self, continuous: Array, discrete: Array, act: ActArrays, device_masks: Sequence[Array] | None = None
@@ -87,7 +97,12 @@ class Layout:
             act.choices[:, target.branch] = choices
         for column, table in enumerate(self.discrete):
             if isinstance(table, AxisTable):
-                act.axes[:, table.axis] = table.values[discrete[:, column]]
+                values = table.values[discrete[:, column]]
+                if table.given is None:
+                    act.axes[:, table.axis] = values
+                else:
+                    rows = discrete[:, table.given[0]] == table.given[1]
+                    act.axes[rows, table.axis] = values[rows]
                 continue
             act.choices[:, table.branches] = table.values[discrete[:, column]]
             if table.positions is not None:
@@ -111,10 +126,15 @@ class Layout:
 
 def together(*layouts: Layout) -> Layout:
     """Return one layout that covers what several cover."""
-    return Layout(
-        tuple(target for layout in layouts for target in layout.continuous),
-        tuple(table for layout in layouts for table in layout.discrete),
-    )
+    discrete: list[AxisTable | JointTable] = []
+    for layout in layouts:
+        before = len(discrete)
+        for table in layout.discrete:
+            if isinstance(table, AxisTable) and table.given is not None:
+                branch, choice = table.given
+                table = replace(table, given=(before + branch, choice))
+            discrete.append(table)
+    return Layout(tuple(target for layout in layouts for target in layout.continuous), tuple(discrete))
 
 
 def _name(part: Part, device: pb.Device) -> str:

@@ -43,6 +43,7 @@ class AxisTable:
     axis: int
     values: Array  # float32 [choices]
     ordinal: bool = False  # the values are neighbors: what makes one likelier makes those beyond it likelier as well
+    given: tuple[int, int] | None = None  # an earlier branch of the policy and its choice, with which alone this counts
 
 
 @dataclass(frozen=True)

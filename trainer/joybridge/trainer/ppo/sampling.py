@@ -5,7 +5,9 @@ import torch
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
+from joybridge.trainer.layouts import ActionSpace
 from joybridge.trainer.ppo.continuous import log_probs_of_each, sample_each
+from joybridge.trainer.ppo.distributions import FORBIDDEN
 from joybridge.trainer.ppo.fast.kernels import Action, Head, Noise, sample
 from joybridge.trainer.ppo.networks import Network
 
@@ -17,17 +19,35 @@ def sample_actions(
 ) -> None:
     """Write an action per row of `outputs`, from `Network.heads`, into `action`, with its joint log-probability.
 
-    masks: [n, branches, widest] of 0 or FORBIDDEN, or None. deterministic: the likeliest choices, and the continuous
-    actions that a noise of 0 gives.
+    masks: [n, branches, widest] of 0 or FORBIDDEN, or None. Where branches count only with some choices of others,
+    those that do not count are masked here. deterministic: the likeliest choices, and the continuous actions that a
+    noise of 0 gives.
     """
-    sizes = np.array(network.space.branches, np.int64)
-    if not network.distributions:
-        head = Head(network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True), sizes)
+    space = network.space
+    if network.distributions:
+        head = Head(NOTHING, NOTHING, np.array(space.branches, np.int64))
+    else:
+        means, log_variance = network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True)
+        head = Head(means, log_variance, np.array(space.branches, np.int64))
+    sample(outputs.numpy(force=True), head, masks, noise, deterministic, action)
+    if space.given:
+        assert masks is not None
+        leave_one_choice(space, action.discrete, masks)
         sample(outputs.numpy(force=True), head, masks, noise, deterministic, action)
+    if not network.distributions:
         return
-    sample(outputs.numpy(force=True), Head(NOTHING, NOTHING, sizes), masks, noise, deterministic, action)
     normal = torch.from_numpy(np.zeros_like(noise.normal) if deterministic else noise.normal)
     given = network.distributions, network.continuous(outputs).cpu(), network.log_variance.cpu()
     samples = sample_each(*given, normal)
     action.continuous[:] = samples.numpy()
     action.log_probs[:] += log_probs_of_each(*given, samples)[0].numpy()
+
+
+def leave_one_choice(space: ActionSpace, discrete: Array, masks: Array) -> None:
+    """Forbid all choices but the first of branches that do not count with what other branches have chosen.
+
+    Such a branch has the probability 1 and the entropy 0, so it adds nothing to the loss. discrete [n, branches]: what
+    was chosen. masks [n, branches, widest] are changed.
+    """
+    for branch, other, choice in space.given:
+        masks[discrete[:, other] != choice, branch, 1 : space.branches[branch]] = FORBIDDEN
