@@ -37,6 +37,7 @@ LAYOUTS = [
     "joint-3-mu",
     "ordinal-4, x=hybrid",
     "auto-3",
+    "squashed, x=hybrid",
 ]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
 
@@ -272,7 +273,8 @@ console.log(JSON.stringify(played));
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="install Node.js to play a policy in JavaScript")
 @pytest.mark.parametrize(
-    ("layout", "deterministic"), [("threshold-0.5", True), ("multiagent", False), ("joint-3", False), ("auto-3", False)]
+    ("layout", "deterministic"),
+    [("threshold-0.5", True), ("multiagent", False), ("joint-3", False), ("auto-3", False), ("squashed", False)],
 )
 def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, simulator, tmp_path):
     run = make_run(tmp_path / "run", simulator, layout=layout)
@@ -312,5 +314,5 @@ def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
 def test_distributions_that_the_format_does_not_have_are_refused(simulator, tmp_path, capsys):
     run = make_run(tmp_path / "run", simulator, layout="beta, force=squashed")
     assert main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 1
-    assert "error: player: its axes are drawn from Beta, Squashed; only Gaussians and" in capsys.readouterr().err
+    assert "error: player: axes are drawn from Beta, which cannot be exported; train" in capsys.readouterr().err
     assert not (tmp_path / "policy.onnx").exists()

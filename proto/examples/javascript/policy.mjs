@@ -75,7 +75,7 @@ export class Policy {
       network.continuous.forEach((target, column) => {
         let sample = outputs[begin + column];
         if (!this.deterministic) sample += network.deviations[column] * noise.normal();
-        const share = clip(sample, -CLIP, CLIP) / CLIP;
+        const share = target.squashed ? Math.tanh(sample) : clip(sample, -CLIP, CLIP) / CLIP;
         if (target.axis !== undefined) {
           const { low, high } = this.axes[target.axis];
           axes[target.axis] = clip((low + high) / 2 + ((high - low) / 2) * share, low, high);

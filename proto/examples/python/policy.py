@@ -79,8 +79,10 @@ class Policy:
             if normal is not None:
                 samples = samples + network["deviations"] * normal
             shares = np.clip(samples, -CLIP, CLIP) / CLIP
-            for share, target in zip(shares.T, network["continuous"], strict=True):
+            for share, sample, target in zip(shares.T, samples.T, network["continuous"], strict=True):
                 if "axis" in target:
+                    if target.get("squashed"):
+                        share = np.tanh(sample)
                     low, high = (self.axes[target["axis"]][bound] for bound in ("low", "high"))
                     axes[:, target["axis"]] = np.clip((low + high) / 2 + (high - low) / 2 * share, low, high)
                 else:

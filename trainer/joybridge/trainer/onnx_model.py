@@ -116,6 +116,8 @@ class _Builder:
             shares = self._node("Div", clipped, self._constant(CLIP))
             for column, target in enumerate(targets):
                 share = self._columns(shares, column, 1)
+                if target.get("squashed"):
+                    share = self._node("Tanh", self._columns(sample, column, 1))
                 if "axis" in target:
                     axes[target["axis"]] = self._move(share, self._axes[target["axis"]])
                 else:

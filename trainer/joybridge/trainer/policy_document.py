@@ -15,6 +15,7 @@ from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.trainer.actor import Actor
 from joybridge.trainer.errors import ExportError
 from joybridge.trainer.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
+from joybridge.trainer.layouts.layout import GAUSSIAN, SQUASHED
 from joybridge.v1 import bridge_pb2 as pb
 
 Document = dict[str, Any]
@@ -64,11 +65,11 @@ def _policy(actor: Actor) -> Document:
     its Gaussians: neither padding nor a value.
     """
     state, space, layout = actor.state(), actor.layout.space, actor.layout
-    if space.distributions:
-        names = ", ".join(dict.fromkeys(name.rpartition(":")[2] for name in space.distributions))
+    if unknown := [name for name in space.distributions if name not in (GAUSSIAN, SQUASHED)]:
+        names = ", ".join(dict.fromkeys(name.rpartition(":")[2] for name in unknown))
         raise ExportError(
-            f"{actor.name}: its axes are drawn from {names}; only Gaussians and choices can be exported, so train it "
-            "with a layout such as hybrid or bucket-11"
+            f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
+            "such as squashed, hybrid or bucket-11"
         )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
@@ -104,7 +105,7 @@ def _table(table: AxisTable | JointTable) -> Document:
 
 def _target(target: AxisRange | Threshold | Split) -> Document:
     if isinstance(target, AxisRange):
-        return {"axis": target.axis}
+        return {"axis": target.axis} | ({"squashed": True} if target.distribution == SQUASHED else {})
     if isinstance(target, Threshold):
         return {"branch": target.branch, "threshold": target.threshold}
     return {"branch": target.branch}

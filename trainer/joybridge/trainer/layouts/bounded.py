@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from joybridge.trainer.layouts.hybrid import hybrid, ranges
-from joybridge.trainer.layouts.layout import Layout, SettingError
+from joybridge.trainer.layouts.layout import SQUASHED, Layout, SettingError
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -14,7 +14,7 @@ def beta(device: pb.Device, setting: str = "") -> Layout:
 
 def squashed(device: pb.Device, setting: str = "") -> Layout:
     """As hybrid, with a Gaussian that tanh squashes for every axis (Haarnoja et al. 2018)."""
-    return _hybrid("squashed", "joybridge.trainer.ppo.continuous.squashed:Squashed", device, setting)
+    return _hybrid("squashed", SQUASHED, device, setting)
 
 
 def _hybrid(kind: str, distribution: str, device: pb.Device, setting: str) -> Layout:

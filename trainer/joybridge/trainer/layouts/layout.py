@@ -17,6 +17,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
 GAUSSIAN = "joybridge.trainer.ppo.continuous.gaussian:Gaussian"  # beside other distributions
+SQUASHED = "joybridge.trainer.ppo.continuous.squashed:Squashed"
 
 
 class SettingError(ConfigError):
