@@ -21,6 +21,7 @@ PACKAGES = {
     "joybridge.adapters": ROOT / "simulator/joybridge/adapters",
     "joybridge.trainer": ROOT / "trainer/joybridge/trainer",
     "joybridge.gym": ROOT / "trainer/joybridge/gym",
+    "joybridge.viewer": ROOT / "trainer/joybridge/viewer",
     "joybridge.experiments": ROOT / "trainer/joybridge/experiments",
 }
 CONTRACT = {"joybridge.v1", "joybridge.contract"}
@@ -34,6 +35,7 @@ MAY_IMPORT = {  # of ours; each package may import itself as well
     "joybridge.adapters": SIMULATOR,
     "joybridge.trainer": CONTRACT,
     "joybridge.gym": CONTRACT | {"joybridge.trainer"},
+    "joybridge.viewer": CONTRACT | {"joybridge.trainer"},
     "joybridge.experiments": CONTRACT | {"joybridge.trainer"},
 }
 LEARNING = {"torch", "gymnasium", "pettingzoo", "tensorboard", "pydantic"}
@@ -46,6 +48,7 @@ MAY_NOT_IMPORT = {  # of others'; nobody imports the tools and the tests
     "joybridge.adapters": LEARNING - {"gymnasium", "pettingzoo"} | {"pygame", "numba"},
     "joybridge.trainer": {"pygame"},
     "joybridge.gym": {"pygame", "torch", "pydantic"},
+    "joybridge.viewer": LEARNING | {"pygame"},
     "joybridge.experiments": {"pygame"},
 }
 

@@ -43,6 +43,16 @@ for _ in range(100):
 assert observations.shape == envs.observation_space.shape and np.isfinite(rewards).all(), observations.shape
 envs.close()
 """
+VISIT = """
+import subprocess, sys
+from urllib.request import urlopen
+command = [sys.executable, "-m", "joybridge", "play", "orchard", "--simulator", {address!r}, "--no-browser", "--port=0"]
+with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as play:
+    url = play.stdout.readline().split(" at ")[1].strip()
+    with urlopen(url) as page, urlopen(url + "play.js") as script:
+        assert b"play.js" in page.read() and b"WebSocket" in script.read()
+    play.terminate()
+"""
 START = """
 from joybridge.gym import BridgeEnv
 BridgeEnv("archer")
@@ -224,6 +234,11 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
         gym.expect("pip install 'joybridge[simulator]'", "python", "-c", START, status=1)
         done("joybridge[gym]")
 
+        viewer = Environment(python, wheel, "viewer", folder / "viewer")
+        viewer.expect_absent("torch", "gymnasium", "pydantic", "numba", "pygame")
+        viewer.run("python", "-W", "error", "-c", VISIT.format(address=address))
+        done("joybridge[viewer]")
+
         base = Environment(python, wheel, "", folder / "base")
         base.expect_absent(
             "torch", "gymnasium", "pydantic", "numba", "pygame", "simulator", "trainer", "tools", "tests"
@@ -234,6 +249,7 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
             "pip install 'joybridge[train]'", "joybridge", "doctor", address, "archer/hybrid", "--game", "archer"
         )
         base.expect("pip install 'joybridge[train]'", "joybridge", "train", "archer/hybrid", status=2)
+        base.expect("pip install 'joybridge[viewer]'", "joybridge", "play", "archer", status=2)
         base.expect("pip install 'joybridge[simulator]'", "joybridge", "list", status=2)
         done("joybridge")
     if not train:

@@ -27,6 +27,7 @@ COMMANDS = {
     "serve": Command("joybridge.simulator.__main__", "simulator", "run games for trainers, over gRPC"),
     "list": Command("joybridge.simulator.__main__", "simulator", "list the games and their options"),
     "look": Command("joybridge.trainer.look", "simulator", "draw random play of a game, beside what was pressed"),
+    "play": Command("joybridge.viewer.play", "viewer", "play a game in the browser"),
     "new": Command("joybridge.simulator.__main__", "simulator", "write a small game of your own to start from"),
     "check": Command("joybridge.conformance.__main__", "", "test a server, in any language, against the contract"),
     "doctor": Command(

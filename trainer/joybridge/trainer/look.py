@@ -137,13 +137,13 @@ def random_play(session: Session, every: int, seed: int) -> Iterator[Tile]:
     acts = make_acts(spec, session.arenas)
     while True:
         for behavior, act in zip(spec.behaviors, acts, strict=True):
-            _press_at_random(behavior.device, act, rng)
+            press_at_random(behavior.device, act, rng)
         rewards = [np.zeros(len(step.rewards)) for step in session.steps]
         ended = False
         for left in reversed(range(every)):
             before = session.steps
             for act, step in zip(acts, before, strict=True):
-                _obey_masks(act, step, rng)
+                obey_masks(act, step, rng)
             pictures: list[Array] = []
             if left:
                 after = session.step(acts)
@@ -157,7 +157,7 @@ def random_play(session: Session, every: int, seed: int) -> Iterator[Tile]:
         yield Tile(pictures[0], [*lines, Line("a new episode has begun")] if ended else lines)
 
 
-def _press_at_random(device: pb.Device, act: ActArrays, rng: np.random.Generator) -> None:
+def press_at_random(device: pb.Device, act: ActArrays, rng: np.random.Generator) -> None:
     """Fill an act with random axes and choices."""
     for column, axis in enumerate(device.axes):
         values = rng.uniform(axis.low, axis.high, len(act.axes)).astype(np.float32)
@@ -166,7 +166,7 @@ def _press_at_random(device: pb.Device, act: ActArrays, rng: np.random.Generator
         act.choices[:, column] = rng.integers(0, len(branch.choices), len(act.choices))
 
 
-def _obey_masks(act: ActArrays, step: StepArrays, rng: np.random.Generator) -> None:
+def obey_masks(act: ActArrays, step: StepArrays, rng: np.random.Generator) -> None:
     """Replace forbidden choices by random allowed ones."""
     for column, mask in enumerate(step.masks or ()):
         for lane in np.flatnonzero(~mask[np.arange(len(mask)), act.choices[:, column]]):

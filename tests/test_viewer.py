@@ -1,0 +1,426 @@
+"""`joybridge play`: the messages of a page, the local web server, and the page itself in a browser."""
+
+import http.client
+import json
+import re
+import time
+from contextlib import closing, contextmanager
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from joybridge.cli import main
+from joybridge.contract.codec import ActArrays
+from joybridge.simulator import axis, behavior, branch, button
+from joybridge.trainer.wire.client import Session
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.viewer.arena import Settings
+from joybridge.viewer.controls import Choice, Stick, make_controls
+from joybridge.viewer.simulator import Simulator
+from joybridge.viewer.tab import play
+from joybridge.viewer.web import open_website
+from tests.support.games import PICTURE
+from tests.support.wire import SECONDS
+
+SETTINGS = Settings(seed=3, options={}, parameters={})
+
+
+class Page:
+    """What a page does, without a browser."""
+
+    def __init__(self, url, **headers):
+        place = urlsplit(url)
+        self._socket = connect(
+            f"ws://{place.netloc}{place.path}socket",
+            origin=headers.pop("origin", f"http://{place.netloc}"), additional_headers=headers, compression=None,
+        ).__enter__()  # fmt: skip
+        self.id = 0
+
+    def send(self, kind, **values):
+        self._socket.send(json.dumps({"type": kind, **values}))
+
+    def send_anything(self, data):
+        self._socket.send(data)
+
+    def take(self, *kinds):
+        """Return the next message of one of these types; a turn has its picture."""
+        while True:
+            message = json.loads(self._socket.recv(SECONDS))
+            if message["type"] == "turn" and message["picture"]:
+                message["picture"] = self._socket.recv(SECONDS)
+            if message["type"] in kinds:
+                return message
+
+    def begin(self):
+        """Return the game and the first turn."""
+        self.game = self.take("game")
+        self.turn = self.take("turn")
+        return self.game, self.turn
+
+    def act(self, axes, choices, *, decide=True, seat=None):
+        """Decide and return the turn that follows."""
+        self.id += 1
+        turn = self.turn["turn"]
+        self.send("act", turn=turn, id=self.id, seat=seat, axes=axes, choices=choices, decide=decide)
+        self.turn = self.take("turn")
+        assert (self.turn["turn"], self.turn["played"]) == (turn + 1, self.id)
+        return self.turn
+
+    def close(self):
+        self._socket.close()
+
+
+@contextmanager
+def website(source, game):
+    with open_website(0, lambda page: play(page, source, game, SETTINGS, SECONDS)) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def hybrid(simulator):
+    """Yield the URL of a page that plays the game `hybrid`."""
+    with website(Simulator(simulator, ()), "hybrid") as url:
+        yield url
+
+
+@pytest.fixture
+def page(hybrid):
+    page = Page(hybrid)
+    yield page
+    page.close()
+
+
+def response(url, path="", method="GET", **headers):
+    """Return the status, the headers and the body of a request."""
+    place = urlsplit(url)
+    with closing(http.client.HTTPConnection(place.hostname, place.port, timeout=SECONDS)) as connection:
+        connection.request(method, place.path + path, headers=headers)
+        with connection.getresponse() as answer:
+            return answer.status, answer.headers, answer.read()
+
+
+# ---------------------------------------------------------------------------------------------------- who gets what
+
+
+def test_the_page_and_its_files_are_served_to_those_who_know_the_url(hybrid):
+    status, headers, body = response(hybrid)
+    assert status == 200 and headers["Content-Type"].startswith("text/html") and b"<!doctype html>" in body
+    assert "default-src 'none'" in headers["Content-Security-Policy"] and headers["Cache-Control"] == "no-store"
+    names = re.findall(r'(?:src|href)="([^"]+)"', body.decode())
+    assert {"play.js", "style.css"} <= set(names)
+    scripts = [response(hybrid, name) for name in names]
+    assert all(status == 200 and headers["X-Content-Type-Options"] == "nosniff" for status, headers, _ in scripts)
+    imported = {name for _, _, text in scripts for name in re.findall(r'from "./([\w.]+)"', text.decode())}
+    assert len(imported) >= 4
+    assert [response(hybrid, name)[0] for name in imported] == [200] * len(imported)
+
+
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        ("../", {}),
+        ("../wrong-token/", {}),
+        ("nothing.js", {}),
+        ("../../../etc/passwd", {}),
+        ("%2e%2e/web.py", {}),
+        ("?", {"Host": "evil.example"}),  # a name that was pointed to this machine
+        ("", {"Host": "evil.example"}),
+        ("", {"Origin": "http://evil.example"}),
+        ("play.js", {"Origin": "null"}),
+    ],
+)
+def test_others_get_nothing(hybrid, path, headers):
+    status, given_headers, body = response(hybrid, path, **headers)
+    assert (status, body) == (404, b"") and "Access-Control-Allow-Origin" not in given_headers
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "OPTIONS", "HEAD"])
+def test_only_get_is_a_method(hybrid, method):
+    status, _, body = response(hybrid, method=method)
+    assert (status, body) == (404, b"")
+
+
+@pytest.mark.parametrize("origin", [None, "null", "http://evil.example", "http://127.0.0.1:1", "https://127.0.0.1"])
+def test_a_page_of_another_origin_gets_no_socket(hybrid, origin):
+    with pytest.raises(InvalidStatus, match="404"):
+        Page(hybrid, origin=origin)
+
+
+def test_a_socket_needs_the_token_and_the_host(hybrid):
+    with pytest.raises(InvalidStatus, match="404"):
+        Page(re.sub(r"/[^/]+/$", "/guess/", hybrid))
+    with pytest.raises((InvalidStatus, ConnectionClosed, EOFError)):
+        Page(hybrid, Host="evil.example")
+
+
+# --------------------------------------------------------------------------------------------------------- playing
+
+
+def test_a_page_learns_the_game_and_plays_it(page):
+    game, turn = page.begin()
+    assert (game["name"], game["seed"], game["interval"], game["picture"]) == ("hybrid", "3", 0.1, list(PICTURE))
+    (player,) = game["behaviors"]
+    assert [one["name"] for one in player["axes"] + player["branches"]] == ["x", "force", "gear", "press"]
+    assert (turn["turn"], turn["played"], turn["picture"]) == (0, None, False)
+    assert turn["behaviors"][0]["forbidden"] == [[[2], []]]  # one gear at a time
+    turn = page.act([[0.25, 1.0]], [[1, 1]])
+    assert turn["behaviors"][0]["axes"] == [[0.25, 1.0]] and turn["behaviors"][0]["choices"] == [[1, 1]]
+    assert turn["behaviors"][0]["forbidden"] == [[[], []]]
+    assert turn["picture"][:2] == b"\xff\xd8"  # a JPEG
+
+
+def test_what_a_page_plays_is_what_a_client_plays(page, simulator):
+    page.begin()
+    with Session(simulator, "hybrid", arenas=1, seed=3) as session:
+        score, ends = 0.0, 0
+        for number in range(30):
+            axes, choices = [0.3 * (-1) ** number, 0.5 + 0.1 * (number % 9)], [0, number % 2]
+            turn = page.act([axes], [choices])
+            (step,) = session.step([ActArrays(np.array([axes], np.float32), np.array([choices], np.int32))])
+            score += float(step.rewards[0] @ [1.0, 0.5])
+            assert turn["behaviors"][0]["channels"] == step.rewards.tolist()
+            for row, lane in enumerate(step.ended):
+                (end,) = turn["ended"]
+                assert end["score"] == pytest.approx(score) and end["terminated"] == bool(step.terminated[lane])
+                assert step.metrics is not None and list(end["metrics"].values()) == step.metrics[row].tolist()
+                assert end["length"] == end["metrics"]["length"]
+                score, ends = 0.0, ends + 1
+            assert turn["behaviors"][0]["scores"] == [pytest.approx(score)]
+    assert ends >= 3
+
+
+def test_a_forbidden_choice_is_replaced_and_an_axis_is_kept_in_its_range(page):
+    page.begin()
+    (played,) = page.act([[-9.0, 9.0]], [[2, 0]])["behaviors"]
+    assert played["choices"][0][0] in (0, 1) and played["axes"] == [[-1.0, 2.0]]
+
+
+def test_the_game_runs_at_its_own_speed_and_waits_for_the_page(page):
+    page.begin()
+    page.send("clock", running=True)
+    page.act([[0.0, 1.0]], [[0, 0]], decide=False)
+    begin = time.monotonic()
+    for _ in range(5):
+        page.act([[0.0, 1.0]], [[0, 0]], decide=False)
+    assert time.monotonic() - begin > 0.4  # five decisions of a tenth of a second
+    page.send("clock", running=False)
+    page.send("act", turn=page.turn["turn"], id=100, seat=None, axes=[[0.0, 1.0]], choices=[[0, 0]], decide=False)
+    page.send_anything("?")  # answered before any decision: the clock stands still
+    assert page.take("turn", "refused")["type"] == "refused"
+
+
+def test_an_act_for_an_earlier_turn_is_not_played(page):
+    page.begin()
+    page.act([[0.0, 1.0]], [[0, 0]])
+    page.send("act", turn=0, id=50, seat=None, axes=[[1.0, 1.0]], choices=[[0, 1]], decide=True)
+    assert page.act([[0.5, 1.0]], [[0, 0]])["behaviors"][0]["axes"] == [[0.5, 1.0]]
+
+
+def test_a_page_plays_again_under_other_settings(page):
+    page.begin()
+    page.send("start", seed=str(2**64 - 1), options={"masks": "off"}, parameters={"drift": 0.0})
+    game, turn = page.begin()
+    assert game["seed"] == str(2**64 - 1)
+    assert [option["value"] for option in game["options"]] == ["small", "off"]
+    assert (turn["turn"], turn["behaviors"][0]["forbidden"]) == (0, [[]])
+
+
+def test_settings_that_cannot_be_played_are_refused_and_others_are_played_after_that(page):
+    page.begin()
+    page.send("start", seed="1", options={"size": "huge"}, parameters={})
+    assert "'huge'" in page.take("refused")["text"]
+    page.send("start", seed="1", options={}, parameters={"drift": 99})
+    assert "drift" in page.take("refused")["text"]
+    page.send("start", seed="1", options={}, parameters={})
+    assert page.begin()[0]["seed"] == "1"
+
+
+def test_two_pages_play_games_of_their_own(page, hybrid):
+    other = Page(hybrid)
+    page.begin()
+    other.begin()
+    first = [page.act([[1.0, 2.0]], [[0, 0]])["behaviors"] for _ in range(3)]
+    other.close()  # in mid-episode
+    again = Page(hybrid)
+    again.begin()
+    assert [again.act([[1.0, 2.0]], [[0, 0]])["behaviors"] for _ in range(3)] == first
+    page.act([[1.0, 2.0]], [[0, 0]])
+    again.close()
+
+
+def test_whoever_holds_one_seat_leaves_the_others_to_chance(simulator):
+    with website(Simulator(simulator, ()), "ferry") as url:
+        page = Page(url)
+        game, _ = page.begin()
+        assert game["seats"] == [{"behavior": b, "agent": a} for b, a in ((0, 0), (1, 0), (1, 1))]
+        turns = [page.act([[0.5], []], [[], [1]], seat=1)["behaviors"] for _ in range(12)]
+        everything = page.act([[0.5], []], [[], [1]])["behaviors"]
+        page.close()
+    assert {turn[1]["choices"][0][0] for turn in turns} == {1}
+    assert {turn[1]["choices"][1][0] for turn in turns} == {0, 1}
+    assert len({turn[0]["axes"][0][0] for turn in turns}) == 12
+    assert everything[0]["axes"] == [[0.5]] and everything[1]["choices"] == [[1], [1]]
+
+
+def test_a_game_without_a_picture_is_played(simulator):
+    with website(Simulator(simulator, ()), "duel") as url:
+        page = Page(url)
+        game, turn = page.begin()
+        assert (game["picture"], game["interval"]) == (None, 0)
+        assert [one["deciding"] for one in turn["behaviors"]] == [[True, False], [False]]
+        turn = page.act([[0.1], []], [[], [0]])
+        assert [one["deciding"] for one in turn["behaviors"]] == [[False, True], [False]]
+        page.close()
+
+
+def test_a_simulator_that_is_lost_is_started_again():
+    games = ("tests.support.games:Hybrid",)
+    with Simulator(None, games) as source, website(source, "hybrid") as url:
+        page = Page(url)
+        page.begin()
+        page.act([[0.0, 1.0]], [[0, 0]])
+        source._started.close()
+        page.send("act", turn=1, id=9, seat=None, axes=[[0.0, 1.0]], choices=[[0, 0]], decide=True)
+        assert "the simulator at" in page.take("lost")["text"]
+        page.begin()
+        page.act([[0.0, 1.0]], [[0, 0]])
+        page.close()
+
+
+# ------------------------------------------------------------------------------------------------------- messages
+
+ACT = {"type": "act", "turn": 0, "id": 1, "seat": None, "axes": [[0.0, 1.0]], "choices": [[0, 0]], "decide": True}
+WRONG_ACTS: list[dict[str, object]] = [
+    {"turn": -1}, {"turn": "0"}, {"turn": 1.5}, {"turn": True}, {"id": None}, {"id": 2**60}, {"seat": 1},
+    {"seat": -1}, {"seat": "0"}, {"axes": None}, {"axes": []}, {"axes": [[0.0]]}, {"axes": [[0.0, "1"]]},
+    {"axes": [[0.0, 10**400]]}, {"axes": [[0.0, True]]}, {"axes": [[float("nan"), 1.0]]},
+    {"axes": [[float("inf"), 1.0]]}, {"choices": [[0, 2]]}, {"choices": [[-1, 0]]}, {"choices": [[0.0, 0]]},
+    {"choices": [[0, 0, 0]]}, {"choices": {"0": 1}},
+]  # fmt: skip
+START = {"type": "start", "seed": "1", "options": {}, "parameters": {}}
+WRONG_STARTS: list[dict[str, object]] = [
+    {"seed": 1}, {"seed": "-1"}, {"seed": ""}, {"seed": str(2**64)}, {"seed": "9" * 10_000}, {"seed": "²"},
+    {"options": []}, {"options": {"size": 1}}, {"parameters": {"drift": "1"}}, {"parameters": {"drift": None}},
+]  # fmt: skip
+WRONG = [
+    "", "{", "null", "[]", "7", '"act"', "NaN", '{"type": 1}', '{"type": "start"}', '{"type": "clock", "running": 1}',
+    "[" * 100_000, '{"a":' * 20_000, "1" * 5000, b"\xff\xfe", b"\0" * 100,
+    *(json.dumps(ACT | change) for change in WRONG_ACTS), *(json.dumps(START | change) for change in WRONG_STARTS),
+]  # fmt: skip
+
+
+def test_a_thousand_malformed_messages_are_survived(page):
+    page.begin()
+    for number in range(1000):
+        page.send_anything(WRONG[number % len(WRONG)])
+        assert page.take("turn", "game", "refused", "lost")["type"] == "refused", WRONG[number % len(WRONG)]
+    assert page.act([[0.0, 1.0]], [[0, 0]])["turn"] == 1
+
+
+def test_a_message_that_is_too_long_ends_only_its_page(page, hybrid):
+    page.begin()
+    page.send_anything("1" * (2 << 20))
+    with pytest.raises(ConnectionClosed):
+        page.take("refused")
+    other = Page(hybrid)
+    other.begin()
+    other.close()
+
+
+# ------------------------------------------------------------------------------------------------------- controls
+
+
+def controls(axes=(), branches=()):
+    spec = pb.GameSpec(behaviors=[behavior("one", sensors=[], axes=list(axes), branches=list(branches))])
+    return make_controls(spec)
+
+
+@pytest.mark.parametrize(
+    ("names", "pairs", "pointer"),
+    [
+        (["x", "y"], [(0, 1)], "position"),
+        (["velocity_x", "velocity_y"], [(0, 1)], "movement"),
+        (["tilt_y", "tilt_x"], [(1, 0)], "stick"),
+        (["moveX", "moveZ"], [(0, 1)], "movement"),
+        (["aim x", "throttle", "aim y"], [(0, 2), (None, 1)], "position"),
+        (["steer", "gas"], [(0, 1)], "stick"),
+        (["rudder"], [(0, None)], "stick"),
+        (["a", "b", "c"], [(0, 1), (2, None)], "stick"),
+        (["left x", "left y", "right x", "right y"], [(0, 1), (2, 3)], "stick"),
+    ],
+)
+def test_axes_that_belong_together_are_one_stick(names, pairs, pointer):
+    made = controls(axes=[axis(name) for name in names])
+    assert [control.axes for control in made] == pairs
+    assert made[0].pointer == pointer and all(control.pointer == "off" for control in made[1:])
+
+
+@pytest.mark.parametrize(("low", "span"), [(-1.0, 90.0), (0.0, 180.0)])
+def test_an_angle_and_a_speed_are_a_stick_and_a_negative_speed_is_the_other_half_of_the_circle(low, span):
+    (stick,) = controls(axes=[axis("speed", low, 1.0), axis("angle")])
+    assert (stick.axes, stick.span, stick.pointer) == ((1, 0), span, "movement")
+
+
+def test_choices_have_keys_that_fit_their_names():
+    walk, lid = controls(branches=[branch("walk", ["left", "stay", "right"]), button("lid")])
+    assert walk.rest == 1 and walk.keys[1] == []
+    assert "ArrowLeft" in walk.keys[0] and "ArrowRight" in walk.keys[2]
+    assert lid.keys[0] == [] and {"Mouse0", "Space", "KeyL"} <= set(lid.keys[1])
+    (field,) = controls(branches=[branch("field", [f"f{number}" for number in range(12)])])
+    assert field.keys == [[f"Digit{digit}"] for digit in range(1, 10)] + [[]] * 3
+
+
+@given(
+    st.lists(st.sampled_from(["x", "y", "z", "dx", "turn", "speed", "angle", "grip 1", "Ünï", "7"]), max_size=7),
+    st.lists(st.integers(2, 12), max_size=7),
+)
+def test_every_axis_and_branch_has_one_control_and_no_key_has_two_meanings(names, sizes):
+    made = controls(
+        [axis(f"{name}{'_' * number}") for number, name in enumerate(names)],
+        [branch(f"b{number}", [f"c{choice}" for choice in range(size)]) for number, size in enumerate(sizes)],
+    )
+    sticks = [control for control in made if isinstance(control, Stick)]
+    choices = [control for control in made if isinstance(control, Choice)]
+    assert sorted(one for stick in sticks for one in stick.axes if one is not None) == list(range(len(names)))
+    assert [(choice.branch, len(choice.keys)) for choice in choices] == list(enumerate(sizes))
+    keys = [key for control in made for codes in control.keys for key in codes]
+    assert len(keys) == len(set(keys))
+
+
+# ------------------------------------------------------------------------------------------------- command line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["archer", "--seed", "-1"], "argument --seed: got -1, expected 0..2^64-1"),
+        (["archer", "--port", "70000"], "argument --port: got 70000, expected 0..65535"),
+        (["archer", "--timeout", "0"], "argument --timeout: got 0, expected a positive number of seconds"),
+        (["archer", "--token-file", "token"], "belong to a running simulator; name it with --simulator"),
+    ],
+)
+def test_wrong_arguments_are_named(capsys, arguments, text):
+    with pytest.raises(SystemExit):
+        main(["play", *arguments])
+    assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["chess"], "no game named 'chess'"),
+        (["hybrid", "options.size=huge"], "option 'size' got 'huge'"),
+        (["hybrid", "parameters.drift=9"], "parameters.drift: got 9, expected 0..2"),
+        (["hybrid", "layout=hybrid"], "layout cannot be set here"),
+    ],
+)
+@pytest.mark.usefixtures("signals")
+def test_what_cannot_be_played_is_one_sentence(simulator, capsys, arguments, text):
+    assert main(["play", *arguments, "--simulator", simulator, "--no-browser"]) == 1
+    (error,) = capsys.readouterr().err.splitlines()
+    assert text in error

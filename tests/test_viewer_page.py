@@ -1,0 +1,125 @@
+"""The page of `joybridge play` in a real browser: a scripted pointer and keys play, and the page shows what happens."""
+
+from contextlib import ExitStack
+
+import pytest
+
+from joybridge.viewer.arena import Settings
+from joybridge.viewer.simulator import Simulator
+from joybridge.viewer.tab import play
+from joybridge.viewer.web import open_website
+from tests.support.chromium import PROGRAM, chromium
+from tests.support.servers import server
+from tests.support.wire import SECONDS
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(PROGRAM is None, reason="needs Chromium: apt-get install chromium"),
+]
+
+TITLE = "document.querySelector('#curtain-title').textContent"
+TURN = "Number(document.querySelector('#decision').textContent.split(' ')[1] ?? -1)"
+SHOWN = "document.querySelector('#curtain').classList.contains('shown')"
+
+
+def find(selector, what, begin):
+    """Return an expression for the element of a kind whose text or label begins with some words."""
+    return f"[...document.querySelectorAll('{selector}')].find((b) => {what}.startsWith('{begin}'))"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("chromium")) as browser:
+        yield browser
+
+
+@pytest.fixture
+def visit(browser, simulator):
+    """Yield a function that opens a page that plays a game of the shared simulator."""
+    with ExitStack() as open_pages:
+
+        def visit(game, source=None, **options):
+            settings = Settings(seed=1, options=options, parameters={})
+            source = source or Simulator(simulator, ())
+            url = open_pages.enter_context(
+                open_website(0, lambda page: play(page, source, game, settings, SECONDS)),
+            )
+            tab = browser.tab()
+            open_pages.callback(tab.close)
+            tab.size(1280, 900)
+            tab.go(url)
+            tab.wait(f"{TITLE}.startsWith('Click or press Enter')")
+            return tab
+
+        yield visit
+
+
+def test_a_pointer_and_keys_play_shooting_birds_in_two_tabs(visit):
+    tabs = [visit("shooting_birds", level="6"), visit("shooting_birds", level="0")]
+    for tab in tabs:
+        tab.call("Page.bringToFront")
+        tab.click(400, 300)
+        tab.wait(f"{TURN} > 3")
+        for step in range(40):
+            tab.mouse("mouseMoved", 400 + 4 * step, 300 - 2 * step)
+        tab.wait("document.querySelector('.stick .value').textContent !== '0.00'")  # the angle of the movement
+        tab.mouse("mousePressed", 560, 220, "left", 1)
+        tab.mouse("mouseReleased", 560, 220, "left")
+        tab.wait("/[1-9]/.test(document.querySelector('#scores').textContent)")  # a hit or a miss
+        tab.key("KeyR", "r")
+        pixels = "document.querySelector('#picture').getContext('2d').getImageData(0, 0, 640, 400).data"
+        assert tab.value(f"new Set({pixels}).size") > 50
+        tab.key("KeyP", "p")
+        assert tab.wait(SHOWN) and tab.value(TITLE) == "Paused"
+        turn = tab.value(TURN)
+        tab.key("Period", ".")
+        tab.wait(f"{TURN} === {turn} + 1")
+        assert tab.errors == []
+
+
+def test_keys_take_turns_and_a_forbidden_choice_is_seen_as_such(visit):
+    tab = visit("noughts")
+    tab.key("Enter", "Enter")
+    for number, digit in enumerate("152", 1):
+        tab.key(f"Digit{digit}", digit)
+        tab.wait(f"{TURN} === {number}")
+    forbidden = "[...document.querySelectorAll('.chip.forbidden')].map((chip) => chip.textContent.slice(0, 2)).join()"
+    tab.wait(f"{forbidden} === 'a1,b1,b2'")
+    tab.key("Digit5", "5")
+    tab.wait("document.querySelector('.chip.refused') !== null")
+    tab.key("Digit8", "8")
+    tab.wait(f"{TURN} === 4")
+    tab.key("Digit3", "3")  # a1, b1, c1: three in a row
+    tab.wait(f"{TITLE} === 'The episode is over'")
+    assert "player 1" in tab.text("#episodes") and "score" in tab.text("#curtain-text")
+    assert tab.errors == []
+
+
+def test_changed_controls_are_remembered(visit):
+    tab = visit("orchard")
+    tab.value("document.querySelector('#controls-card').open = true")
+    tab.value(f"{find('#controls button', 'b.ariaLabel', 'Add a key for right')}.click()")
+    tab.key("KeyX", "x")
+    keys = find("#controls .binding", "b.textContent", "right")
+    tab.wait(f"{keys}.textContent.includes('X')")
+    tab.call("Page.reload")
+    tab.wait(f"{keys}.textContent.includes('X') && {TITLE}.startsWith('Click')")
+    tab.key("Enter", "Enter")
+    tab.key("KeyX", "x", up=False)
+    tab.wait(f"{find('.chip', 'b.textContent', 'right')}.ariaPressed === 'true'")
+    assert tab.errors == []
+
+
+def test_the_page_says_that_the_simulator_is_gone_and_goes_on_when_it_is_back(visit, tmp_path):
+    address = f"unix:{tmp_path / 'simulator'}"
+    with server("--address", address) as process:
+        tab = visit("marble", Simulator(address, ()))
+        tab.key("Enter", "Enter")
+        tab.wait(f"{TURN} > 2")
+        process.kill()
+        tab.wait(f"{TITLE} === 'The simulator is gone'")
+    with server("--address", address):
+        tab.wait(f"{TITLE}.startsWith('Click or press Enter')")
+        tab.key("Enter", "Enter")
+        tab.wait(f"{TURN} > 2")
+    assert tab.errors == []

@@ -1,0 +1,11 @@
+"""Play a game in the browser: `joybridge play`. Works with any server, from the spec alone; no torch.
+
+play.py       the command line
+web.py        the local web server: the files of the page, and who may have them
+tab.py        plays with one page: its messages, the clock of the game, what happens if the simulator is lost
+arena.py      one arena, its scores and the seats that nobody holds
+messages.py   what a page and this program send each other
+controls.py   which keys, pointer and gamepad act on which axes and branches
+simulator.py  where sessions are opened
+page/         the page: HTML, style and JavaScript modules, without a build step
+"""

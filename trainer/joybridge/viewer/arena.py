@@ -1,0 +1,126 @@
+"""One arena of a game as a person plays it: its session, its scores and the seats that the person does not hold."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from joybridge.contract.codec import StepArrays
+from joybridge.contract.tensors import Array
+from joybridge.trainer.game_settings import check_settings
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.look import obey_masks, press_at_random
+from joybridge.trainer.observations import ObservationEncoder
+from joybridge.trainer.wire.client import Session, describe
+from joybridge.v1 import bridge_pb2 as pb
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a page plays, except the game."""
+
+    seed: int
+    options: dict[str, str]
+    parameters: dict[str, float]
+
+
+class Seat(NamedTuple):
+    """One agent of one behavior."""
+
+    behavior: int
+    agent: int
+
+
+class Pressed(NamedTuple):
+    """What a person does with the device of each behavior: the values of its axes and choices of its branches."""
+
+    axes: list[list[float]]
+    choices: list[list[int]]
+
+
+class Arena:
+    """An arena, from its first episode until it is closed.
+
+    turn: number of decisions so far. acts: what was played last, per behavior. ended: the episodes that ended with it,
+    as the page shows them. scores: of the present episodes, [agents] per behavior. picture: uint8 [height, width, 3]
+    or None.
+    """
+
+    def __init__(self, address: str, game: str, settings: Settings, timeout: float) -> None:
+        """Open a session. timeout: seconds to wait for an answer. Raises SimulatorError and ConfigError."""
+        check_settings(settings.options, settings.parameters, describe(address, game, {}))
+        self.session = Session(
+            address, game, arenas=1, seed=settings.seed, options=settings.options, parameters=settings.parameters,
+            timeout=timeout,
+        )  # fmt: skip
+        self.settings = settings
+        self.spec = spec = self.session.spec
+        self.seats = [
+            Seat(index, agent) for index, behavior in enumerate(spec.behaviors) for agent in range(agents(behavior))
+        ]
+        self.acts = make_acts(spec, 1)
+        self.turn = 0
+        self.picture: Array | None = None
+        self.ended: list[dict[str, Any]] = []
+        self.scores = [np.zeros(agents(behavior)) for behavior in spec.behaviors]  # of the episodes so far
+        self._lengths = [np.zeros(agents(behavior), int) for behavior in spec.behaviors]
+        self._encoders = [ObservationEncoder(behavior.name, behavior, None, {}) for behavior in spec.behaviors]
+        self._drawn = [0] if spec.HasField("picture") else []
+        self._rng = np.random.default_rng(settings.seed)
+
+    @property
+    def steps(self) -> Sequence[StepArrays]:
+        """The present observations, masks and who decides."""
+        return self.session.steps
+
+    def play(self, pressed: Pressed, seat: int | None, *, draw: bool = True) -> None:
+        """Play one decision. seat: the one that the person holds, None: all; random decisions are played in the others.
+
+        draw: make a picture, if the game can be drawn. Where a choice is forbidden, an allowed one is played. Raises
+        SimulatorError.
+        """
+        held = None if seat is None else self.seats[seat]
+        for index, (behavior, act, step) in enumerate(zip(self.spec.behaviors, self.acts, self.steps, strict=True)):
+            if held is not None:
+                press_at_random(behavior.device, act, self._rng)
+            if held is None or held.behavior == index:
+                lanes = slice(None) if held is None else held.agent
+                act.axes[lanes] = _in_range(pressed.axes[index], behavior.device)
+                act.choices[lanes] = pressed.choices[index]
+            obey_masks(act, step, self._rng)
+        steps, pictures = self.session.step_and_draw(self.acts, self._drawn if draw else [])
+        self.turn += 1
+        self.picture = pictures[0] if pictures else None
+        self.ended = []
+        for index, step in enumerate(steps):
+            self.scores[index] += self._encoders[index].rewards(step)
+            self._lengths[index] += 1
+            for row, lane in enumerate(step.ended.tolist()):
+                self.ended.append(self._end(index, row, lane, step))
+                self.scores[index][lane] = self._lengths[index][lane] = 0
+
+    def _end(self, index: int, row: int, lane: int, step: StepArrays) -> dict[str, Any]:
+        """Return what the page shows of an episode that has ended."""
+        metrics = () if step.metrics is None else step.metrics[row].tolist()
+        return {
+            "seat": self.seats.index(Seat(index, lane)),
+            "terminated": bool(step.terminated[lane]),
+            "score": float(self.scores[index][lane]),
+            "length": int(self._lengths[index][lane]),
+            "metrics": dict(zip((m.name for m in self.spec.behaviors[index].metrics), metrics, strict=False)),
+        }
+
+    def close(self) -> None:
+        """End the session; the simulator frees the arena."""
+        self.session.close()
+
+
+def agents(behavior: pb.Behavior) -> int:
+    """Return the number of agents of a behavior in one arena."""
+    return behavior.agents_per_arena
+
+
+def _in_range(values: Sequence[float], device: pb.Device) -> Array:
+    low, high = (np.array([getattr(axis, bound) for axis in device.axes], np.float32) for bound in ("low", "high"))
+    return np.clip(np.array(values, np.float32), low, high)

@@ -1,0 +1,212 @@
+"""What a page and this program send each other: JSON objects, whose key `type` says which message it is.
+
+From a page, read by `read_message`:
+    start   seed, options, parameters      play from the beginning under these settings
+    clock   running                        let the game run at its own speed, or hold it
+    act     turn, id, seat, axes, choices, decide
+            what is pressed; `turn` must be that of the last message `turn`. It is played once it is time, or, with
+            `decide`, at once. `id` is any number; the page learns from `played` which act was played.
+
+To a page:
+    game    the game, its settings and the controls; then a first turn
+    turn    the state after a decision; if `picture` is true, a binary message with a JPEG follows
+    lost    the simulator cannot be reached; it is tried again until it answers
+    refused the settings cannot be played; or the page sent what is no message
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from io import BytesIO
+from typing import Any, NamedTuple, NoReturn
+
+from PIL import Image
+
+from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.spec import choose_options
+from joybridge.contract.tensors import Array
+from joybridge.trainer.layouts import make_acts
+from joybridge.v1 import bridge_pb2 as pb
+from joybridge.viewer.arena import Arena, Pressed, Settings
+from joybridge.viewer.controls import make_controls
+
+LONGEST = 1 << 20  # bytes of a message from a page
+QUALITY = 90  # of pictures: as fast as lower ones, see DECISIONS.md
+MOST_SEED = 2**64 - 1
+
+
+class MessageError(JoybridgeError, ValueError):
+    """A page sent what is no message."""
+
+
+class Clock(NamedTuple):
+    """The page lets the game run, or holds it."""
+
+    running: bool
+
+
+class Act(NamedTuple):
+    """What is pressed in a turn."""
+
+    turn: int
+    id: int
+    seat: int | None
+    pressed: Pressed
+    decide: bool
+
+
+def read_message(data: str | bytes, arena: Arena | None) -> Settings | Clock | Act:
+    """Return the message in what a page has sent; without an arena there is nothing to act on. Raises MessageError."""
+    try:
+        message = json.loads(data, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise MessageError(f"got no JSON ({error}), expected an object") from None
+    kind = message.get("type") if isinstance(message, dict) else None
+    if kind == "start":
+        return _settings(message)
+    if kind == "clock" and isinstance(message.get("running"), bool):
+        return Clock(message["running"])
+    if kind == "act" and arena is not None:
+        return _act(message, arena)
+    return _refuse(message)
+
+
+def _refuse(value: object) -> NoReturn:
+    raise MessageError(f"got {str(value)[:100]!r}, expected a message of the type start, clock or act")
+
+
+def _settings(message: dict[str, Any]) -> Settings:
+    seed, options, parameters = (message.get(key) for key in ("seed", "options", "parameters"))
+    # A string: numbers of JavaScript have 53 bits.
+    if not isinstance(seed, str) or not (seed.isascii() and seed.isdecimal()) or not int(seed[:30]) <= MOST_SEED:
+        raise MessageError(f"seed: got {str(seed)[:40]!r}, expected the digits of a number of 0..{MOST_SEED}")
+    if not isinstance(options, dict) or not all(isinstance(choice, str) for choice in options.values()):
+        raise MessageError("options: expected an object with the choice of each")
+    if not isinstance(parameters, dict):
+        raise MessageError("parameters: expected an object with the value of each")
+    return Settings(int(seed), options, {name: _number(value, name) for name, value in parameters.items()})
+
+
+def _act(message: dict[str, Any], arena: Arena) -> Act:
+    spec, seat = arena.spec, message.get("seat")
+    if seat is not None:
+        seat = _integer(seat, "seat", len(arena.seats))
+    axes, choices = (_list(message.get(key), key, len(spec.behaviors)) for key in ("axes", "choices"))
+    pressed = Pressed([], [])
+    for behavior, values, chosen in zip(spec.behaviors, axes, choices, strict=True):
+        branches = behavior.device.branches
+        values = _list(values, f"axes of {behavior.name}", len(behavior.device.axes))
+        chosen = _list(chosen, f"choices of {behavior.name}", len(branches))
+        pressed.axes.append([_number(value, "an axis") for value in values])
+        pressed.choices.append(
+            [
+                _integer(choice, branch.name, len(branch.choices))
+                for choice, branch in zip(chosen, branches, strict=True)
+            ]
+        )
+    return Act(
+        _integer(message.get("turn"), "turn", 2**53), _integer(message.get("id"), "id", 2**53), seat, pressed,
+        message.get("decide") is True,
+    )  # fmt: skip
+
+
+def _list(value: object, name: str, count: int) -> list[Any]:
+    if not isinstance(value, list) or len(value) != count:
+        raise MessageError(f"{name}: got {str(value)[:40]!r}, expected a list of {count}")
+    return value
+
+
+def _integer(value: object, name: str, end: int) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < end:
+        raise MessageError(f"{name}: got {str(value)[:40]!r}, expected an integer of 0..{end - 1}")
+    return value
+
+
+def _number(value: object, name: str) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e300 and math.isfinite(value):
+        return float(value)
+    raise MessageError(f"{name}: got {str(value)[:40]!r}, expected a number")
+
+
+def game_message(arena: Arena) -> str:
+    """Return the message `game`."""
+    spec, settings = arena.spec, arena.settings
+    chosen = choose_options(spec.options, settings.options, spec.name)
+    return _write(
+        "game",
+        name=spec.name,
+        description=spec.description,
+        interval=spec.tick_seconds * spec.decision_interval,  # s between two decisions; 0: the game waits for them
+        picture=[spec.picture.width, spec.picture.height] if spec.HasField("picture") else None,
+        seed=str(settings.seed),
+        options=[
+            {**_named(option), "choices": list(option.choices), "value": chosen[option.name]} for option in spec.options
+        ],
+        parameters=[
+            {
+                **_named(parameter), "low": parameter.low, "high": parameter.high, "default": parameter.default_value,
+                "value": settings.parameters.get(parameter.name, parameter.default_value),
+            }
+            for parameter in spec.parameters
+        ],
+        behaviors=[
+            _behavior(behavior, act.axes[0]) for behavior, act in zip(spec.behaviors, make_acts(spec, 1), strict=True)
+        ],
+        seats=[seat._asdict() for seat in arena.seats],
+        controls=[asdict(control) for control in make_controls(spec)],
+    )  # fmt: skip
+
+
+def turn_message(arena: Arena, played: int | None) -> str:
+    """Return the message `turn`. played: the act that led here."""
+    behaviors = []
+    for act, step, scores in zip(arena.acts, arena.steps, arena.scores, strict=True):
+        lanes = range(len(scores))
+        behaviors.append({
+            "axes": act.axes.tolist(),
+            "choices": act.choices.tolist(),
+            "scores": scores.tolist(),
+            "channels": step.rewards.tolist(),
+            "deciding": [True] * len(scores) if step.deciding is None else step.deciding.tolist(),
+            # per agent and branch, the choices that the next decision may not take
+            "forbidden": [[(~mask[lane]).nonzero()[0].tolist() for mask in step.masks or ()] for lane in lanes],
+        })  # fmt: skip
+    return _write(
+        "turn", turn=arena.turn, played=played, behaviors=behaviors, ended=arena.ended,
+        picture=arena.picture is not None,
+    )  # fmt: skip
+
+
+def error_message(kind: str, error: Exception) -> str:
+    """Return the message `lost` or `refused` with a sentence."""
+    return _write(kind, text=str(error))
+
+
+def encode_picture(picture: Array) -> bytes:
+    """Return a picture as a JPEG."""
+    file = BytesIO()
+    Image.fromarray(picture).save(file, "JPEG", quality=QUALITY, subsampling=0)
+    return file.getvalue()
+
+
+def _behavior(behavior: pb.Behavior, rest: Array) -> Mapping[str, Any]:
+    device = behavior.device
+    return {
+        **_named(behavior),
+        "axes": [
+            {**_named(axis), "low": axis.low, "high": axis.high, "rest": value}
+            for axis, value in zip(device.axes, rest.tolist(), strict=True)
+        ],
+        "branches": [{**_named(branch), "choices": list(branch.choices)} for branch in device.branches],
+        "channels": [{**_named(channel), "weight": channel.default_weight} for channel in behavior.channels],
+        "metrics": [_named(metric) for metric in behavior.metrics],
+    }
+
+
+def _named(thing: Any) -> dict[str, str]:
+    return {"name": thing.name, "description": thing.description}
+
+
+def _write(kind: str, **values: object) -> str:
+    return json.dumps({"type": kind, **values}, separators=(",", ":"), allow_nan=False)

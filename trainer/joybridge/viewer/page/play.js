@@ -1,0 +1,286 @@
+// The page: its connection, what state it is in, and what it sends.
+//
+// After each message `turn` the page answers with an act, and again after each event until that act is played. So every
+// decision is one that the page has seen, presses between two decisions are not lost, and movement is played once.
+
+import { gameCodes, makeAct } from "./device.js";
+import { Inputs, isFree, keyName } from "./inputs.js";
+import { editControls, loadControls } from "./controls.js";
+import { Panel } from "./panel.js";
+import { editSettings } from "./settings.js";
+
+const $ = (id) => document.getElementById(id);
+const RETRY_MS = 1000;
+const OTHERS_MS = 500; // before others decide in a game without a clock
+const NEVER = "Trying again. If you have started joybridge play again, open the URL that it printed.";
+
+const state = {
+  socket: null, game: null, controls: [], turn: null, wanted: null, // settings that this page asked for
+  running: false, ready: false, // ready: the curtain may be opened
+  chosen: new Map(), // control -> choice, in a game without a clock
+  acts: new Map(), // id -> { presses, movement }
+  id: 0, events: [], // times of events that are not shown yet, as [id, time]
+  seat: null,
+};
+const inputs = new Inputs($("stage"), $("picture"), onInput);
+const panel = new Panel(state, inputs, onChip);
+const figures = { turns: [], pictures: [], latencies: [] };
+let drawing = Promise.resolve(); // pictures are shown in their order
+let first = null; // time of the first event that no act contains yet
+let timer = 0;
+let locked = false; // whether the browser holds the pointer
+
+function connect() {
+  const socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));
+  socket.binaryType = "blob";
+  state.socket = socket;
+  socket.onmessage = (event) => (typeof event.data === "string" ? take(JSON.parse(event.data)) : draw(event.data));
+  socket.onclose = () => {
+    hold();
+    curtain("Not connected", NEVER, { trouble: true });
+    setTimeout(connect, RETRY_MS);
+  };
+}
+
+function send(message) {
+  if (state.socket?.readyState === WebSocket.OPEN) state.socket.send(JSON.stringify(message));
+}
+
+function take(message) {
+  if (message.type === "game") begin(message);
+  else if (message.type === "turn") takeTurn(message);
+  else if (message.type === "lost") {
+    hold();
+    curtain("The simulator is gone", `${message.text}. Trying again …`, { trouble: true });
+  } else if (message.type === "refused") {
+    hold();
+    curtain("That cannot be played", message.text, { trouble: true });
+    $("settings-card").open = true;
+  }
+}
+
+function begin(game) {
+  const wanted = state.wanted;
+  if (wanted && state.game?.name === game.name && !same(wanted, game)) { // a new connection: the page's settings again
+    send({ type: "start", ...wanted });
+    state.wanted = null;
+    return;
+  }
+  Object.assign(state, { game, controls: loadControls(game), running: false, turn: null, seat: null });
+  state.chosen.clear();
+  forget();
+  document.title = `${game.name} · Joybridge`;
+  $("name").textContent = game.name;
+  $("description").textContent = game.description;
+  const [width, height] = game.picture ?? [640, 240];
+  Object.assign($("picture"), { width, height }).style.setProperty("--ratio", width / height);
+  $("stage").classList.add("empty");
+  $("step").textContent = game.interval ? "Step" : "Decide";
+  panel.begin();
+  controlsChanged();
+  editControls($("controls"), state, inputs, controlsChanged);
+  editSettings($("settings"), game, (settings) => {
+    state.wanted = settings;
+    send({ type: "start", ...settings });
+    $("stage").focus();
+  });
+}
+
+function same(settings, game) {
+  const now = (list) => JSON.stringify(Object.fromEntries(list.map((one) => [one.name, one.value])));
+  return settings.seed === game.seed && JSON.stringify(settings.options) === now(game.options)
+    && JSON.stringify(settings.parameters) === now(game.parameters);
+}
+
+function controlsChanged() {
+  inputs.game = gameCodes(state.controls);
+  panel.showKeys();
+}
+
+function takeTurn(turn) {
+  const played = state.acts.get(turn.played);
+  if (played) inputs.consume(played.presses, played.movement);
+  for (const id of state.acts.keys()) if (id <= turn.played) state.acts.delete(id);
+  state.turn = turn;
+  state.chosen.clear();
+  panel.take(turn);
+  figures.turns.push(performance.now());
+  if (turn.ended.some((end) => state.seat === null || end.seat === state.seat)) {
+    const own = turn.ended.filter((end) => state.seat === null || end.seat === state.seat);
+    hold();
+    state.ready = true;
+    curtain("The episode is over", panel.summary(own), { keys: false });
+  } else if (state.running) {
+    answer();
+  } else if (turn.turn === 0) {
+    state.ready = true;
+    const { interval, picture } = state.game;
+    curtain("Click or press Enter to begin", [interval ? "" : "The game waits for your decisions.", picture ? "" : "It has no picture."].join(" "),
+      { keys: true });
+  }
+}
+
+function answer(decide = false) {
+  if (!state.turn) return;
+  const act = makeAct(state.game, state.controls, inputs, state.chosen, panel.forbidden);
+  panel.refuse(act.refused);
+  state.id += 1;
+  state.acts.set(state.id, { presses: act.presses, movement: act.movement });
+  if (first !== null) state.events.push([state.id, first]);
+  first = null;
+  const others = !state.game.interval && state.running && !panel.decides();
+  send({ type: "act", turn: state.turn.turn, id: state.id, seat: state.seat, axes: act.axes, choices: act.choices, decide });
+  clearTimeout(timer);
+  if (others && !decide) timer = setTimeout(() => answer(true), OTHERS_MS);
+}
+
+function onInput(time, code) {
+  first ??= time;
+  if (!state.running) return;
+  if (!state.game.interval && code) {
+    for (const [number, control] of state.controls.entries()) {
+      const choice = "branch" in control ? control.keys.findIndex((codes) => codes.includes(code)) : -1;
+      if (choice >= 0) return onChip(number, choice);
+    }
+  }
+  answer();
+}
+
+// In a game without a clock a choice stays until the decision; if it is all there is to decide, it is the decision.
+function onChip(number, choice) {
+  if (!state.running || state.game.interval) return;
+  const control = state.controls[number];
+  if (panel.forbidden(control.behavior, control.branch).has(choice)) return panel.refuse([[number, choice]]);
+  if (!panel.decides()) return;
+  if (state.chosen.get(number) === choice) state.chosen.delete(number);
+  else state.chosen.set(number, choice);
+  panel.show();
+  answer(state.controls.length === 1);
+}
+
+function draw(blob) {
+  const turn = state.turn;
+  drawing = drawing.then(async () => {
+    const bitmap = await createImageBitmap(blob);
+    $("picture").getContext("2d").drawImage(bitmap, 0, 0);
+    bitmap.close();
+    $("stage").classList.remove("empty");
+    const now = performance.now();
+    figures.pictures.push(now);
+    while (state.events.length && state.events[0][0] <= turn.played) figures.latencies.push(now - state.events.shift()[1]);
+    figures.latencies.splice(0, figures.latencies.length - 500);
+  }).catch((error) => console.error(error));
+}
+
+function run() {
+  if (!state.ready || !state.turn) return;
+  forget();
+  state.running = inputs.active = true;
+  $("curtain").className = "";
+  $("stage").classList.add("playing");
+  $("pause").disabled = $("step").disabled = false;
+  $("pause").textContent = "Pause";
+  send({ type: "clock", running: true });
+  answer();
+  $("stage").focus({ preventScroll: true });
+  if (state.controls.some((control) => control.pointer === "movement")) lock();
+}
+
+// Forgets what was pressed and is not played yet.
+function forget() {
+  inputs.releaseAll();
+  state.acts.clear();
+  state.events = [];
+  first = null;
+}
+
+// The pointer stays in the picture while its movement is played. Browsers may refuse.
+function lock() {
+  if (matchMedia("(pointer: fine)").matches) $("stage").requestPointerLock?.()?.catch?.(() => {});
+}
+
+function hold() {
+  state.running = inputs.active = false;
+  state.ready = false;
+  clearTimeout(timer);
+  forget();
+  $("stage").classList.remove("playing");
+  $("pause").disabled = $("step").disabled = true;
+  if (document.pointerLockElement) document.exitPointerLock();
+  send({ type: "clock", running: false });
+}
+
+function pause() {
+  hold();
+  state.ready = true;
+  $("pause").disabled = $("step").disabled = false;
+  $("pause").textContent = "Continue";
+  curtain("Paused", state.game.interval ? "Click or press Enter to continue, . for a single decision." : "Click or press Enter to continue.",
+    { keys: true });
+}
+
+function step() {
+  if (!state.game.interval && (!state.running || (state.controls.length === 1 && "branch" in state.controls[0]))) return;
+  if (state.game.interval) { // keys that are held count
+    if (state.running) pause();
+    $("curtain").className = "";
+    inputs.active = true;
+  }
+  answer(true);
+}
+
+function curtain(title, text, { trouble = false, keys = false } = {}) {
+  $("curtain").className = trouble ? "shown trouble" : "shown";
+  $("curtain-title").textContent = title;
+  $("curtain-text").textContent = text;
+  $("curtain-keys").replaceChildren(...(keys ? panel.legend(keyName) : []));
+}
+
+$("stage").addEventListener("click", () => (state.running ? null : run()));
+$("pause").addEventListener("click", () => (state.running ? pause() : run()));
+$("step").addEventListener("click", step);
+$("seat").addEventListener("change", () => {
+  state.seat = $("seat").value === "" ? null : Number($("seat").value);
+  panel.buildScores();
+  panel.show();
+  if (state.running) answer();
+  $("stage").focus();
+});
+$("theme").addEventListener("click", () => {
+  const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
+    || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
+  localStorage.setItem("joybridge.theme", (document.documentElement.dataset.theme = dark ? "light" : "dark"));
+});
+addEventListener("keydown", (event) => {
+  if (!isFree(event) || event.repeat || !state.game) return;
+  if (event.code === "Enter" && !state.running) run();
+  else if (event.code === "Enter" && !state.game.interval) step();
+  else if (event.code === "Escape" && state.running) pause();
+  else if (inputs.active && inputs.game.has(event.code)) return;
+  else if (event.code === "KeyP" && (state.running || state.ready)) state.running ? pause() : run();
+  else if (event.code === "Period" && (state.running || state.ready)) step();
+  else return;
+  event.preventDefault();
+});
+document.addEventListener("pointerlockchange", () => {
+  if (locked && !document.pointerLockElement && state.running) pause(); // Escape ends the lock
+  locked = document.pointerLockElement !== null;
+});
+document.addEventListener("visibilitychange", () => { if (document.hidden && state.running) pause(); });
+
+setInterval(() => {
+  const now = performance.now(), sorted = figures.latencies.toSorted((a, b) => a - b);
+  const rate = (times) => {
+    while (times.length && times[0] < now - 2000) times.shift();
+    return state.running ? Math.round(times.length / 2) : "–";
+  };
+  const part = (share) => (sorted.length ? Math.round(sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))]) : "–");
+  $("pace").textContent = rate(figures.turns);
+  $("rate").textContent = rate(figures.pictures);
+  $("latency").textContent = part(0.5);
+  $("latency95").textContent = part(0.95);
+}, 500);
+
+const theme = localStorage.getItem("joybridge.theme");
+if (theme) document.documentElement.dataset.theme = theme;
+connect();

@@ -1,0 +1,92 @@
+"""`joybridge play`: play a game in the browser."""
+
+import argparse
+import sys
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Event
+
+from joybridge.contract.address import address
+from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
+from joybridge.contract.errors import JoybridgeError
+from joybridge.trainer.game_settings import check_settings, read_settings
+from joybridge.trainer.overrides import add_overrides, parse_overrides
+from joybridge.trainer.own_games import choose_game
+from joybridge.trainer.signals import interrupt_on_signals
+from joybridge.trainer.wire.client import describe
+
+# What serves the page is imported by the command that needs it: help and errors need no further package.
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.viewer") -> int:
+    """Run the command line, the command first, and return its exit status."""
+    options = _parse(arguments, prog)
+    from joybridge.viewer.arena import Settings
+    from joybridge.viewer.simulator import Simulator
+    from joybridge.viewer.tab import play
+    from joybridge.viewer.web import open_website
+
+    interrupt_on_signals()
+    sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
+    try:
+        chosen = read_settings(options.overrides)
+        settings = Settings(options.seed, chosen.options, chosen.parameters)
+        place = None
+        if options.simulator:
+            place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
+        game, games = choose_game(options.what, options.game, place)
+        with Simulator(place, games) as simulator:
+            check_settings(settings.options, settings.parameters, describe(simulator.reach(), game, settings.options))
+            with open_website(options.port, lambda page: play(page, simulator, game, settings, options.timeout)) as url:
+                print(f"play {game} at {url}\nCtrl-C ends it", flush=True)
+                if not options.no_browser:
+                    webbrowser.open(url)
+                Event().wait()
+    except JoybridgeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 0
+    return 0
+
+
+def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog=prog)
+    commands = parser.add_subparsers(dest="command", required=True)
+    play = commands.add_parser(
+        "play",
+        help="play a game in the browser, with pointer, keys or gamepad",
+        description="Play a game in the browser.",
+    )
+    play.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
+    play.add_argument(
+        "--simulator", type=address, metavar="ADDRESS",
+        help="HOST:PORT or unix:PATH of a running simulator; default: this command starts one",
+    )  # fmt: skip
+    add_credentials_arguments(play)
+    play.add_argument(
+        "--game", action="append", default=[], metavar="MODULE:CLASS",
+        help="another game for the simulator that this command starts; the current folder is searched first",
+    )  # fmt: skip
+    play.add_argument("--seed", type=int, default=0, help="of the game; default %(default)s")
+    play.add_argument(
+        "--port", type=int, metavar="PORT",
+        help="of the page on this machine, 0: any free one; default 5006, or any free one where that is in use",
+    )  # fmt: skip
+    play.add_argument(
+        "--timeout", type=float, default=10.0, metavar="SECONDS",
+        help="how long to wait for an answer of the simulator before it is taken for lost; default %(default)g",
+    )  # fmt: skip
+    play.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
+    add_overrides(play, "options and parameters of the game, e.g. options.level=6 parameters.bird_speed=0.5")
+    options = parse_overrides(parser, arguments)
+    if not 0 <= options.seed < 2**64:
+        play.error(f"argument --seed: got {options.seed}, expected 0..2^64-1")
+    if options.port is not None and not 0 <= options.port < 2**16:
+        play.error(f"argument --port: got {options.port}, expected 0..65535")
+    if not 0 < options.timeout < float("inf"):
+        play.error(f"argument --timeout: got {options.timeout:g}, expected a positive number of seconds")
+    if (options.tls_ca or options.token_file) and not options.simulator:
+        play.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    return options

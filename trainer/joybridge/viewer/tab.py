@@ -1,0 +1,102 @@
+"""Play with one page: take its messages, and play a decision whenever the game's clock or the page says so."""
+
+import time
+from contextlib import closing
+
+from websockets.sync.server import ServerConnection
+
+from joybridge.contract.errors import JoybridgeError
+from joybridge.trainer.wire.errors import SimulatorLost
+from joybridge.viewer.arena import Arena, Settings
+from joybridge.viewer.messages import (
+    Act,
+    Clock,
+    MessageError,
+    encode_picture,
+    error_message,
+    game_message,
+    read_message,
+    turn_message,
+)
+from joybridge.viewer.simulator import Simulator
+
+LATE = 2  # decisions that are made up for, after a delay
+RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
+
+
+def play(page: ServerConnection, simulator: Simulator, game: str, settings: Settings, timeout: float) -> None:
+    """Play a game with a page until the page goes away, which raises ConnectionClosed.
+
+    Begin under `settings`, and again with those that the page asks for. A simulator that is lost is tried again until
+    it answers. timeout: seconds to wait for an answer of the simulator.
+    """
+    while True:
+        try:
+            with closing(Arena(simulator.reach(), game, settings, timeout)) as arena:
+                settings = _play_arena(page, arena)
+        except SimulatorLost as error:
+            page.send(error_message("lost", error))
+            settings = _wait_for_start(page, RETRY_SECONDS) or settings
+        except JoybridgeError as error:
+            page.send(error_message("refused", error))
+            settings = _wait_for_start(page, None) or settings
+
+
+def _wait_for_start(page: ServerConnection, seconds: float | None) -> Settings | None:
+    """Return the settings that the page asks for; None if it does not within so many seconds."""
+    end = None if seconds is None else time.monotonic() + seconds
+    while True:
+        try:
+            message = _receive(page, None, None if end is None else end - time.monotonic())
+        except TimeoutError:
+            return None
+        if isinstance(message, Settings):
+            return message
+
+
+def _play_arena(page: ServerConnection, arena: Arena) -> Settings:
+    """Play until the page asks for other settings, which are returned.
+
+    A decision needs an act of the page for its turn, so nothing is played that the page has not seen. The pace of the
+    game comes before its pictures: when it is late, every other one is left out.
+    """
+    interval = arena.spec.tick_seconds * arena.spec.decision_interval
+    act: Act | None = None
+    running, due, drew = False, 0.0, False
+    page.send(game_message(arena))
+    page.send(turn_message(arena, None))
+    while True:
+        now = time.monotonic()
+        ticking = running and interval > 0
+        if act is None or not (act.decide or ticking):
+            wait = None
+        elif act.decide or now >= due:
+            drew = not (drew and ticking and now > due + interval)
+            arena.play(act.pressed, act.seat, draw=drew)
+            page.send(turn_message(arena, act.id))
+            if arena.picture is not None:
+                page.send(encode_picture(arena.picture))
+            act, due = None, max(due, now - LATE * interval) + interval
+            continue
+        else:
+            wait = due - now
+        try:
+            message = _receive(page, arena, wait)
+        except TimeoutError:
+            continue
+        if isinstance(message, Settings):
+            return message
+        if isinstance(message, Clock):
+            running, due = message.running, time.monotonic()
+        elif isinstance(message, Act) and message.turn == arena.turn:
+            act = message
+
+
+def _receive(page: ServerConnection, arena: Arena | None, seconds: float | None) -> Settings | Clock | Act | None:
+    """Return the next message of the page, None for one that is refused. Raises TimeoutError and ConnectionClosed."""
+    data = page.recv(None if seconds is None else max(0.0, seconds))
+    try:
+        return read_message(data, arena)
+    except MessageError as error:
+        page.send(error_message("refused", error))
+        return None
