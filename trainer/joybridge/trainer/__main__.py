@@ -55,7 +55,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=prog, description="Train agents on any joybridge simulator.")
     commands = parser.add_subparsers(dest="command", required=True)
     shared = argparse.ArgumentParser(add_help=False)
-    add_simulator_options(shared)
+    add_simulator_options(shared, "the simulators of the run's last training, if they answer; otherwise ")
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")

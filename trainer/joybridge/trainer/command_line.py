@@ -30,13 +30,12 @@ def run_command(command: Callable[[argparse.Namespace], int | None], options: ar
         return 130
 
 
-def add_simulator_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say which simulators are used."""
+def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> None:
+    """Add the options that say which simulators are used. last: in words, what is tried first if none is named."""
     parser.add_argument(
         "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator; `train` divides its arenas among several if this option "
-        "is repeated. Default: the simulators of the run's last training, if they answer; otherwise this command "
-        "starts a simulator and stops it at the end",
+        help="HOST:PORT or unix:PATH of a running simulator; a run divides its arenas among several if this option "
+        f"is repeated. Default: {last}this command starts a simulator and stops it at the end",
     )  # fmt: skip
     add_credentials_arguments(parser)
     parser.add_argument(
