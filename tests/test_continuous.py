@@ -9,7 +9,13 @@ from torch.distributions import AffineTransform, Normal, TanhTransform, Transfor
 
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import CLIP
-from joybridge.trainer.ppo.continuous import Distribution, load_distributions, log_probs_of_each, sample_each
+from joybridge.trainer.ppo.continuous import (
+    Distribution,
+    entropies_of_each,
+    load_distributions,
+    log_probs_of_each,
+    sample_each,
+)
 from joybridge.trainer.ppo.continuous.beta import Beta
 from joybridge.trainer.ppo.continuous.gaussian import Gaussian
 from joybridge.trainer.ppo.continuous.squashed import Squashed
@@ -99,7 +105,8 @@ def test_several_actions_each_have_columns_and_parameters_of_their_own():
     outputs, parameters = torch.randn(ROWS, 4, dtype=torch.float64), torch.tensor([-1.0, -0.3], dtype=torch.float64)
     noise = torch.randn(ROWS, 3, dtype=torch.float64)
     samples = sample_each(distributions, outputs, parameters, noise)
-    log_probs, entropies = log_probs_of_each(distributions, outputs, parameters, samples)
+    log_probs = log_probs_of_each(distributions, outputs, parameters, samples)
+    entropies = entropies_of_each(distributions, outputs, parameters)
     rows = outputs.t()
     parts = [(rows[:1], parameters[:1]), (rows[1:3], parameters[:0]), (rows[3:], parameters[1:])]
     alone = zip(distributions, parts, range(3), strict=True)

@@ -2,6 +2,8 @@
 
 JoybridgeError
 ├── ConfigError        a configuration that cannot be used
+│   ├── SettingError   a layout that does not know its setting
+│   └── DeviceError    a layout that cannot express a device
 ├── CheckpointError    a checkpoint that is missing or cannot be read
 ├── StorageError       a file or folder that cannot be written
 ├── RunLockedError     a run that another process is training
@@ -14,6 +16,14 @@ from joybridge.contract.errors import JoybridgeError
 
 class ConfigError(JoybridgeError, ValueError):
     """A setting that cannot be used; the text names the key, the value and what was expected."""
+
+
+class SettingError(ConfigError):
+    """A layout does not know its setting, the part of its name after the first dash. The text: "expected ..."."""
+
+
+class DeviceError(ConfigError):
+    """A layout cannot express a device. The text says why, and what to use instead."""
 
 
 class CheckpointError(JoybridgeError):

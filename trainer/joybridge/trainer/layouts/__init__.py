@@ -18,7 +18,8 @@ and `find.py` takes layouts from other packages. A layout is a `Layout`: parts t
 and each branch of a policy does. trainer/LAYOUTS.md shows how to write one.
 """
 
-from joybridge.trainer.layouts.layout import CLIP, ActionSpace, DeviceError, Layout, SettingError
+from joybridge.trainer.errors import DeviceError, SettingError
+from joybridge.trainer.layouts.layout import CLIP, ActionSpace, Layout
 from joybridge.trainer.layouts.mixed import make_layouts
 from joybridge.trainer.layouts.parts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.trainer.layouts.roles import Role, list_roles, make_acts

@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 
+from joybridge.trainer.errors import SettingError
 from joybridge.trainer.layouts.hybrid import hybrid, ranges
-from joybridge.trainer.layouts.layout import SQUASHED, Layout, SettingError
+from joybridge.trainer.layouts.layout import SQUASHED, Layout
 from joybridge.v1 import bridge_pb2 as pb
 
 

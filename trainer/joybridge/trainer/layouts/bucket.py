@@ -5,8 +5,9 @@ import re
 import numpy as np
 
 from joybridge.contract.tensors import Array
+from joybridge.trainer.errors import SettingError
 from joybridge.trainer.layouts.hybrid import one_branch
-from joybridge.trainer.layouts.layout import Layout, SettingError, together
+from joybridge.trainer.layouts.layout import Layout, together
 from joybridge.trainer.layouts.parts import AxisTable, JointTable
 from joybridge.v1 import bridge_pb2 as pb
 

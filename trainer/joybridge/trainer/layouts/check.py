@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.layouts.layout import DeviceError, Layout
+from joybridge.trainer.errors import DeviceError
+from joybridge.trainer.layouts.layout import Layout
 from joybridge.trainer.layouts.parts import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
 from joybridge.v1 import bridge_pb2 as pb
 

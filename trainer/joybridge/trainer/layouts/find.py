@@ -12,14 +12,14 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 
-from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.errors import ConfigError, DeviceError, SettingError
 from joybridge.trainer.layouts.auto import auto
 from joybridge.trainer.layouts.bounded import beta, squashed
 from joybridge.trainer.layouts.bucket import bucket
 from joybridge.trainer.layouts.check import check_layouts
 from joybridge.trainer.layouts.hybrid import hybrid
 from joybridge.trainer.layouts.joint import joint
-from joybridge.trainer.layouts.layout import DeviceError, Layout, SettingError
+from joybridge.trainer.layouts.layout import Layout
 from joybridge.trainer.layouts.multiagent import multiagent
 from joybridge.trainer.layouts.ordinal import ordinal
 from joybridge.trainer.layouts.threshold import threshold

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from joybridge.trainer.layouts.layout import Layout, SettingError
+from joybridge.trainer.errors import SettingError
+from joybridge.trainer.layouts.layout import Layout
 from joybridge.trainer.layouts.parts import AxisRange, JointTable
 from joybridge.v1 import bridge_pb2 as pb
 

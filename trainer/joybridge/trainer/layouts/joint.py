@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from joybridge.trainer.errors import DeviceError
 from joybridge.trainer.layouts.bucket import MOST, Spacing
-from joybridge.trainer.layouts.layout import DeviceError, Layout
+from joybridge.trainer.layouts.layout import Layout
 from joybridge.trainer.layouts.parts import JointTable
 from joybridge.v1 import bridge_pb2 as pb
 

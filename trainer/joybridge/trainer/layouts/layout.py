@@ -11,21 +11,12 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
-from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts.parts import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
 GAUSSIAN = "joybridge.trainer.ppo.continuous.gaussian:Gaussian"  # beside other distributions
 SQUASHED = "joybridge.trainer.ppo.continuous.squashed:Squashed"
-
-
-class SettingError(ConfigError):
-    """A layout does not know its setting, the part of its name after the first dash. The text: "expected ..."."""
-
-
-class DeviceError(ConfigError):
-    """A layout cannot express a device. The text says why, and what to use instead."""
 
 
 @dataclass(frozen=True)

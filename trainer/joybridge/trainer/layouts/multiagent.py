@@ -1,8 +1,9 @@
 """The layout `multiagent`: two policies that share a device."""
 
+from joybridge.trainer.errors import SettingError
 from joybridge.trainer.layouts.bucket import coarse, exclusive_buttons
 from joybridge.trainer.layouts.hybrid import ranges
-from joybridge.trainer.layouts.layout import Layout, SettingError, together
+from joybridge.trainer.layouts.layout import Layout, together
 from joybridge.v1 import bridge_pb2 as pb
 
 

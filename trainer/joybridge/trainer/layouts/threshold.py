@@ -1,7 +1,8 @@
 """The layout `threshold-T`: Gaussians only."""
 
+from joybridge.trainer.errors import SettingError
 from joybridge.trainer.layouts.hybrid import ranges
-from joybridge.trainer.layouts.layout import Layout, SettingError
+from joybridge.trainer.layouts.layout import Layout
 from joybridge.trainer.layouts.parts import Split, Threshold
 from joybridge.v1 import bridge_pb2 as pb
 

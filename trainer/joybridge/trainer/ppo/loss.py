@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.ppo.continuous import Distribution, log_probs_of_each
+from joybridge.trainer.ppo.continuous import Distribution, entropies_of_each, log_probs_of_each
 from joybridge.trainer.ppo.distributions import branch_entropies, chosen_log_probs, gaussian_log_probs
 from joybridge.trainer.ppo.networks import Network, Outputs
 from joybridge.trainer.ppo.schedule import Coefficients
@@ -72,8 +72,8 @@ def joint_log_probs(
         entropies = branch_entropies(log_p).mean(0)
         entropy = entropies.sum()
     if distributions:
-        each, parts = log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous)
-        log_probs = log_probs + each
+        log_probs = log_probs + log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous)
+        parts = entropies_of_each(distributions, outputs.mean, log_variance)
         entropy = entropy + parts.mean()  # over the actions, as that of Gaussians
         entropies = torch.cat([entropies.to(parts), parts])
     elif batch.continuous.shape[1]:

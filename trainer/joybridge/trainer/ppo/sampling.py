@@ -40,7 +40,7 @@ def sample_actions(
     given = network.distributions, network.continuous(outputs).cpu(), network.log_variance.cpu()
     samples = sample_each(*given, normal)
     action.continuous[:] = samples.numpy()
-    action.log_probs[:] += log_probs_of_each(*given, samples)[0].numpy()
+    action.log_probs[:] += log_probs_of_each(*given, samples).numpy()
 
 
 def leave_one_choice(space: ActionSpace, discrete: Array, masks: Array) -> None:

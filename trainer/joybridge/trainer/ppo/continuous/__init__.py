@@ -58,12 +58,16 @@ def sample_each(distributions: Sequence[Distribution], outputs: Tensor, paramete
 
 def log_probs_of_each(
     distributions: Sequence[Distribution], outputs: Tensor, parameters: Tensor, samples: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return the log-densities [n], summed over the actions, and the mean entropy of each action, [actions]."""
+) -> Tensor:
+    """Return the log-densities of samples [n, actions], summed over the actions, [n]."""
     parts = _parts(distributions, outputs, parameters)
-    log_probs = [each.log_prob(rows, own, samples[:, i]) for i, (each, rows, own) in enumerate(parts)]
-    entropies = [each.entropy(rows, own).mean() for each, rows, own in parts]
-    return torch.stack(log_probs).sum(0), torch.stack(entropies)
+    return torch.stack([each.log_prob(rows, own, samples[:, i]) for i, (each, rows, own) in enumerate(parts)]).sum(0)
+
+
+def entropies_of_each(distributions: Sequence[Distribution], outputs: Tensor, parameters: Tensor) -> Tensor:
+    """Return the mean entropy of each action, [actions]."""
+    parts = _parts(distributions, outputs, parameters)
+    return torch.stack([each.entropy(rows, own).mean() for each, rows, own in parts])
 
 
 def _parts(
