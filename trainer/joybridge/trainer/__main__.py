@@ -67,6 +67,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )  # fmt: skip
     trains.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
     trains.add_argument(
+        "--record-faults", action="store_true",
+        help="if a simulator fails, is lost or breaks the contract, write what led to it into the folder faults of the "
+        "run, for `joybridge replay`",
+    )  # fmt: skip
+    trains.add_argument(
         "--with-parent", action="store_true",
         help="save and exit when stdin closes, for programs that start this one",
     )  # fmt: skip
@@ -163,6 +168,7 @@ def _train(options: argparse.Namespace) -> None:
                     report=display.report,
                     revive=connect,
                     say=display.say,
+                    record_faults=options.record_faults,
                 )
         except (KeyboardInterrupt, SimulatorError, StorageError) as error:
             refused = isinstance(error, SimulatorError) and not isinstance(error, SimulatorLost)

@@ -33,18 +33,20 @@ from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.recovery import Revive, recovering
 from joybridge.trainer.run_state import RunState, capture, load_state, take_weights
 from joybridge.trainer.signals import uninterrupted
+from joybridge.trainer.wire.sharded_session import single_sessions
 
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 
 
 def train(
     config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report, revive: Revive | None = None,
-    say: Callable[[str], None] = print,
+    say: Callable[[str], None] = print, record_faults: bool = False,
 ) -> None:  # fmt: skip
     """Train `config` in the folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
     revive: called when a simulator is lost; returns the addresses of simulators that answer. Without it, training ends.
-    say: called with remarks on the run, a line each.
+    say: called with remarks on the run, a line each. record_faults: write what led to a fault of a simulator into the
+    folder faults of the run.
 
     Raises ConfigError, CheckpointError, StorageError, SimulatorError and DivergedError. The last state between two
     rollouts is saved on any exception.
@@ -54,7 +56,9 @@ def train(
     state = load_state(run) if has_checkpoint(run) else RunState()
     saved, saved_at = state.timesteps, time.monotonic()
     highest, best = best_score(run), None
-    states = recovering(partial(play_and_learn, config, run, report, say), state, addresses, revive, config.restarts)
+    states = recovering(
+        partial(play_and_learn, config, run, report, say, record_faults), state, addresses, revive, config.restarts
+    )
     try:
         with closing(states):
             for state in states:
@@ -71,8 +75,9 @@ def train(
 
 
 def play_and_learn(
-    config: Config, run: Path, report: Report, say: Callable[[str], None], addresses: Sequence[str], state: RunState
-) -> Generator[RunState, None, None]:
+    config: Config, run: Path, report: Report, say: Callable[[str], None], record_faults: bool,
+    addresses: Sequence[str], state: RunState,
+) -> Generator[RunState, None, None]:  # fmt: skip
     """Continue a run from a state, with new sessions. Yield the state after each cycle."""
     spec = fitting_spec(addresses[0], config)
     balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
@@ -88,6 +93,8 @@ def play_and_learn(
         groups = open_groups(config, addresses, state.session_snapshots())
         for group in groups:
             opened.callback(group.session.close)
+            for session in single_sessions(group.session) if record_faults else ():
+                session.record_faults(run / "faults")
         loggers = [opened.enter_context(closing(Logger(run, policy.actor.name, timesteps))) for policy in policies]
         if state.arrays:
             state.restore(policies, loggers)

@@ -8,6 +8,7 @@ import asyncio
 import socket
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeAlias, TypeVar, TypeVarTuple
 
@@ -21,8 +22,9 @@ from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array
 from joybridge.contract.versions import mismatch, own_version
-from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
+from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, SimulatorShutDown, from_grpc
 from joybridge.trainer.wire.exchange import Reader, Wait, act_request
+from joybridge.trainer.wire.fault_log import FaultLog
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
 from joybridge.trainer.wire.local_stream import LocalStream
 from joybridge.trainer.wire.reachability import why_unreachable
@@ -120,18 +122,21 @@ class Session:
         self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
         self._failure: SimulatorError | None = None  # why the session has ended
+        self._log: FaultLog | None = None
         self._reader = Reader(address, self.spec, arenas)
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
         self._wait = Wait(address, f"{game}, arenas {first_arena} to {first_arena + arenas - 1}", timeout)
         stream = Stream(self._wait, self._largest)
         self._use(stream)
-        start = pb.Start(
+        self._start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
             version=own_version(),
         )  # fmt: skip
         try:
-            self.steps = self._reader.started(self._run(self._open, stream, start, transport)).steps
+            response = self._run(self._open, stream, self._start, transport)
+            self.steps = self._reader.started(response).steps
+            self.server = response.started.version.product  # for people
         except BaseException:
             self.close()
             raise
@@ -141,7 +146,10 @@ class Session:
 
         Raises SimulatorError.
         """
-        self._run(self._stream.send, act_request(acts))
+        request = act_request(acts)
+        if self._log is not None:
+            self._log.sent(request)
+        self._run(self._stream.send, request)
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
@@ -162,7 +170,23 @@ class Session:
     def save(self) -> dict[str, bytes]:
         """Return a snapshot of all arenas. Raises SimulatorError if the game does not support snapshots."""
         response = self._run(self._stream.ask, pb.PlayRequest(save=pb.Save()))
-        return dict(self._reader.require(response, "snapshot").snapshot.parts)
+        parts = dict(self._reader.require(response, "snapshot").snapshot.parts)
+        if self._log is not None:
+            self._log.saved(parts)
+        return parts
+
+    def repeat(self, request: pb.PlayRequest) -> list[StepArrays]:
+        """Send an Act or Reset of another session, and return the step that answers it. Raises SimulatorError."""
+        return self._ask(request, len(request.act.draw))[0]
+
+    def record_faults(self, folder: Path) -> None:
+        """Write what led to an error of the simulator into a file of this folder, from now on; see FaultLog.
+
+        Call this before the first request. The name of the file has the numbers of the arenas.
+        """
+        first = self._start.first_arena
+        path = folder / f"arenas-{first}-{first + self.arenas - 1}.fault"
+        self._log = FaultLog(path, self._start, self.server, self.steps)
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas. May be called again, and by finalizers."""
@@ -207,10 +231,14 @@ class Session:
 
     def _ask(self, request: pb.PlayRequest, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
         """Send a request and return the step that answers it, with so many pictures. Raises SimulatorError."""
+        if self._log is not None:
+            self._log.sent(request)
         return self._take(self._run(self._stream.ask, request), pictures)
 
     def _take(self, response: pb.PlayResponse, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
         self.steps, self.simulate_seconds, drawn = self._run(self._reader.step, response, pictures)
+        if self._log is not None:
+            self._log.came(self.steps)
         return self.steps, drawn
 
     def _run(self, function: Callable[[*Arguments], T], *args: *Arguments) -> T:
@@ -221,6 +249,8 @@ class Session:
             return function(*args)
         except SimulatorError as error:
             self._failure = error
+            if self._log is not None and not isinstance(error, SimulatorShutDown):
+                self._log.write(str(error))
             raise
         except KeyboardInterrupt:
             self._failure = SimulatorLost(f"the session at {self.address} was interrupted")

@@ -1,0 +1,73 @@
+"""`joybridge replay`: repeat what led to a fault, on any simulator, and name the step where it fails or differs."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from joybridge.trainer.command_line import (
+    add_simulator_options,
+    check_simulator_options,
+    run_command,
+    say,
+    wanted_simulators,
+)
+from joybridge.trainer.simulators import open_simulators
+from joybridge.trainer.wire.client import CALL_SECONDS, Session
+from joybridge.trainer.wire.errors import SimulatorError
+from joybridge.trainer.wire.fault_log import Recording, digest, load_recording
+
+
+class FaultFound(SimulatorError):
+    """The recorded session fails again, or is no longer the same; the text names the step."""
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.trainer.replay") -> int:
+    """Run the command line and return its exit status: 1 if a step fails or differs."""
+    parser = argparse.ArgumentParser(prog=prog)
+    commands = parser.add_subparsers(dest="command", required=True)
+    replays = commands.add_parser("replay", help="repeat what led to a fault")
+    replays.add_argument("file", type=Path, help="a file of the folder faults of a run")
+    replays.set_defaults(overrides=[])
+    add_simulator_options(replays)
+    options = parser.parse_args(arguments)
+    check_simulator_options(replays, options)
+    if len(options.simulator) > 1:
+        replays.error(f"replay uses one simulator, got {len(options.simulator)}")
+    return run_command(_replay, options)
+
+
+def _replay(options: argparse.Namespace) -> None:
+    recording = load_recording(options.file)
+    say(f"the fault was: {recording.error}")
+    with open_simulators(wanted_simulators(options), options.wait, say) as connect:
+        steps = replay(connect()[0], recording, options.timeout or CALL_SECONDS)
+    print(f"{steps} steps are as they were recorded, and none fails")
+
+
+def replay(address: str, recording: Recording, timeout: float = CALL_SECONDS) -> int:
+    """Repeat a recorded session at a simulator and return how many steps it has.
+
+    Raises FaultFound at the first step that fails or that has other bytes than were recorded.
+    """
+    start = recording.requests[0].start
+    digests = [*recording.digests, *[None] * len(recording.requests)]
+    step = 0
+    try:
+        with Session(
+            address, start.game, arenas=start.arenas, seed=start.seed, first_arena=start.first_arena,
+            options=start.options, parameters=start.parameters,
+            snapshot=start.snapshot.parts if start.HasField("snapshot") else None, timeout=timeout,
+        ) as session:  # fmt: skip
+            if session.server != recording.server:
+                say(f"recorded with {recording.server}, replayed with {session.server}")
+            for request, wanted in zip(recording.requests, digests, strict=False):
+                if not request.HasField("start"):
+                    step += request.HasField("act")
+                    session.repeat(request)
+                if wanted is not None and digest(session.steps) != wanted:
+                    raise FaultFound(f"step {step} has other bytes than were recorded")
+    except FaultFound:
+        raise
+    except SimulatorError as error:
+        raise FaultFound(f"step {step} fails: {error}") from error
+    return step
