@@ -2,12 +2,13 @@
 # make demo      train Shooting Birds for a few minutes; ends with scores, a plot and a video
 # make check     style, types and the quick tests, in about two minutes
 # make test      style, types and all tests, with the coverage of the quick ones
+# make docs      the site with all pages and the reference, into site/
 # make bench     how fast it is on this machine
 
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: install demo check test bench proto
+.PHONY: install demo check test docs bench proto
 
 install: .venv/installed
 
@@ -24,6 +25,13 @@ check: install
 
 test: install
 	$(BIN)/python -m tools.check
+
+docs: .venv/installed-docs
+	$(BIN)/python -m tools.docs
+
+.venv/installed-docs: .venv/installed
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[docs]"
+	touch $@
 
 bench: install
 	$(BIN)/python -m tools.bench all

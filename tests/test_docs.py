@@ -2,22 +2,37 @@
 
 import importlib.util
 import itertools
+import json
 import re
+from importlib import import_module
 from pathlib import Path
+from urllib.parse import unquote, urlparse
 
 import pytest
+from jsonschema import Draft202012Validator
+from ruamel.yaml import YAML
 
 from joybridge.cli import COMMANDS, main
 from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.keys import SCHEMA, all_keys
+from joybridge.v1 import bridge_pb2 as pb
+from tests.test_public_api import PROMISED
+from tools.docs import reference
+from tools.docs.api import api, exported
+from tools.docs.contract import contract
+from tools.docs.pages import filled, readme_sections
+from tools.docs.schema import schema
 
 ROOT = Path(__file__).parents[1]
-ELSEWHERE = {"node_modules", "build", "runs"}  # written by programs
+ELSEWHERE = {"node_modules", "build", "runs", "site"}  # written by programs
 PATHS = [
     path
     for path in sorted(ROOT.rglob("*.md"))
     if not any(part in ELSEWHERE or part.startswith(".") for part in path.relative_to(ROOT).parts)
 ]
 DOCUMENTS = [pytest.param(path, id=str(path.relative_to(ROOT))) for path in PATHS]
+OF_THE_PAST = {"CHANGELOG.md", "DECISIONS.md"}  # they name keys and modules that were replaced
+NO_MODULES = {"joybridge.games", "joybridge.layouts"}  # names of entry points as well
 CODE = re.compile(r"```\w*\n(.*?)```|`([^`\n]+)`", re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
@@ -113,6 +128,118 @@ def test_the_folder_map_of_the_contributing_guide_leaves_no_module_out():
     assert len(modules) > 50
     missing = [path for path in modules if path.name != "__init__.py" and not named & {path, *path.parents}]
     assert missing == []
+
+
+@pytest.mark.parametrize("path", DOCUMENTS)
+def test_every_key_that_is_set_on_a_command_line_exists(path):
+    words = [word for words in commands(path) if words[0] == "train" for word in words[1:]]
+    keys = [word.partition("=")[0] for word in words if re.match(r"[a-z_]+[\w.]*=", word)]
+    assert {key for key in keys if not key_exists(key)} == set()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in PATHS if path.name not in {*OF_THE_PAST, "POLICIES.md"}],
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
+def test_every_key_of_a_policy_that_is_named_exists(path):
+    assert {
+        key for key in re.findall(r"`(policy\.(?!json|onnx|py\b|mjs)\w+)", path.read_text()) if not key_exists(key)
+    } == set()
+
+
+def key_exists(key):
+    """Return whether a configuration has this key, written with dots."""
+    first, _, rest = key.partition(".")
+    model = PolicyConfig if first == "policy" else Config
+    return (rest.partition(".")[0] or first if first == "policy" else first) in {*model.model_fields, "policy"}
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in PATHS if path.name not in OF_THE_PAST], ids=lambda path: str(path.relative_to(ROOT))
+)
+def test_every_module_and_name_of_joybridge_that_is_named_exists(path):
+    text = path.read_text()
+    imports = re.findall(r"^ *from (joybridge[\w.]*) import ([\w, ]+)", text, re.MULTILINE)
+    named = {f"{module}.{name.strip()}" for module, names in imports for name in names.split(",")}
+    named |= set(re.findall(r"`(joybridge(?!\.v1\.)(?:\.\w+)+)`", text)) - NO_MODULES
+    assert {name for name in named if not is_importable(name)} == set()
+
+
+def is_importable(path):
+    """Return whether a dotted name is a module, or a name that a module has."""
+    module, _, name = path.rpartition(".")
+    if path in PROMISED or (module in PROMISED and name in exported(module)):
+        return True  # without an import: that of Stable-Baselines3 takes seconds
+    try:
+        return hasattr(import_module(module), name) or importlib.util.find_spec(path) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+# ------------------------------------------------------------------------------------------------------- the site
+
+
+def test_the_navigation_of_the_site_leaves_no_page_out():
+    text = (ROOT / "docs/index.md").read_text()
+    blocks = re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL)
+    listed = re.findall(r"^(?:.* <)?/([\w./]+\.md)>?$", "\n".join(blocks), re.MULTILINE)
+    pages = {str(path.relative_to(ROOT)) for path in PATHS} - {"README.md", "PYPI.md", "docs/index.md"}
+    assert len(listed) == len(set(listed)) and set(listed) == pages, "list every page in docs/index.md"
+
+
+def test_the_site_shows_every_section_of_the_readme_once():
+    shown = re.findall(r"^<!-- README: (.*) -->$", "\n".join(map(Path.read_text, PATHS)), re.MULTILINE)
+    replaced = {"Safety", "More"}  # by a page, by the navigation
+    assert sorted([*shown, *replaced]) == sorted(readme_sections())
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs").rglob("*.md")), ids=lambda path: path.stem)
+def test_every_part_of_a_page_is_filled_and_every_link_in_it_leads_to_a_file(path):
+    page = str(path.relative_to(ROOT))
+    text = filled(page, path.read_text())
+    assert not re.search("<!-- (README|generated)", text)
+    assert [link for link in LINK.findall(text) if not re.match(r"\w+:|#", link) and not leads(path, link)] == []
+
+
+def leads(page, link):
+    return (page.parent / link.split("#")[0]).exists()
+
+
+def test_the_reference_has_every_key_every_command_and_every_message():
+    assert all(f"| `{key.name}` |" in reference.key_table() for key in all_keys())
+    assert all(f"usage: joybridge {name} " in reference.commands() for name in COMMANDS)
+    messages = {f"\n### {name}\n" for name in pb.DESCRIPTOR.message_types_by_name}
+    assert messages and all(message in contract() for message in messages)
+
+
+def test_the_reference_has_every_public_name_with_its_declaration():
+    pages = "\n".join(path.read_text() for path in (ROOT / "docs/reference").glob("*.md"))
+    shown = [name for line in re.findall("<!-- generated: api (.*) -->", pages) for name in line.split()]
+    assert sorted(shown) == sorted(PROMISED)
+    for module in shown:
+        sections = re.split(r"^### ", api(module), flags=re.MULTILINE)[1:]
+        assert [section.split()[0] for section in sections] == exported(module) == import_module(module).__all__
+        assert all("```python" in section or "contract.md#" in section for section in sections)
+
+
+def test_the_schema_for_editors_is_that_of_the_configuration():
+    assert SCHEMA.read_text(encoding="utf-8") == schema(), "run `python -m tools.docs.schema`"
+
+
+def test_the_schema_for_editors_accepts_every_configuration_and_refuses_a_wrong_key():
+    validator = Draft202012Validator(json.loads(SCHEMA.read_text(encoding="utf-8")))
+    files = sorted((ROOT / "configs").rglob("*.yaml"))
+    assert len(files) > 20
+    assert [path.name for path in files if not validator.is_valid(YAML(typ="safe").load(path))] == []
+    assert not validator.is_valid({"game": "archer", "polices": {}})
+    assert not validator.is_valid({"game": "archer", "policies": {"buttons": {"epoch": 3}}})
+
+
+def test_the_line_for_editors_names_the_schema(capsys):
+    assert main(["keys", "--schema"]) == 0
+    uri = capsys.readouterr().out.strip().removeprefix("# yaml-language-server: $schema=")
+    assert Path(unquote(urlparse(uri).path)) == SCHEMA and SCHEMA.exists()
 
 
 def test_the_keys_of_the_glossary_are_keys_of_a_configuration():

@@ -4,14 +4,26 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from textwrap import wrap
-from typing import Any
+from typing import Any, NamedTuple
 
 from joybridge.trainer.config import FORMS, OTHER_NAMES, Config, PolicyConfig
 
 INDENT, WIDTH = 38, 120  # columns
 TYPES = {"string": "text", "boolean": "true or false"}  # others are called as JSON schema calls them
 BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+
+SCHEMA = Path(__file__).with_name("config.schema.json")  # written by tools/docs/schema.py
+
+
+class Key(NamedTuple):
+    """A key of a configuration."""
+
+    name: str
+    default: str  # as it is written; "NAME": there is none
+    meaning: str
+    kind: str  # its type and range, as in "integer ≥ 1 or null"
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.trainer") -> int:
@@ -23,7 +35,15 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         "word", nargs="?", default="", metavar="WORD",
         help="only keys with this word in their name or meaning; a key of another library finds ours",
     )  # fmt: skip
-    word = parser.parse_args(arguments).word
+    keys.add_argument(
+        "--schema", action="store_true",
+        help="print the first line of a YAML file with which editors complete and check its keys",
+    )  # fmt: skip
+    given = parser.parse_args(arguments)
+    if given.schema:
+        print(f"# yaml-language-server: $schema={SCHEMA.as_uri()}")
+        return 0
+    word = given.word
     lines = list(listing(word))
     if not lines:
         print(f"error: {word!r} is in the name and meaning of no key; `joybridge keys` lists all keys", file=sys.stderr)
@@ -35,22 +55,21 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 def listing(word: str = "") -> Iterator[str]:
     """Yield the lines about the keys with a word in their name or meaning, and about the key that it means."""
     meant = OTHER_NAMES.get(word.strip())
-    for key, schema in _keys():
-        meaning = schema["description"]
-        if key == meant or word.lower() in f"{key} {meaning}".lower():
-            name = key.rpartition(".")[2]
-            written = FORMS.get(name) or f"{key}={_default(schema)}"
-            first, *more = wrap(f"{meaning} ({_kind(schema)})", WIDTH - INDENT)
+    for key in all_keys():
+        if key.name == meant or word.lower() in f"{key.name} {key.meaning}".lower():
+            written = FORMS.get(key.name.rpartition(".")[2]) or f"{key.name}={key.default}"
+            first, *more = wrap(f"{key.meaning} ({key.kind})", WIDTH - INDENT)
             yield f"{written:<{INDENT - 2}}  {first}"
             yield from (" " * INDENT + line for line in more)
 
 
-def _keys() -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield every key with its JSON schema: those of the run, then those of its policies."""
+def all_keys() -> Iterator[Key]:
+    """Yield every key: those of the run, then those of its policies."""
     run, policy = (model.model_json_schema()["properties"] for model in (Config, PolicyConfig))
-    yield from ((key, schema) for key, schema in run.items() if not key.startswith("polic"))
-    yield from ((f"policy.{key}", schema) for key, schema in policy.items())
-    yield "policies", run["policies"]
+    schemas = {key: schema for key, schema in run.items() if not key.startswith("polic")}
+    schemas |= {f"policy.{key}": schema for key, schema in policy.items()} | {"policies": run["policies"]}
+    for name, schema in schemas.items():
+        yield Key(name, _default(schema), schema["description"], _kind(schema))
 
 
 def _default(schema: Mapping[str, Any]) -> str:

@@ -1,0 +1,58 @@
+"""What a page of the site takes from elsewhere.
+
+A line of a page may stand for a part that is written only once:
+
+    <!-- README: Train -->              the section of the README with this heading
+    <!-- generated: keys -->            what a function of GENERATED returns
+    <!-- generated: api MODULE … -->    the same, with arguments
+"""
+
+import posixpath
+import re
+from pathlib import Path
+
+from tools.docs import api, contract, reference
+
+ROOT = Path(__file__).parents[2]
+GENERATED = {
+    "api": api.api, "commands": reference.commands, "configurations": reference.configurations,
+    "contract": contract.contract, "docstring": api.docstring, "forms": reference.forms, "keys": reference.key_table,
+    "other_names": reference.other_names,
+}  # fmt: skip
+INSTEAD = {  # of a file, the page that shows it
+    "README.md": "docs/index.md",
+    "configs": "docs/reference/configurations.md",
+    "proto/joybridge/v1/bridge.proto": "docs/reference/contract.md",
+}
+PART = re.compile(r"^<!-- (README|generated): (.*?) -->$", re.MULTILINE)
+LINK = re.compile(r"\]\((?!\w+:|#)([^)\s#]+)")
+
+
+def filled(page: str, text: str) -> str:
+    """Return the text of a page, given by its path in the repository, with its parts and with links of the site."""
+
+    def part(match: re.Match[str]) -> str:
+        kind, what = match.groups()
+        if kind == "README":
+            return _moved(readme_sections()[what], "README.md", page)
+        name, *arguments = what.split()
+        return GENERATED[name](*arguments)
+
+    return PART.sub(part, _moved(text, page, page))
+
+
+def readme_sections() -> dict[str, str]:
+    """Return the text of every section of the README by its heading; that before the first one is "Joybridge"."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    parts = re.split(r"^##? (.*)\n", text, flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _moved(text: str, source: str, page: str) -> str:
+    """Return the text of a source with its relative links as they are on a page."""
+
+    def link(match: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(source), match[1]))
+        return f"]({posixpath.relpath(INSTEAD.get(target, target), posixpath.dirname(page) or '.')}"
+
+    return LINK.sub(link, text)
