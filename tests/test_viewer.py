@@ -5,6 +5,8 @@ import json
 import re
 import time
 from contextlib import closing, contextmanager
+from functools import partial
+from itertools import islice
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -17,10 +19,14 @@ from websockets.sync.client import connect
 from joybridge.cli import main
 from joybridge.contract.codec import ActArrays
 from joybridge.simulator import axis, behavior, branch, button
+from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.playing import open_play
+from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
+from joybridge.viewer.rival import open_rival, rival_settings
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.tab import play
 from joybridge.viewer.web import open_website
@@ -51,8 +57,9 @@ class Page:
         """Return the next message of one of these types; a turn has its picture."""
         while True:
             message = json.loads(self._socket.recv(SECONDS))
-            if message["type"] == "turn" and message["picture"]:
-                message["picture"] = self._socket.recv(SECONDS)
+            for drawn in (message, message.get("rival")) if message["type"] == "turn" else ():
+                if drawn and drawn["picture"]:
+                    drawn["picture"] = self._socket.recv(SECONDS)
             if message["type"] in kinds:
                 return message
 
@@ -76,8 +83,8 @@ class Page:
 
 
 @contextmanager
-def website(source, game):
-    with open_website(0, lambda page: play(page, source, game, SETTINGS, SECONDS)) as url:
+def website(source, game, settings=SETTINGS, against=None):
+    with open_website(0, lambda page: play(page, source, game, settings, SECONDS, against)) as url:
         yield url
 
 
@@ -265,6 +272,46 @@ def test_whoever_holds_one_seat_leaves_the_others_to_chance(simulator):
     assert {turn[1]["choices"][1][0] for turn in turns} == {0, 1}
     assert len({turn[0]["axes"][0][0] for turn in turns}) == 12
     assert everything[0]["axes"] == [[0.5]] and everything[1]["choices"] == [[1], [1]]
+
+
+@pytest.fixture(scope="module")
+def run(simulator, tmp_path_factory):
+    """Return a run of the game `hybrid` that has hardly begun."""
+    folder = tmp_path_factory.mktemp("viewer") / "run"
+    policy = PolicyConfig(hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
+    options = {"masks": "off"}
+    config = Config(game="hybrid", arenas=4, total_timesteps=64, log_interval=64, policy=policy, options=options)
+    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    return folder
+
+
+def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):
+    settings = rival_settings(run, "hybrid", SETTINGS)
+    assert settings == Settings(3, {"masks": "off"}, {})
+    with (
+        website(Simulator(simulator, ()), "hybrid", settings, partial(open_rival, run)) as url,
+        open_play(run, simulator, seed=3) as alone,
+    ):
+        page, score, ends = Page(url), 0.0, 0
+        page.begin()
+        for played in islice(alone.decisions(draw_every=1), 20):
+            rival = page.act([[0.0, 1.0]], [[0, 0]])["rival"]
+            (step,) = played.after
+            score += float(step.rewards[0] @ [1.0, 0.5])
+            if len(step.ended):
+                (end,) = rival["ended"]
+                assert end["score"] == pytest.approx(score)
+                score, ends = 0.0, ends + 1
+            assert rival["scores"] == [[pytest.approx(score)]]
+            assert rival["picture"][:2] == b"\xff\xd8"
+        page.close()
+    assert ends >= 2 and rival["title"] == "policy after 64 timesteps"
+
+
+@pytest.mark.usefixtures("signals")
+def test_a_run_of_another_game_is_no_rival(simulator, run, capsys):
+    assert main(["play", "archer", "--against", str(run), "--simulator", simulator, "--no-browser"]) == 1
+    assert "plays hybrid, expected archer; name a run of this game" in capsys.readouterr().err
 
 
 def test_a_game_without_a_picture_is_played(simulator):

@@ -3,7 +3,9 @@
 play.py       the command line
 web.py        the local web server: the files of the page, and who may have them
 tab.py        plays with one page: its messages, the clock of the game, what happens if the simulator is lost
-arena.py      one arena, its scores and the seats that nobody holds
+arena.py      one arena, and the seats that nobody holds
+scores.py     the scores of an arena, and its episodes that have ended
+rival.py      a policy that plays beside the person; the only module that needs torch
 messages.py   what a page and this program send each other
 controls.py   which keys, pointer and gamepad act on which axes and branches
 simulator.py  where sessions are opened

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.game_settings import check_settings
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.look import obey_masks, press_at_random
-from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.wire.client import Session, describe
 from joybridge.v1 import bridge_pb2 as pb
+from joybridge.viewer.scores import Scores
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,6 @@ class Settings:
     seed: int
     options: dict[str, str]
     parameters: dict[str, float]
-
-
-class Seat(NamedTuple):
-    """One agent of one behavior."""
-
-    behavior: int
-    agent: int
 
 
 class Pressed(NamedTuple):
@@ -42,9 +35,8 @@ class Pressed(NamedTuple):
 class Arena:
     """An arena, from its first episode until it is closed.
 
-    turn: number of decisions so far. acts: what was played last, per behavior. ended: the episodes that ended with it,
-    as the page shows them. scores: of the present episodes, [agents] per behavior. picture: uint8 [height, width, 3]
-    or None.
+    turn: number of decisions so far. acts: what was played last, per behavior. picture: uint8 [height, width, 3], or
+    None.
     """
 
     def __init__(self, address: str, game: str, settings: Settings, timeout: float) -> None:
@@ -56,16 +48,10 @@ class Arena:
         )  # fmt: skip
         self.settings = settings
         self.spec = spec = self.session.spec
-        self.seats = [
-            Seat(index, agent) for index, behavior in enumerate(spec.behaviors) for agent in range(agents(behavior))
-        ]
+        self.scores = Scores(spec)
         self.acts = make_acts(spec, 1)
         self.turn = 0
         self.picture: Array | None = None
-        self.ended: list[dict[str, Any]] = []
-        self.scores = [np.zeros(agents(behavior)) for behavior in spec.behaviors]  # of the episodes so far
-        self._lengths = [np.zeros(agents(behavior), int) for behavior in spec.behaviors]
-        self._encoders = [ObservationEncoder(behavior.name, behavior, None, {}) for behavior in spec.behaviors]
         self._drawn = [0] if spec.HasField("picture") else []
         self._rng = np.random.default_rng(settings.seed)
 
@@ -80,7 +66,7 @@ class Arena:
         draw: make a picture, if the game can be drawn. Where a choice is forbidden, an allowed one is played. Raises
         SimulatorError.
         """
-        held = None if seat is None else self.seats[seat]
+        held = None if seat is None else self.scores.seats[seat]
         for index, (behavior, act, step) in enumerate(zip(self.spec.behaviors, self.acts, self.steps, strict=True)):
             if held is not None:
                 press_at_random(behavior.device, act, self._rng)
@@ -92,33 +78,11 @@ class Arena:
         steps, pictures = self.session.step_and_draw(self.acts, self._drawn if draw else [])
         self.turn += 1
         self.picture = pictures[0] if pictures else None
-        self.ended = []
-        for index, step in enumerate(steps):
-            self.scores[index] += self._encoders[index].rewards(step)
-            self._lengths[index] += 1
-            for row, lane in enumerate(step.ended.tolist()):
-                self.ended.append(self._end(index, row, lane, step))
-                self.scores[index][lane] = self._lengths[index][lane] = 0
-
-    def _end(self, index: int, row: int, lane: int, step: StepArrays) -> dict[str, Any]:
-        """Return what the page shows of an episode that has ended."""
-        metrics = () if step.metrics is None else step.metrics[row].tolist()
-        return {
-            "seat": self.seats.index(Seat(index, lane)),
-            "terminated": bool(step.terminated[lane]),
-            "score": float(self.scores[index][lane]),
-            "length": int(self._lengths[index][lane]),
-            "metrics": dict(zip((m.name for m in self.spec.behaviors[index].metrics), metrics, strict=False)),
-        }
+        self.scores.take(steps)
 
     def close(self) -> None:
         """End the session; the simulator frees the arena."""
         self.session.close()
-
-
-def agents(behavior: pb.Behavior) -> int:
-    """Return the number of agents of a behavior in one arena."""
-    return behavior.agents_per_arena
 
 
 def _in_range(values: Sequence[float], device: pb.Device) -> Array:

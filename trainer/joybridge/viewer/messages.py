@@ -9,7 +9,8 @@ From a page, read by `read_message`:
 
 To a page:
     game    the game, its settings and the controls; then a first turn
-    turn    the state after a decision; if `picture` is true, a binary message with a JPEG follows
+    turn    the state after a decision; for each `picture` that is true, a binary message with a JPEG
+            follows: of the arena, then of the rival
     lost    the simulator cannot be reached; it is tried again until it answers
     refused the settings cannot be played; or the page sent what is no message
 """
@@ -19,7 +20,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from io import BytesIO
-from typing import Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from PIL import Image
 
@@ -30,6 +31,9 @@ from joybridge.trainer.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from joybridge.viewer.controls import make_controls
+
+if TYPE_CHECKING:  # it needs torch
+    from joybridge.viewer.rival import Rival
 
 LONGEST = 1 << 20  # bytes of a message from a page
 QUALITY = 90  # of pictures: as fast as lower ones, see DECISIONS.md
@@ -91,7 +95,7 @@ def _settings(message: dict[str, Any]) -> Settings:
 def _act(message: dict[str, Any], arena: Arena) -> Act:
     spec, seat = arena.spec, message.get("seat")
     if seat is not None:
-        seat = _integer(seat, "seat", len(arena.seats))
+        seat = _integer(seat, "seat", len(arena.scores.seats))
     axes, choices = (_list(message.get(key), key, len(spec.behaviors)) for key in ("axes", "choices"))
     pressed = Pressed([], [])
     for behavior, values, chosen in zip(spec.behaviors, axes, choices, strict=True):
@@ -153,15 +157,15 @@ def game_message(arena: Arena) -> str:
         behaviors=[
             _behavior(behavior, act.axes[0]) for behavior, act in zip(spec.behaviors, make_acts(spec, 1), strict=True)
         ],
-        seats=[seat._asdict() for seat in arena.seats],
+        seats=[seat._asdict() for seat in arena.scores.seats],
         controls=[asdict(control) for control in make_controls(spec)],
     )  # fmt: skip
 
 
-def turn_message(arena: Arena, played: int | None) -> str:
+def turn_message(arena: Arena, played: int | None, rival: "Rival | None") -> str:
     """Return the message `turn`. played: the act that led here."""
     behaviors = []
-    for act, step, scores in zip(arena.acts, arena.steps, arena.scores, strict=True):
+    for act, step, scores in zip(arena.acts, arena.steps, arena.scores.now, strict=True):
         lanes = range(len(scores))
         behaviors.append({
             "axes": act.axes.tolist(),
@@ -173,9 +177,19 @@ def turn_message(arena: Arena, played: int | None) -> str:
             "forbidden": [[(~mask[lane]).nonzero()[0].tolist() for mask in step.masks or ()] for lane in lanes],
         })  # fmt: skip
     return _write(
-        "turn", turn=arena.turn, played=played, behaviors=behaviors, ended=arena.ended,
-        picture=arena.picture is not None,
+        "turn", turn=arena.turn, played=played, behaviors=behaviors, ended=arena.scores.ended,
+        picture=arena.picture is not None, rival=rival and _rival(rival),
     )  # fmt: skip
+
+
+def _rival(rival: "Rival") -> dict[str, Any]:
+    scores = rival.scores
+    return {
+        "title": rival.title,
+        "scores": [now.tolist() for now in scores.now],
+        "ended": scores.ended,
+        "picture": rival.picture is not None,
+    }
 
 
 def error_message(kind: str, error: Exception) -> str:

@@ -4,17 +4,24 @@ import argparse
 import sys
 import webbrowser
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from threading import Event
+from typing import TYPE_CHECKING
 
 from joybridge.contract.address import address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
+from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.game_settings import check_settings, read_settings
 from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.own_games import choose_game
 from joybridge.trainer.signals import interrupt_on_signals
 from joybridge.trainer.wire.client import describe
+
+if TYPE_CHECKING:
+    from joybridge.viewer.arena import Settings
+    from joybridge.viewer.tab import Against
 
 # What serves the page is imported by the command that needs it: help and errors need no further package.
 
@@ -37,8 +44,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
         game, games = choose_game(options.what, options.game, place)
         with Simulator(place, games) as simulator:
+            against, settings = _rival(options.against, game, settings)
             check_settings(settings.options, settings.parameters, describe(simulator.reach(), game, settings.options))
-            with open_website(options.port, lambda page: play(page, simulator, game, settings, options.timeout)) as url:
+            with open_website(
+                options.port, lambda page: play(page, simulator, game, settings, options.timeout, against)
+            ) as url:
                 print(f"play {game} at {url}\nCtrl-C ends it", flush=True)
                 if not options.no_browser:
                     webbrowser.open(url)
@@ -78,6 +88,10 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--timeout", type=float, default=10.0, metavar="SECONDS",
         help="how long to wait for an answer of the simulator before it is taken for lost; default %(default)g",
     )  # fmt: skip
+    play.add_argument(
+        "--against", type=Path, metavar="RUN",
+        help="let the policy of a run play beside you, on the same seed; its options and parameters are the defaults",
+    )  # fmt: skip
     play.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
     add_overrides(play, "options and parameters of the game, e.g. options.level=6 parameters.bird_speed=0.5")
     options = parse_overrides(parser, arguments)
@@ -90,3 +104,16 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     if (options.tls_ca or options.token_file) and not options.simulator:
         play.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
     return options
+
+
+def _rival(run: Path | None, game: str, settings: "Settings") -> "tuple[Against | None, Settings]":
+    """Return what opens the rival of a session, and the settings to begin with. Raises ConfigError."""
+    if run is None:
+        return None, settings
+    try:
+        from joybridge.viewer.rival import open_rival, rival_settings
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"--against needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
+        ) from None
+    return partial(open_rival, run), rival_settings(run, game, settings)

@@ -1,7 +1,9 @@
 """Play with one page: take its messages, and play a decision whenever the game's clock or the page says so."""
 
 import time
-from contextlib import closing
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing, nullcontext
+from typing import TYPE_CHECKING
 
 from websockets.sync.server import ServerConnection
 
@@ -20,20 +22,32 @@ from joybridge.viewer.messages import (
 )
 from joybridge.viewer.simulator import Simulator
 
+if TYPE_CHECKING:  # it needs torch
+    from joybridge.viewer.rival import Rival
+
+Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
+
 LATE = 2  # decisions that are made up for, after a delay
 RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
 
 
-def play(page: ServerConnection, simulator: Simulator, game: str, settings: Settings, timeout: float) -> None:
+def play(
+    page: ServerConnection, simulator: Simulator, game: str, settings: Settings, timeout: float,
+    against: Against | None = None,
+) -> None:  # fmt: skip
     """Play a game with a page until the page goes away, which raises ConnectionClosed.
 
     Begin under `settings`, and again with those that the page asks for. A simulator that is lost is tried again until
-    it answers. timeout: seconds to wait for an answer of the simulator.
+    it answers. timeout: seconds to wait for an answer of the simulator. against: opens the rival of each session.
     """
     while True:
         try:
-            with closing(Arena(simulator.reach(), game, settings, timeout)) as arena:
-                settings = _play_arena(page, arena)
+            address = simulator.reach()
+            with (
+                closing(Arena(address, game, settings, timeout)) as arena,
+                against(address, settings) if against else nullcontext() as rival,
+            ):
+                settings = _play_arena(page, arena, rival)
         except SimulatorLost as error:
             page.send(error_message("lost", error))
             settings = _wait_for_start(page, RETRY_SECONDS) or settings
@@ -54,7 +68,7 @@ def _wait_for_start(page: ServerConnection, seconds: float | None) -> Settings |
             return message
 
 
-def _play_arena(page: ServerConnection, arena: Arena) -> Settings:
+def _play_arena(page: ServerConnection, arena: Arena, rival: "Rival | None") -> Settings:
     """Play until the page asks for other settings, which are returned.
 
     A decision needs an act of the page for its turn, so nothing is played that the page has not seen. The pace of the
@@ -64,7 +78,7 @@ def _play_arena(page: ServerConnection, arena: Arena) -> Settings:
     act: Act | None = None
     running, due, drew = False, 0.0, False
     page.send(game_message(arena))
-    page.send(turn_message(arena, None))
+    page.send(turn_message(arena, None, rival))
     while True:
         now = time.monotonic()
         ticking = running and interval > 0
@@ -73,9 +87,12 @@ def _play_arena(page: ServerConnection, arena: Arena) -> Settings:
         elif act.decide or now >= due:
             drew = not (drew and ticking and now > due + interval)
             arena.play(act.pressed, act.seat, draw=drew)
-            page.send(turn_message(arena, act.id))
-            if arena.picture is not None:
-                page.send(encode_picture(arena.picture))
+            if rival:
+                rival.play()
+            page.send(turn_message(arena, act.id, rival))
+            for picture in (arena.picture, rival.picture if rival else None):
+                if picture is not None:
+                    page.send(encode_picture(picture))
             act, due = None, max(due, now - LATE * interval) + interval
             continue
         else:

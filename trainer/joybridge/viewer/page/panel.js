@@ -38,6 +38,7 @@ export class Panel {
     $("seat-label").hidden = names.length < 2;
     this.channels = game.seats.map((seat) => game.behaviors[seat.behavior].channels.map(() => 0));
     this.ended = [];
+    $("rival-ended").textContent = "";
     $("episodes").replaceChildren(element("p", { className: "faint" }, "None has ended yet."));
     this.build();
     this.buildScores();
@@ -149,7 +150,17 @@ export class Panel {
       this.channels[index] = this.channels[index].map((sum, place) => (ended || !turn.turn ? 0 : sum + paid[place]));
     }
     this.showEpisodes(turn.ended);
+    const ended = turn.rival?.ended.map((end) => `score ${number(end.score)}`) ?? [];
+    if (ended.length) $("rival-ended").textContent = `Its last episode: ${ended.join(", ")}.`;
     this.show();
+  }
+
+  // Shows how the policy beside the person does.
+  showRival(rival) {
+    $("rival").hidden = !rival;
+    if (!rival) return;
+    $("rival-title").textContent = `Beside you: ${rival.title}`;
+    $("rival-score").textContent = rival.scores.flat().map(number).join(" · ");
   }
 
   show() {
@@ -181,6 +192,7 @@ export class Panel {
     }
     $("decision").textContent = `decision ${turn.turn}`;
     this.showScores(turn);
+    this.showRival(turn.rival);
   }
 
   showStick(control, dot, values, turn) {

@@ -26,6 +26,7 @@ const inputs = new Inputs($("stage"), $("picture"), onInput);
 const panel = new Panel(state, inputs, onChip);
 const figures = { turns: [], pictures: [], latencies: [] };
 let drawing = Promise.resolve(); // pictures are shown in their order
+let awaited = []; // the canvases of the pictures that follow
 let first = null; // time of the first event that no act contains yet
 let timer = 0;
 let locked = false; // whether the browser holds the pointer
@@ -73,7 +74,7 @@ function begin(game) {
   $("name").textContent = game.name;
   $("description").textContent = game.description;
   const [width, height] = game.picture ?? [640, 240];
-  Object.assign($("picture"), { width, height }).style.setProperty("--ratio", width / height);
+  for (const id of ["picture", "rival-picture"]) Object.assign($(id), { width, height }).style.setProperty("--ratio", width / height);
   $("stage").classList.add("empty");
   $("step").textContent = game.interval ? "Step" : "Decide";
   panel.begin();
@@ -102,6 +103,7 @@ function takeTurn(turn) {
   if (played) inputs.consume(played.presses, played.movement);
   for (const id of state.acts.keys()) if (id <= turn.played) state.acts.delete(id);
   state.turn = turn;
+  awaited = [...(turn.picture ? ["picture"] : []), ...(turn.rival?.picture ? ["rival-picture"] : [])];
   state.chosen.clear();
   panel.take(turn);
   figures.turns.push(performance.now());
@@ -158,12 +160,14 @@ function onChip(number, choice) {
   answer(state.controls.length === 1);
 }
 
+// The pictures that a turn has announced follow it: of the arena, then of the rival.
 function draw(blob) {
-  const turn = state.turn;
+  const turn = state.turn, canvas = $(awaited.shift() ?? "picture");
   drawing = drawing.then(async () => {
     const bitmap = await createImageBitmap(blob);
-    $("picture").getContext("2d").drawImage(bitmap, 0, 0);
+    canvas.getContext("2d").drawImage(bitmap, 0, 0);
     bitmap.close();
+    if (canvas.id !== "picture") return;
     $("stage").classList.remove("empty");
     const now = performance.now();
     figures.pictures.push(now);

@@ -1,0 +1,52 @@
+"""A policy that plays beside the person, in an arena of the same seed and settings. Needs what trains (torch)."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from joybridge.contract.tensors import Array
+from joybridge.trainer.config import play_config
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.playing import Play, open_play
+from joybridge.viewer.arena import Settings
+from joybridge.viewer.scores import Scores
+
+FAST = 0.05  # s between decisions: where there are fewer, every other picture is enough
+
+
+class Rival:
+    """The policies of a run, which decide whenever the person does. picture: of the last decision, or None."""
+
+    def __init__(self, play: Play) -> None:
+        """Play in an open session."""
+        self.title = play.heading()
+        self.scores = Scores(play.spec)
+        self.picture: Array | None = None
+        fast = play.spec.tick_seconds * play.spec.decision_interval < FAST
+        self._decisions = play.decisions((2 if fast else 1) if play.spec.HasField("picture") else 0)
+
+    def play(self) -> None:
+        """Play one decision. Raises SimulatorError."""
+        played = next(self._decisions)
+        self.picture = played.pictures[0] if played.pictures else None
+        self.scores.take(played.after)
+
+
+@contextmanager
+def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
+    """Open an arena for the policies of a run. Raises SimulatorError, CheckpointError and ConfigError."""
+    with open_play(run, address, seed=settings.seed, overrides=_overrides(settings)) as play:
+        yield Rival(play)
+
+
+def rival_settings(run: Path, game: str, settings: Settings) -> Settings:
+    """Return settings with the options and parameters of a run where they set none. Raises ConfigError."""
+    config = play_config(run, _overrides(settings))
+    if config.game != game:
+        raise ConfigError(f"--against: {run} plays {config.game}, expected {game}; name a run of this game")
+    return Settings(settings.seed, dict(config.options), dict(config.parameters))
+
+
+def _overrides(settings: Settings) -> list[str]:
+    options = [f"options.{name}={choice}" for name, choice in settings.options.items()]
+    return options + [f"parameters.{name}={value!r}" for name, value in settings.parameters.items()]
