@@ -25,7 +25,8 @@ def docstring(module: str) -> str:
 
 def exported(module: str) -> list[str]:
     """Return the names in `__all__` of a module."""
-    return list(ast.literal_eval(_assignments(module)["__all__"].value))
+    value = _assignments(module)["__all__"].value
+    return list(ast.literal_eval(value)) if value else []
 
 
 def _module(module: str) -> Iterator[str]:

@@ -9,12 +9,13 @@ A line of a page may stand for a part that is written only once:
 
 import posixpath
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from tools.docs import api, contract, reference
 
 ROOT = Path(__file__).parents[2]
-GENERATED = {
+GENERATED: dict[str, Callable[..., str]] = {
     "api": api.api, "commands": reference.commands, "configurations": reference.configurations,
     "contract": contract.contract, "docstring": api.docstring, "forms": reference.forms, "keys": reference.key_table,
     "other_names": reference.other_names,

@@ -1,9 +1,9 @@
 """What authors of games import. The simulator itself (server and sessions) is in the other modules.
 
-A game       Game, TimeStep, Action, Array
-A timestep   transition, waiting, termination, truncation
-A spec       spec, behavior, sensor, axis, branch, button, channel, metric, option, parameter, GameSpec
-For speed    BatchedGame, ActArrays, StepArrays, quiet_step, check_range, GameError
+    A game       Game, TimeStep, Action, Array
+    A timestep   transition, waiting, termination, truncation
+    A spec       spec, behavior, sensor, axis, branch, button, channel, metric, option, parameter, GameSpec
+    For speed    BatchedGame, ActArrays, StepArrays, quiet_step, check_range, GameError
 
 A whole game is in the docstring of `joybridge.simulator.game`; `joybridge new` writes one to start from. Helpers for
 pictures are in `joybridge.simulator.render`, which needs pygame.
