@@ -101,7 +101,7 @@ def test_the_kit_passes_over_the_socket(simulator):
 
 
 @contextmanager
-def offering(path: str) -> Iterator[str]:
+def offering(path: str, *, unasked: bool = False) -> Iterator[str]:
     """Yield the address of a server that offers a socket at a path, and that plays over gRPC."""
     end = Event()
     spec = pb.DescribeGameResponse(spec=Gauntlet.describe({"size": "small"}), version=own_version())
@@ -112,7 +112,7 @@ def offering(path: str) -> Iterator[str]:
         for data in requests:
             request = pb.PlayRequest.FromString(data)
             response = server.answer(request)
-            if request.start.local_transport:
+            if request.start.local_transport or (unasked and request.HasField("start")):
                 response.started.local_socket = path
             yield response.SerializeToString()
 
@@ -140,6 +140,14 @@ def test_a_socket_that_cannot_be_reached_leaves_grpc_or_is_named(tmp_path):
             session.step(make_acts(session.spec, 2))
         with pytest.raises(SimulatorError, match=r"no local transport to .*No such file.*; leave it to transport=auto"):
             Session(address, "gauntlet", arenas=2, seed=0, transport="local")
+
+
+def test_a_socket_that_was_not_asked_for_is_ignored():
+    with offering("/nowhere", unasked=True) as address:
+        for transport in ("grpc", "auto"):
+            with Session(address, "gauntlet", arenas=2, seed=0, transport=transport) as session:
+                assert not is_local(session)
+                session.step(make_acts(session.spec, 2))
 
 
 def test_a_server_without_the_transport_is_played_over_grpc_or_named(tmp_path):

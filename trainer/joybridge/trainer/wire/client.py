@@ -205,8 +205,9 @@ class Session:
         """Open the session and return its first response. Raises SimulatorError."""
         start.local_transport = transport != "grpc" and is_local(self.address) and hasattr(socket, "AF_UNIX")
         response = stream.open(start)
-        path, problem = response.started.local_socket, "the simulator does not offer it"
-        if start.local_transport and path:
+        path = response.started.local_socket if start.local_transport else ""
+        problem = "the simulator does not offer it"
+        if path:
             try:
                 local = LocalStream(stream, self._wait, path, self._largest)
                 self._end_stream.detach()
