@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from threading import Event
 
-import grpc
 import numpy as np
 import pytest
 
@@ -23,6 +22,7 @@ from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import AnswersTwice, BrokenServer, Gauntlet, Honest, serving
 from tests.support.instructions import run_with
+from tests.support.servers import answering_methods
 
 TIMESTEPS = 20
 
@@ -121,18 +121,9 @@ def answering(describe: bytes | None = None, *answers: bytes) -> Iterator[str]:
             yield answer
         end.wait(60.0)
 
-    handlers = {
-        "DescribeGame": grpc.unary_unary_rpc_method_handler(lambda *_: spec if describe is None else describe),
-        "Play": grpc.stream_stream_rpc_method_handler(play),
-    }
-    with ThreadPoolExecutor(4) as pool:
-        server = grpc.server(pool)
-        server.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(stream.SERVICE, handlers)])
-        port = server.add_insecure_port("127.0.0.1:0")
-        server.start()
-        yield f"127.0.0.1:{port}"
+    with answering_methods(DescribeGame=lambda *_: spec if describe is None else describe, Play=play) as address:
+        yield address
         end.set()
-        server.stop(None).wait()
 
 
 def test_a_simulator_that_does_not_answer_in_time_is_lost_and_the_error_says_what_was_waited_for():

@@ -4,10 +4,9 @@ import asyncio
 import socket
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Event, Thread
+from threading import Thread
 
 import grpc
 import numpy as np
@@ -20,11 +19,11 @@ from joybridge.contract.local_socket import LENGTH, FrameError, LocalSocket
 from joybridge.contract.versions import own_version
 from joybridge.simulator.local_socket import LocalSocket as Offered
 from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire import stream
 from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost
 from joybridge.trainer.wire.local_stream import LocalStream
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import Gauntlet, Honest
+from tests.support.servers import answering_methods
 from tests.support.wire import Stream, act, reset, start
 
 
@@ -103,7 +102,6 @@ def test_the_kit_passes_over_the_socket(simulator):
 @contextmanager
 def offering(path: str, *, unasked: bool = False) -> Iterator[str]:
     """Yield the address of a server that offers a socket at a path, and that plays over gRPC."""
-    end = Event()
     spec = pb.DescribeGameResponse(spec=Gauntlet.describe({"size": "small"}), version=own_version())
     games = pb.ListGamesResponse(games=[pb.GameSummary(name="gauntlet", description="A game.")], version=own_version())
 
@@ -116,19 +114,10 @@ def offering(path: str, *, unasked: bool = False) -> Iterator[str]:
                 response.started.local_socket = path
             yield response.SerializeToString()
 
-    handlers = {
-        "ListGames": grpc.unary_unary_rpc_method_handler(lambda *_: games.SerializeToString()),
-        "DescribeGame": grpc.unary_unary_rpc_method_handler(lambda *_: spec.SerializeToString()),
-        "Play": grpc.stream_stream_rpc_method_handler(play),
-    }
-    with ThreadPoolExecutor(4) as pool:
-        server = grpc.server(pool)
-        server.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(stream.SERVICE, handlers)])
-        port = server.add_insecure_port("127.0.0.1:0")
-        server.start()
-        yield f"127.0.0.1:{port}"
-        end.set()
-        server.stop(None).wait()
+    with answering_methods(
+        ListGames=lambda *_: games.SerializeToString(), DescribeGame=lambda *_: spec.SerializeToString(), Play=play
+    ) as address:
+        yield address
 
 
 def test_a_socket_that_cannot_be_reached_leaves_grpc_or_is_named(tmp_path):

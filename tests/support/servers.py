@@ -2,11 +2,16 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import grpc
 
 from joybridge.contract.address import READY
+from joybridge.trainer.wire.stream import SERVICE
 from tests.support.wire import SECONDS
 
 ROOT = Path(__file__).parents[2]
@@ -49,3 +54,19 @@ def refuses_to_start(*arguments, **streams) -> str:
 
 def games(*places):
     return [argument for place in places for argument in ("--game", place)]
+
+
+@contextmanager
+def answering_methods(**methods: Callable[..., Any]) -> Iterator[str]:
+    """Yield the address of a server whose methods take and return bytes: Play a stream of them, others one message."""
+    handlers = {
+        name: (grpc.stream_stream_rpc_method_handler if name == "Play" else grpc.unary_unary_rpc_method_handler)(method)
+        for name, method in methods.items()
+    }
+    with ThreadPoolExecutor(4) as pool:
+        listener = grpc.server(pool)
+        listener.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(SERVICE, handlers)])
+        port = listener.add_insecure_port("127.0.0.1:0")
+        listener.start()
+        yield f"127.0.0.1:{port}"
+        listener.stop(None).wait()
