@@ -3,7 +3,10 @@
 import asyncio
 import re
 import socket
-from typing import NamedTuple
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import Any, NamedTuple
 
 import grpc
 import numpy as np
@@ -106,32 +109,42 @@ CASES = {
     "GAME_FAILED": Case([start("fails"), gauntlet_act()]),
     "GAME_TOO_SLOW": Case([start("hangs"), gauntlet_act()], limits=Limits(step_seconds=0.2)),
     "NO_START": Case([b""], limits=Limits(start_seconds=0.0)),
-    "IDLE": Case([START, b""], limits=Limits(idle_seconds=0.0)),
+    "IDLE": Case([START, b""], limits=Limits(idle_seconds=0.5)),
     "NO_TOKEN": Case([START], token=TOKEN),
     "SHUTTING_DOWN": Case([START, b""], ends=True),
 }
 
 
-async def refused(case: Case) -> grpc.aio.AioRpcError:
-    """Play the requests of a case at a server of its own and return the error. b"" stands for silence."""
-    server = grpc.aio.server(interceptors=[Door(case.token)])
-    servicer = Service(GAMES, case.limits)
+@asynccontextmanager
+async def serving(limits: Limits, token: str = "") -> AsyncIterator[tuple[Service, Callable[[], Any]]]:
+    """Yield a server within this process and what opens a Play stream at it."""
+    server = grpc.aio.server(interceptors=[Door(token)])
+    servicer = Service(GAMES, limits)
     rpc.add_SimulatorServiceServicer_to_server(servicer, server)
     port = server.add_insecure_port("127.0.0.1:0")
     await server.start()
-    sweeper = asyncio.create_task(servicer.sweep())
     try:
         async with grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel:
             play = channel.stream_stream(PLAY, encode, pb.PlayResponse.FromString)
-            others = [play(timeout=SECONDS) for _ in range(case.others)]
-            for other in others:
-                await other.write(START)
-                await other.read()
-            call = play(timeout=SECONDS)
-            local_socket = ""
-            for request in case.requests[:-1]:
-                await call.write(request)
-                local_socket = (await call.read()).started.local_socket
+            yield servicer, partial(play, timeout=SECONDS)
+    finally:
+        await server.stop(None)
+
+
+async def refused(case: Case) -> grpc.aio.AioRpcError:
+    """Play the requests of a case at a server of its own and return the error. b"" stands for silence."""
+    async with serving(case.limits, case.token) as (servicer, play):
+        sweeper = asyncio.create_task(servicer.sweep())
+        others = [play() for _ in range(case.others)]
+        for other in others:
+            await other.write(START)
+            await other.read()
+        call = play()
+        local_socket = ""
+        for request in case.requests[:-1]:
+            await call.write(request)
+            local_socket = (await call.read()).started.local_socket
+        with pytest.raises(grpc.aio.AioRpcError) as caught:
             if local_socket:
                 with socket.socket(socket.AF_UNIX) as local:
                     local.connect(local_socket)
@@ -140,12 +153,9 @@ async def refused(case: Case) -> grpc.aio.AioRpcError:
                 await call.write(case.requests[-1])
             if case.ends:
                 servicer.end_streams()
-            with pytest.raises(grpc.aio.AioRpcError) as caught:
-                await call.read()
-            return caught.value
-    finally:
+            await call.read()
         sweeper.cancel()
-        await server.stop(None)
+        return caught.value
 
 
 @pytest.mark.parametrize("name", REASONS)
@@ -156,6 +166,24 @@ def test_every_reason_is_provoked_and_sent_with_the_field_and_a_sentence(name, m
     assert details_of(error) == (name, case.field)
     assert error.code() == CODES[pb.Reason.Value(f"REASON_{name}")]
     assert error.details()
+
+
+async def idle_while_a_response_is_sent() -> grpc.aio.AioRpcError:
+    """Let the time limit pass in the moment in which a response is being sent, and return the error."""
+    async with serving(Limits(idle_seconds=0.0)) as (servicer, play):
+        call = play()
+        await call.write(START)
+        while not any(stream.doing == service.WRITING for stream in servicer.streams):
+            await asyncio.sleep(0)
+        servicer.end_silent_streams()
+        assert (await call.read()).HasField("started")
+        with pytest.raises(grpc.aio.AioRpcError) as caught:
+            await call.read()
+        return caught.value
+
+
+def test_a_limit_that_passes_while_a_response_is_sent_cuts_neither_response_nor_status():
+    assert details_of(asyncio.run(idle_while_a_response_is_sent())) == ("IDLE", "")
 
 
 def test_the_manual_tells_the_status_of_every_reason():

@@ -189,14 +189,20 @@ class Service(rpc.SimulatorServiceServicer):
             if self.ended:
                 self.ended = False
                 await asyncio.to_thread(_free_memory)
-            for stream in list(self.streams):
-                limit = self.limits.idle_seconds if stream.playing else self.limits.start_seconds
-                if stream.silent_seconds() > limit and stream.ending is None:
-                    wanted = "request (see --idle-seconds)" if stream.playing else "start (see --start-seconds)"
-                    reason = pb.REASON_IDLE if stream.playing else pb.REASON_NO_START
-                    stream.end(Refusal(reason, f"no {wanted} for {limit:g} s; open a new stream"))
-                    if stream.doing == WRITING:  # the client does not read, so no status can reach it
-                        stream.task.cancel()
+            self.end_silent_streams()
+
+    def end_silent_streams(self) -> None:
+        """End the streams whose clients are silent for too long."""
+        for stream in list(self.streams):
+            limit = self.limits.idle_seconds if stream.playing else self.limits.start_seconds
+            if stream.silent_seconds() <= limit:
+                continue
+            if stream.ending is None:
+                wanted = "request (see --idle-seconds)" if stream.playing else "start (see --start-seconds)"
+                reason = pb.REASON_IDLE if stream.playing else pb.REASON_NO_START
+                stream.end(Refusal(reason, f"no {wanted} for {limit:g} s; open a new stream"))
+            elif stream.doing == WRITING:  # since the last sweep: the client does not read, so no status can reach it
+                stream.task.cancel()
 
     def end_streams(self) -> int:
         """End every stream with UNAVAILABLE, and return how many of them were sessions."""
