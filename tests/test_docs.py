@@ -17,7 +17,7 @@ from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.keys import SCHEMA, all_keys
 from joybridge.v1 import bridge_pb2 as pb
 from tests.test_public_api import PROMISED
-from tools.docs import reference
+from tools.docs import errors, reference
 from tools.docs.api import api, exported
 from tools.docs.contract import contract
 from tools.docs.pages import filled, readme_sections
@@ -221,6 +221,24 @@ def test_the_reference_has_every_public_name_with_its_declaration():
         sections = re.split(r"^### ", api(module), flags=re.MULTILINE)[1:]
         assert [section.split()[0] for section in sections] == exported(module) == import_module(module).__all__
         assert all("```python" in section or "contract.md#" in section for section in sections)
+
+
+def test_the_reference_of_errors_has_every_reason_and_every_exception():
+    names = {name.removeprefix("REASON_") for name in pb.Reason.keys()} - {"UNSPECIFIED"}  # noqa: SIM118
+    assert set(errors.REASONS) == names and all(f"\n| `{name}` | `" in errors.reasons() for name in names)
+    found = errors.found_exceptions()
+    assert len(found) > 20 and set(errors.EXCEPTIONS) == set(found), "say in tools/docs/errors.py what to do"
+    assert sorted(re.findall(r"- \*\*(\w+)\*\*", errors.exceptions())) == sorted(found)
+    assert all(docstring for _, _, docstring in found.values())
+
+
+def test_every_sentence_of_the_reference_of_errors_stands_in_the_code():
+    page = (ROOT / "docs/reference/errors.md").read_text()
+    shown = re.findall(r"^\| `(.*?)` \| .* \| .* \|$", page.partition("## Exit statuses")[0], re.MULTILINE)
+    assert len(shown) > 30
+    pieces = [re.compile(".*".join(map(re.escape, sentence.split("…"))), re.DOTALL) for sentence in shown]
+    texts = errors.sentences()
+    assert [piece.pattern for piece in pieces if not any(map(piece.search, texts))] == []
 
 
 def test_the_schema_for_editors_is_that_of_the_configuration():
