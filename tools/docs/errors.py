@@ -58,7 +58,7 @@ EXCEPTIONS = {  # what to do
     "NewGameError": "Choose another name or folder, as the text says.",
     "GameError": "Repair the game; the text names the arena, the part and what was expected.",
     "ServerError": "Start the server, or name a game that it has.",
-    "CatalogError": "Repair the game or its place; what is before the colon must be importable from the current folder.",
+    "CatalogError": "Repair the game or its place; its module must be importable from the current folder.",
     "DoorError": "Give the server TLS and a token, or let it listen on 127.0.0.1.",
     "AdapterError": "Wrap the environment, for example in `gymnasium.wrappers.RescaleAction`, as the text says.",
     "ConfigError": "Set the key to what the text expects; `joybridge keys WORD` explains it.",
