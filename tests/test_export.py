@@ -95,10 +95,21 @@ def test_model_and_runtime_play_as_the_trainer_does(layout, deterministic, simul
         {"policies": {"axes": {"sensors": ["lamps", "place"], "frame_stack": 2}}} if layout == "multiagent" else {}
     )
     run = make_run(tmp_path / "run", simulator, layout=layout, **settings)
+    assert play_beside(run, simulator, runtime, deterministic=deterministic)["format"] == "joybridge.policy.v1"
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu", "elu"])
+def test_each_activation_plays_as_the_trainer_does(activation, simulator, runtime, tmp_path):
+    run = make_run(tmp_path / "run", simulator, policy=PolicyConfig(hidden_sizes=[8, 8], activation=activation))
+    assert play_beside(run, simulator, runtime)["format"] == "joybridge.policy.v2"
+
+
+def play_beside(run, simulator, runtime, *, deterministic=False):
+    """Let an ONNX model and the runtime in NumPy play beside the trainer, all alike; return the document."""
     with open_play(run, simulator, seed=3, episodes=10, deterministic=deterministic) as play:
         document = documents(play, deterministic=deterministic)
-        (tmp_path / "policy.json").write_bytes(encode(document))
-        policy = runtime.Policy(tmp_path / "policy.json")
+        (run / "policy.json").write_bytes(encode(document))
+        policy = runtime.Policy(run / "policy.json")
         behavior = play.spec.behaviors[0]
         model = Exported(build_model(document).SerializeToString(), behavior, 10)
         state, masked, seen = policy.begin(10), 0, []
@@ -121,6 +132,7 @@ def test_model_and_runtime_play_as_the_trainer_does(layout, deterministic, simul
             state[decision.after[0].terminated | decision.after[0].truncated] = 0
     assert masked > 50
     assert (np.concatenate(seen).std(axis=0) > 0.05).all()  # every axis and branch was moved
+    return document
 
 
 @pytest.mark.parametrize("behavior", [0, 1])
@@ -273,11 +285,15 @@ console.log(JSON.stringify(played));
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="install Node.js to play a policy in JavaScript")
 @pytest.mark.parametrize(
-    ("layout", "deterministic"),
-    [("threshold-0.5", True), ("multiagent", False), ("joint-3", False), ("auto-3", False), ("squashed", False)],
-)
-def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, simulator, tmp_path):
-    run = make_run(tmp_path / "run", simulator, layout=layout)
+    ("layout", "deterministic", "activation"),
+    [
+        ("threshold-0.5", True, "swish"), ("multiagent", False, "tanh"), ("joint-3", False, "relu"),
+        ("auto-3", False, "elu"), ("squashed", False, "swish"),
+    ],
+)  # fmt: skip
+def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, activation, simulator, tmp_path):
+    policy = SMALL.model_copy(update={"activation": activation})
+    run = make_run(tmp_path / "run", simulator, layout=layout, policy=policy)
     decisions, wanted = [], []
     with open_play(run, simulator, seed=3, deterministic=deterministic) as play:
         document = documents(play, deterministic=deterministic)
@@ -307,7 +323,7 @@ def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, determinist
 
 def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
     (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v0"}')
-    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v1'; write it with"):
+    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v1' or 'joybridge\.policy\.v2'; write"):
         runtime.Policy(tmp_path / "policy.json")
 
 

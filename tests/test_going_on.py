@@ -52,6 +52,7 @@ def test_a_run_begins_with_the_weights_of_another_and_keeps_its_name(trained, co
     ("more", "message"),
     [
         (["policy.hidden_sizes=[9]"], "player: the trained network does not fit: hidden_sizes was [8], now [9]"),
+        (["policy.activation=relu"], "player: the trained network does not fit: activation was swish, now relu"),
         (["options.size=large"], "the sensors had 10 numbers, now 16 (place 2, count 1, image 10, lamps 3)"),
         (["layout=multiagent"], "trained has no policy 'axes'; it has player"),
     ],

@@ -1,12 +1,13 @@
 """The loss, its gradient in closed form, and the update."""
 
-from dataclasses import astuple
+from dataclasses import asdict, astuple
 from functools import partial
 
 import numpy as np
 import pytest
 import torch
 
+from joybridge.trainer.config import PolicyConfig
 from joybridge.trainer.layouts import ActionSpace
 from joybridge.trainer.metrics import STATISTICS
 from joybridge.trainer.ppo.distributions import FORBIDDEN
@@ -27,11 +28,11 @@ SPACES = {
 }
 
 
-def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 0):
+def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 0, activation: str = "swish"):
     """Return a network away from its initial state, its flat parameters, and a batch it disagrees with."""
     generator = torch.Generator().manual_seed(seed)
     normal = partial(torch.randn, generator=generator)
-    network = Network(20, space, [16, 12], shared, seed)
+    network = Network(20, space, [16, 12], shared, seed, activation)
     flat = flatten_parameters(network)
     with torch.no_grad():
         flat += 0.1 * normal(flat.shape)
@@ -55,7 +56,16 @@ def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.parametrize("seed", range(4))
 def test_the_closed_form_gradient_is_autograds(name, seed):
-    network, flat, batch = make(*SPACES[name], rows=200, seed=seed)
+    compare_gradients(name, seed, "swish")
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu", "elu"])
+def test_the_closed_form_gradient_is_autograds_with_each_activation(activation):
+    compare_gradients("hybrid", 1, activation)
+
+
+def compare_gradients(name, seed, activation):
+    network, flat, batch = make(*SPACES[name], rows=200, seed=seed, activation=activation)
     batch.log_probs += 0.3 * torch.randn(200, generator=torch.Generator().manual_seed(9))
     coefficients = Coefficients(1e-3, 0.2, 0.05)
     reference = autograd_gradient(network, batch, coefficients)
@@ -97,10 +107,39 @@ def test_a_ratio_beyond_the_clip_gives_no_gradient_where_it_would_gain():
 
 
 def test_schedules_are_linear_from_their_start_to_their_end():
-    assert astuple(anneal(0.0, 3e-4, 0.2, 0.05)) == pytest.approx((3e-4, 0.2, 0.05))
-    half = anneal(0.5, 3e-4, 0.2, 0.05)
-    assert astuple(half)[1:] == pytest.approx((0.15, (0.05 + 1e-5) / 2))
-    assert astuple(anneal(1.0, 3e-4, 0.2, 0.05)) == pytest.approx((1e-10, 0.1, 1e-5))
+    config = PolicyConfig(learning_rate=3e-4, clip_range=0.2, entropy_coef=0.05)
+    assert astuple(anneal(0.0, config)) == pytest.approx((3e-4, 0.2, 0.05))
+    assert astuple(anneal(0.5, config))[1:] == pytest.approx((0.15, (0.05 + 1e-5) / 2))
+    assert astuple(anneal(1.0, config)) == pytest.approx((1e-10, 0.1, 1e-5))
+
+
+@pytest.mark.parametrize("constant", ["learning_rate", "clip_range", "entropy_coef"])
+def test_each_schedule_may_be_constant(constant):
+    linear = PolicyConfig(learning_rate=3e-4)
+    config = linear.model_copy(update={f"{constant}_schedule": "constant"})
+    changed = asdict(anneal(0.7, linear)) | {constant: getattr(linear, constant)}
+    assert asdict(anneal(0.7, config)) == changed != asdict(anneal(0.7, linear))
+
+
+def test_a_longer_gradient_is_shortened_to_the_longest_that_is_allowed_and_a_shorter_one_is_kept():
+    for longest, shortened in ((1e-3, True), (1e3, False)):
+        network, _, batch = make(*SPACES["hybrid"], rows=32)
+        learner = Learner("player", network, branches=["a", "b"], gaussians=["x", "y"], autograd=False)
+        ClosedFormGradient(network)(batch, Coefficients(1e-9, 0.2, 0.05))
+        whole = learner.weights.grad.clone()
+        statistics = update(learner, batch, Coefficients(1e-9, 0.2, 0.05), epochs=1, minibatch_size=32, longest=longest)
+        wanted = whole * longest / whole.norm() if shortened else whole
+        torch.testing.assert_close(learner.weights.grad, wanted, atol=1e-6, rtol=1e-3)
+        assert statistics["grad_norm"] == pytest.approx(float(whole.norm()), rel=1e-4)
+
+
+@pytest.mark.parametrize(("target_kl", "epochs"), [(1e-9, 1), (1e9, 4), (None, None)])
+def test_an_update_ends_after_the_epoch_that_moved_the_policy_farther_than_its_target(target_kl, epochs):
+    network, _, batch = make(*SPACES["discrete"], rows=64)
+    learner = Learner("player", network, branches=["a", "b", "c"], gaussians=[], autograd=False)
+    statistics = update(learner, batch, Coefficients(1e-3, 0.2, 0.0), epochs=4, minibatch_size=16, target_kl=target_kl)
+    assert statistics.get("epochs") == epochs
+    assert int(learner.moments["step"]) == 4 * (epochs or 4)
 
 
 def test_an_epoch_takes_whole_minibatches_of_all_rows_and_leaves_the_rest():
@@ -148,9 +187,13 @@ def test_a_critic_that_predicts_the_returns_explains_all_of_their_variance_and_a
     assert explained_variance(returns, torch.ones(3)) == 0.0
 
 
-def update(learner, batch, coefficients=Coefficients(1e-3, 0.2, 0.05), *, epochs, minibatch_size):  # noqa: B008
-    rng = np.random.default_rng(0)
-    return ppo_update(learner, batch, coefficients, epochs=epochs, minibatch_size=minibatch_size, rng=rng)
+def update(
+    learner, batch, coefficients=Coefficients(1e-3, 0.2, 0.05), *, epochs, minibatch_size, longest=None, target_kl=None  # noqa: B008
+):  # fmt: skip
+    return ppo_update(
+        learner, batch, coefficients, epochs=epochs, minibatch_size=minibatch_size, rng=np.random.default_rng(0),
+        max_grad_norm=longest, target_kl=target_kl,
+    )  # fmt: skip
 
 
 def test_the_network_begins_as_the_original_does():

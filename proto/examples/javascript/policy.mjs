@@ -12,6 +12,13 @@
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
+const FORMATS = ["joybridge.policy.v1", "joybridge.policy.v2"];
+const ACTIVATIONS = {
+  swish: (x) => x / (1 + Math.exp(-x)),
+  tanh: Math.tanh,
+  relu: (x) => Math.max(x, 0),
+  elu: (x) => (x > 0 ? x : Math.expm1(x)),
+};
 
 /** Where a policy that is not deterministic takes its noise: uniform in [0, 1), and standard normal. */
 const NOISE = {
@@ -22,8 +29,8 @@ const NOISE = {
 export class Policy {
   /** @param {object} document the parsed file. Throws an Error if it is no policy of this format. */
   constructor(document) {
-    if (document?.format !== "joybridge.policy.v1") {
-      throw new Error("this is no 'joybridge.policy.v1'; write it with `joybridge export RUN policy.json`");
+    if (!FORMATS.includes(document?.format)) {
+      throw new Error(`this is no ${FORMATS.join(" or ")}; write it with \`joybridge export RUN policy.json\``);
     }
     this.sensors = document.sensors; // name, dtype and shape of each
     this.axes = document.axes; // name, low and high of each, in the order of Action.axes
@@ -59,7 +66,7 @@ export class Policy {
     const next = this.networks.map((network, index) => {
       const frame = network.sensors.flatMap((name) => Array.from(sensors[name], Number));
       const seen = Float32Array.from([...state[index], ...frame]);
-      const outputs = dense(network.layers, seen);
+      const outputs = dense(network, seen);
       const rows = [];
       let begin = 0;
       for (const table of network.discrete) {
@@ -103,11 +110,11 @@ export class Policy {
   }
 }
 
-/** Return the outputs of dense layers with swish, x / (1 + exp(-x)), between them. */
-function dense(layers, inputs) {
+/** Return the outputs of the dense layers of a network, with its activation between them. */
+function dense({ layers, activation = "swish" }, inputs) {
   let values = inputs;
   layers.forEach(({ weight, bias }, number) => {
-    const given = number ? values.map((x) => x / (1 + Math.exp(-x))) : values;
+    const given = number ? values.map(ACTIVATIONS[activation]) : values;
     values = bias.map((sum, row) => {
       for (let column = 0; column < given.length; column++) sum += weight[row * given.length + column] * given[column];
       return sum;

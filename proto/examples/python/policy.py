@@ -17,6 +17,13 @@ import numpy as np
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
+FORMATS = ("joybridge.policy.v1", "joybridge.policy.v2")
+ACTIVATIONS = {
+    "swish": lambda x: x / (1 + np.exp(-np.clip(x, -80, None))),
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0),
+    "elu": lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0))),
+}
 
 
 class Policy:
@@ -25,8 +32,9 @@ class Policy:
     def __init__(self, path):
         """Read a policy. Raises OSError, and ValueError if the file is no policy of this format."""
         document = json.loads(Path(path).read_bytes(), object_hook=_decode_array)
-        if not isinstance(document, dict) or document.get("format") != "joybridge.policy.v1":
-            raise ValueError(f"{path} is no 'joybridge.policy.v1'; write it with `joybridge export RUN policy.json`")
+        if not isinstance(document, dict) or document.get("format") not in FORMATS:
+            names = " or ".join(map(repr, FORMATS))
+            raise ValueError(f"{path} is no {names}; write it with `joybridge export RUN policy.json`")
         self.sensors = document["sensors"]  # name, dtype and shape of each
         self.axes = document["axes"]  # name, low and high of each, in the order of their columns
         self.branches = document["branches"]  # name and choices of each, in the order of their columns
@@ -58,7 +66,7 @@ class Policy:
             seen = np.concatenate([older, *frame], axis=1)
             following.append(seen[:, seen.shape[1] - older.shape[1] :])
             normal, uniform = self._noise(network, lanes, random)
-            outputs, begin, rows = _dense(network["layers"], seen), 0, []
+            outputs, begin, rows = _dense(network, seen), 0, []
             for column, table in enumerate(network["discrete"]):
                 end = begin + len(table["values"])
                 logits = self._mask(table, outputs[:, begin:end], allowed)
@@ -117,11 +125,12 @@ def _older(network):
     return numbers - numbers // network["frame_stack"]
 
 
-def _dense(layers, values):
-    """Return the outputs of dense layers with swish, x / (1 + exp(-x)), between them."""
-    for number, layer in enumerate(layers):
+def _dense(network, values):
+    """Return the outputs of the dense layers of a network, with its activation between them."""
+    activation = ACTIVATIONS[network.get("activation", "swish")]
+    for number, layer in enumerate(network["layers"]):
         if number:
-            values = values / (1 + np.exp(-np.clip(values, -80, None)))
+            values = activation(values)
         values = values @ layer["weight"].T + layer["bias"]
     return values
 

@@ -33,7 +33,8 @@ class Actor:
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
-        self.network = Network(self.observation_size, space, config.hidden_sizes, shared, seed).to(self.accelerator)
+        network = Network(self.observation_size, space, config.hidden_sizes, shared, seed, config.activation)
+        self.network = network.to(self.accelerator)
 
     @torch.inference_mode()
     def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:

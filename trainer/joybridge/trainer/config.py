@@ -49,7 +49,13 @@ OTHER_NAMES = {
     "epsilon": "policy.clip_range", "clip_eps": "policy.clip_range", "discount": "policy.gamma",
     "lam": "policy.gae_lambda", "lambd": "policy.gae_lambda", "gae": "policy.gae_lambda",
     "channels": "policy.reward_weights", "reward_signals": "policy.reward_weights",
+    "activation_fn": "policy.activation", "lr_schedule": "policy.learning_rate_schedule",
+    "anneal_lr": "policy.learning_rate_schedule", "beta_schedule": "policy.entropy_coef_schedule",
+    "epsilon_schedule": "policy.clip_range_schedule", "grad_clip": "policy.max_grad_norm",
+    "kl_target": "policy.target_kl",
 }  # fmt: skip
+
+Schedule = Literal["linear", "constant"]
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -67,6 +73,7 @@ class PolicyConfig(_Checked):
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
     )
+    activation: Literal["swish", "tanh", "relu", "elu"] = Field("swish", description="of the hidden layers")
     shared_body: bool | None = Field(
         None, description="one body for actor and critic; null: only if there are no Gaussians"
     )
@@ -74,9 +81,18 @@ class PolicyConfig(_Checked):
     time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
     minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
     epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")
-    learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam; falls linearly, to 1e-10")
-    entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus; falls linearly, to 1e-5")
-    clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO; falls linearly, to 0.1")
+    learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam")
+    learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
+    entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
+    entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
+    clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
+    clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
+    max_grad_norm: float | None = Field(
+        None, gt=0, description="longest gradient of the whole network; a longer one is shortened to it"
+    )
+    target_kl: float | None = Field(
+        None, gt=0, description="an update ends early, after an epoch whose mean KL divergence is larger"
+    )
     gamma: float = Field(0.99, ge=0, le=1, description="discount of rewards per decision")
     gae_lambda: float = Field(0.95, ge=0, le=1, description="lambda of generalized advantage estimation")
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")

@@ -137,10 +137,15 @@ class _Builder:
     def _network(self, policy: Document, value: str) -> str:
         for number, layer in enumerate(policy["layers"]):
             if number:
-                value = self._node("Mul", value, self._node("Sigmoid", value))  # swish
+                value = self._activate(policy.get("activation", "swish"), value)
             weight, bias = self._constant(layer["weight"]), self._constant(layer["bias"])
             value = self._node("Gemm", value, weight, bias, transB=1)
         return value
+
+    def _activate(self, activation: str, value: str) -> str:
+        if activation == "swish":
+            return self._node("Mul", value, self._node("Sigmoid", value))
+        return self._node(activation.capitalize(), value)  # Tanh, Relu or Elu
 
     def _choose(self, table: Document, logits: str) -> str:
         """Return the chosen row of a table, int64 [lanes, 1]; masked rows are never chosen."""

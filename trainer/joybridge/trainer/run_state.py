@@ -8,11 +8,14 @@ import numpy as np
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.checkpoint import Manifest, load_checkpoint, save_checkpoint, select
+from joybridge.trainer.config import run_config
 from joybridge.trainer.errors import CheckpointError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.pipeline import Group
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.wire.sharded_session import Snapshot
+
+OF_THE_NETWORK = ("activation",)  # keys of a policy that the shapes of its network do not show
 
 
 @dataclass
@@ -82,13 +85,23 @@ def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger
 
 
 def take_weights(policies: Sequence[Policy], run: Path) -> int:
-    """Give policies the networks that a run has trained; return for how many timesteps. Raises CheckpointError."""
-    state = load_state(run)
+    """Give policies the networks that a run has trained; return for how many timesteps.
+
+    Raises CheckpointError, and ConfigError if the folder holds no run.
+    """
+    state, trained = load_state(run), run_config(run)
     for policy in policies:
         network = policy_state(state.arrays, policy.actor.name)
         if not network:
             known = sorted({name.partition("/policy/")[0] for name in state.arrays if "/policy/network." in name})
             raise CheckpointError(f"{run} has no policy {policy.actor.name!r}; it has {', '.join(known)}")
+        before, now = (trained.policy_config(policy.actor.name), policy.config)
+        if differences := [
+            f"{key} was {getattr(before, key)}, now {getattr(now, key)}"
+            for key in OF_THE_NETWORK
+            if getattr(before, key) != getattr(now, key)
+        ]:
+            raise CheckpointError(f"{policy.actor.name}: the trained network does not fit: {'; '.join(differences)}")
         policy.actor.load(network)
     return state.timesteps
 

@@ -163,8 +163,8 @@ def learn(policy: Policy, progress: float) -> Row:
         )  # fmt: skip
         statistics = ppo_update(
             policy.learner, rollout.batch(advantages, decided).to(policy.actor.accelerator),
-            anneal(progress, config.learning_rate, config.clip_range, config.entropy_coef),
-            epochs=config.epochs, minibatch_size=config.minibatch_size, rng=policy.shuffles(),
+            anneal(progress, config), epochs=config.epochs, minibatch_size=config.minibatch_size,
+            rng=policy.shuffles(), max_grad_norm=config.max_grad_norm, target_kl=config.target_kl,
         )  # fmt: skip
         statistics["value"] = float(rollout.values[decided].mean())
     policy.restart()

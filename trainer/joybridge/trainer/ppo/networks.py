@@ -1,4 +1,4 @@
-"""The network of one policy: swish bodies under linear heads for branches, means and the value."""
+"""The network of one policy: bodies of dense layers under linear heads for branches, means and the value."""
 
 import math
 from itertools import pairwise
@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.ppo.activations import ACTIVATIONS
 from joybridge.trainer.ppo.continuous import load_distributions
 from joybridge.trainer.ppo.distributions import FORBIDDEN
 
@@ -23,9 +24,10 @@ class Outputs(NamedTuple):
 class Tower(nn.Module):
     """Hidden layers and a linear head without bias."""
 
-    def __init__(self, sizes: list[int], outputs: int) -> None:
+    def __init__(self, sizes: list[int], outputs: int, activation: str) -> None:
         """Make layers between the given sizes, input first, and a head of `outputs`."""
         super().__init__()
+        self.activation = ACTIVATIONS[activation]
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
         self.head = nn.Linear(sizes[-1], outputs, bias=False)
 
@@ -35,9 +37,9 @@ class Tower(nn.Module):
         return [layer for layer in self.hidden if isinstance(layer, nn.Linear)]
 
     def forward(self, features: Tensor) -> Tensor:
-        """Return the head's outputs [lanes, outputs]; the activation is swish, x · sigmoid(x)."""
+        """Return the head's outputs [lanes, outputs]."""
         for layer in self.hidden:
-            features = nn.functional.silu(layer(features))
+            features = self.activation.value(layer(features))
         return self.head(features)  # type: ignore[no-any-return]
 
 
@@ -57,7 +59,10 @@ class Network(nn.Module):
     pad: Tensor
     sums: Tensor | None
 
-    def __init__(self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int) -> None:
+    def __init__(
+        self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int,
+        activation: str = "swish",
+    ) -> None:  # fmt: skip
         """Make a network for observations of `observation` numbers; `shared`: one tower for both."""
         super().__init__()
         self.space = space
@@ -73,8 +78,8 @@ class Network(nn.Module):
             free = sum(each.parameters for each in self.distributions)
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
-        self.actor = Tower(sizes, columns)
-        self.critic = None if shared else Tower(sizes, 1)
+        self.actor = Tower(sizes, columns, activation)
+        self.critic = None if shared else Tower(sizes, 1, activation)
         self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
         self.log_variance = nn.Parameter(torch.zeros(free))

@@ -16,6 +16,8 @@ from joybridge.trainer.ppo.loss import Batch, LossGradient, autograd_gradient
 from joybridge.trainer.ppo.networks import Network, flatten_parameters
 from joybridge.trainer.ppo.schedule import Coefficients
 
+KL = STATISTICS.index("approx_kl")
+
 
 class Learner:
     """Improves a network: the gradient of the loss, and Adam with its moments."""
@@ -66,21 +68,28 @@ class Learner:
 
 def ppo_update(
     learner: Learner, batch: Batch, coefficients: Coefficients, *, epochs: int, minibatch_size: int,
-    rng: np.random.Generator,
+    rng: np.random.Generator, max_grad_norm: float | None = None, target_kl: float | None = None,
 ) -> dict[str, float]:  # fmt: skip
     """Improve the network of `learner` on `batch`; return statistics by name, means over all minibatches.
 
     Each epoch shuffles the batch with `rng` and takes as many whole minibatches as there are; the rest is left out. A
-    batch smaller than a minibatch is one. Raises DivergedError.
+    batch smaller than a minibatch is one. max_grad_norm: longer gradients are shortened to it. target_kl: no epoch
+    follows one whose mean KL divergence is larger. Raises DivergedError.
     """
     accelerator = batch.returns.device
     size = min(minibatch_size, len(batch))
-    rows = []
-    for _ in range(epochs):
+    rows: list[Array] = []
+    done, divergence = 0, 0.0  # epochs; of the last one
+    norm = torch.zeros(())  # of the last gradient, if gradients are clipped
+    while done < epochs and (target_kl is None or divergence <= target_kl):
         shuffled = batch.rows(torch.from_numpy(rng.permutation(len(batch))).to(accelerator))
         for start in range(0, len(batch) - size + 1, size):
             rows.append(learner.gradient(shuffled.slice(start, start + size), coefficients))
+            if max_grad_norm is not None:
+                norm = torch.nn.utils.clip_grad_norm_(learner.weights, max_grad_norm)
             learner.step(coefficients.learning_rate)
+        done += 1
+        divergence = float(np.mean([row[KL] for row in rows[-(len(batch) // size) :]]))
     statistics = dict(zip(learner.statistics, np.mean(rows, axis=0).tolist(), strict=True))
     if not learner.weights.isfinite().all():
         found = ", ".join(f"{name} {value:g}" for name, value in statistics.items())
@@ -93,9 +102,13 @@ def ppo_update(
         log_variance = learner.network.log_variance.tolist()
         entropies = [0.5 * (math.log(2 * math.pi * math.e) + value) for value in log_variance]
         statistics |= {f"entropy_{name}": entropy for name, entropy in zip(learner.gaussians, entropies, strict=True)}
+    if max_grad_norm is None:
+        norm = torch.linalg.vector_norm(learner.weights.grad)
+    if target_kl is not None:
+        statistics["epochs"] = done
     return statistics | {
         "explained_variance": explained_variance(batch.values, batch.returns),
-        "grad_norm": float(torch.linalg.vector_norm(learner.weights.grad)),  # of the last minibatch
+        "grad_norm": float(norm),  # of the last minibatch, before it was clipped
         "learning_rate": coefficients.learning_rate,
     }
 

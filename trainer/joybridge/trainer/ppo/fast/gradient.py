@@ -58,6 +58,7 @@ class TowerPass:
 
     def __init__(self, tower: Tower) -> None:
         self.layers = [(layer.weight, layer.bias) for layer in tower.layers]
+        self.activation = tower.activation.with_slope
         self.head = tower.head.weight
         self.inputs: list[Tensor] = []  # of each layer, and of the head last
         self.slopes: list[Tensor] = []  # derivative of each layer's activation
@@ -66,11 +67,8 @@ class TowerPass:
         """Return the outputs of the head [n, outputs]."""
         self.inputs, self.slopes = [features], []
         for weight, bias in self.layers:
-            z = torch.addmm(bias, features, weight.t())
-            gate = torch.sigmoid(z)
-            features = z.mul_(gate)
-            # d swish / dz = gate + swish (1 - gate)
-            self.slopes.append(torch.addcmul(gate, features, 1.0 - gate))
+            features, slope = self.activation(torch.addmm(bias, features, weight.t()))
+            self.slopes.append(slope)
             self.inputs.append(features)
         return torch.mm(features, self.head.t())
 
