@@ -15,7 +15,7 @@ import pytest
 from joybridge import cli
 from joybridge.trainer import export as exporting
 from joybridge.trainer.__main__ import main
-from joybridge.trainer.actor import make_actors
+from joybridge.trainer.actor import SCALING, make_actors
 from joybridge.trainer.checkpoint import Manifest, save_checkpoint
 from joybridge.trainer.config import Config, PolicyConfig, keep_config
 from joybridge.trainer.export import Exported, compare
@@ -49,6 +49,8 @@ def make_run(folder: Path, simulator: str, **settings) -> Path:
     for actor in make_actors(config, describe(simulator, config.game, config.options)):
         for name, array in actor.state().items():
             drawn = rng.normal(0.0, 0.7, array.shape).astype(np.float32)
+            if name.startswith(SCALING):
+                drawn = rng.uniform(0.5, 2.0, array.shape)
             arrays[f"{actor.name}/policy/network.{name}"] = drawn
     keep_config(config, folder)
     save_checkpoint(folder, arrays, Manifest(timesteps=64))
@@ -102,6 +104,13 @@ def test_model_and_runtime_play_as_the_trainer_does(layout, deterministic, simul
 def test_each_activation_plays_as_the_trainer_does(activation, simulator, runtime, tmp_path):
     run = make_run(tmp_path / "run", simulator, policy=PolicyConfig(hidden_sizes=[8, 8], activation=activation))
     assert play_beside(run, simulator, runtime)["format"] == "joybridge.policy.v2"
+
+
+@pytest.mark.parametrize("kind", ["bounds", "running"])
+def test_scaled_observations_play_as_the_trainer_does(kind, simulator, runtime, tmp_path):
+    policy = SMALL.model_copy(update={"scale_observations": kind})
+    run = make_run(tmp_path / "run", simulator, layout="multiagent", policy=policy)
+    assert "scaling" in play_beside(run, simulator, runtime)["policies"][1]
 
 
 def play_beside(run, simulator, runtime, *, deterministic=False):
@@ -285,14 +294,15 @@ console.log(JSON.stringify(played));
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="install Node.js to play a policy in JavaScript")
 @pytest.mark.parametrize(
-    ("layout", "deterministic", "activation"),
+    ("layout", "deterministic", "changed"),
     [
-        ("threshold-0.5", True, "swish"), ("multiagent", False, "tanh"), ("joint-3", False, "relu"),
-        ("auto-3", False, "elu"), ("squashed", False, "swish"),
+        ("threshold-0.5", True, {}), ("multiagent", False, {"activation": "tanh", "scale_observations": "running"}),
+        ("joint-3", False, {"activation": "relu"}), ("auto-3", False, {"activation": "elu"}),
+        ("squashed", False, {"scale_observations": "bounds"}),
     ],
 )  # fmt: skip
-def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, activation, simulator, tmp_path):
-    policy = SMALL.model_copy(update={"activation": activation})
+def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, changed, simulator, tmp_path):
+    policy = SMALL.model_copy(update=changed)
     run = make_run(tmp_path / "run", simulator, layout=layout, policy=policy)
     decisions, wanted = [], []
     with open_play(run, simulator, seed=3, deterministic=deterministic) as play:

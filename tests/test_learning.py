@@ -26,7 +26,7 @@ FAST = PolicyConfig(
 
 @pytest.fixture(scope="module")
 def address():
-    games = [f"tests.support.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid")]
+    games = [f"tests.support.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid", "Far")]
     with simulator_process(games) as bound:
         yield bound
 
@@ -60,6 +60,12 @@ def test_the_identity_game_is_learned(game, layout, timesteps, wanted, address, 
 
 def test_plain_autograd_learns_it_too(address, tmp_path):
     assert learn(address, tmp_path / "run", "identity_hybrid", "hybrid", 16_000, autograd=True) > 0.9
+
+
+@pytest.mark.parametrize("kind", ["bounds", "running"])
+def test_sensors_far_from_0_are_learned_scaled(kind, address, tmp_path):
+    settings = {"scale_observations": kind, "scale_rewards": True, "max_grad_norm": 0.5, "target_kl": 0.1}
+    assert learn(address, tmp_path / "run", "identity_far", "hybrid", 16_000, **settings) > 0.9
 
 
 def test_an_untrained_policy_does_not_reach_it(address, tmp_path):

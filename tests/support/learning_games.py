@@ -75,3 +75,18 @@ class Hybrid(Identity):
     axes = ("x",)
     buttons = ("a",)
     choices = 3
+
+
+class Far(Hybrid):
+    """As Hybrid, but targets are shown in huge units, far from 0."""
+
+    name = "identity_far"
+
+    @classmethod
+    def describe(cls, options):
+        made = super().describe(options)
+        made.behaviors[0].sensors[0].low[:], made.behaviors[0].sensors[0].high[:] = [20_000.0], [40_000.0]
+        return made
+
+    def show(self):
+        return {"target": [30_000.0 + 10_000.0 * number for number in super().show()["target"]]}

@@ -40,6 +40,8 @@ export class Policy {
       ...network,
       layers: network.layers.map(({ weight, bias }) => ({ weight: floats(weight), bias: floats(bias) })),
       deviations: floats(network.deviations),
+      shift: network.scaling && floats(network.scaling.shift),
+      scale: network.scaling && floats(network.scaling.scale),
     }));
   }
 
@@ -64,7 +66,7 @@ export class Policy {
     const axes = new Float32Array(this.axes.length);
     const choices = new Int32Array(this.branches.length);
     const next = this.networks.map((network, index) => {
-      const frame = network.sensors.flatMap((name) => Array.from(sensors[name], Number));
+      const frame = scale(network, network.sensors.flatMap((name) => Array.from(sensors[name], Number)));
       const seen = Float32Array.from([...state[index], ...frame]);
       const outputs = dense(network, seen);
       const rows = [];
@@ -108,6 +110,12 @@ export class Policy {
     const level = noise.uniform() * total;
     return sums.findIndex((sum) => sum > level);
   }
+}
+
+/** Return a frame as the network was trained with it. */
+function scale({ scaling, shift, scale }, frame) {
+  if (!scaling) return frame;
+  return frame.map((x, index) => clip((x - shift[index]) * scale[index], -scaling.limit, scaling.limit));
 }
 
 /** Return the outputs of the dense layers of a network, with its activation between them. */

@@ -63,7 +63,7 @@ class Policy:
         for network in self._networks:
             older, state = state[:, : _older(network)], state[:, _older(network) :]
             frame = [np.asarray(sensors[name], np.float32).reshape(lanes, -1) for name in network["sensors"]]
-            seen = np.concatenate([older, *frame], axis=1)
+            seen = np.concatenate([older, _scale(network, np.concatenate(frame, axis=1))], axis=1)
             following.append(seen[:, seen.shape[1] - older.shape[1] :])
             normal, uniform = self._noise(network, lanes, random)
             outputs, begin, rows = _dense(network, seen), 0, []
@@ -123,6 +123,14 @@ def _older(network):
     """Return how many numbers a network remembers of the frames before the present one."""
     numbers = network["layers"][0]["weight"].shape[1]
     return numbers - numbers // network["frame_stack"]
+
+
+def _scale(network, frame):
+    """Return a frame [lanes, numbers] as the network was trained with it."""
+    if "scaling" not in network:
+        return frame
+    shift, scale, limit = (network["scaling"][key] for key in ("shift", "scale", "limit"))
+    return np.clip((frame - shift) * scale, -limit, limit).astype(np.float32)
 
 
 def _dense(network, values):

@@ -1,10 +1,13 @@
 """What plays: the observation encoder, the network and the layout of one policy, without anything that learns."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
+from joybridge.trainer.checkpoint import select
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.config_fit import fitting_roles
 from joybridge.trainer.errors import CheckpointError, ConfigError
@@ -14,7 +17,10 @@ from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.ppo.networks import Network
 from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.ppo.sampling import sample_actions
+from joybridge.trainer.scaling import make_scaling
 from joybridge.v1 import bridge_pb2 as pb
+
+SCALING = "scaling."  # begins the names of arrays that are not the network's
 
 
 class Actor:
@@ -27,6 +33,7 @@ class Actor:
         self.name, self.behavior, self.layout = role.name, role.behavior, role.layout
         self.config, self.seed = config, seed
         self.encoder = ObservationEncoder(role.name, behavior, config.sensors, config.reward_weights)
+        self.scaling = make_scaling(role.name, config.scale_observations, self.encoder.sensors)
         self.metrics = [metric.name for metric in behavior.metrics]
         self.branches, self.gaussians = role.layout.names(behavior.device)
         space = role.layout.space
@@ -35,6 +42,11 @@ class Actor:
         self.accelerator = torch.device(accelerator)
         network = Network(self.observation_size, space, config.hidden_sizes, shared, seed, config.activation)
         self.network = network.to(self.accelerator)
+
+    def frames(self, observations: Sequence[Array]) -> Array:
+        """Return frames as the network gets them, float32 [rows, frame]: the sensors side by side, scaled."""
+        frames = self.encoder.frames(observations)
+        return frames if self.scaling is None else self.scaling.apply(frames)
 
     @torch.inference_mode()
     def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
@@ -58,14 +70,19 @@ class Actor:
         return torch.from_numpy(array).to(self.accelerator)
 
     def state(self) -> dict[str, Array]:
-        """Return copies of the parameters for a checkpoint."""
-        return {name: tensor.numpy(force=True).copy() for name, tensor in self.network.state_dict().items()}
+        """Return copies of the parameters, and of what scales observations, for a checkpoint."""
+        state = {name: tensor.numpy(force=True).copy() for name, tensor in self.network.state_dict().items()}
+        scaling = {} if self.scaling is None else self.scaling.state()
+        return state | {f"{SCALING}{name}": array for name, array in scaling.items()}
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned. Raises CheckpointError where it does not fit."""
         if differences := misfits(state, self.state(), self.encoder.sensors, self.config.frame_stack):
             raise CheckpointError(f"{self.name}: the trained network does not fit: {'; '.join(differences)}")
-        self.network.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in state.items()})
+        network = {name: torch.from_numpy(a.copy()) for name, a in state.items() if not name.startswith(SCALING)}
+        self.network.load_state_dict(network)
+        if self.scaling is not None:
+            self.scaling.load(select(state, SCALING))
 
 
 def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> list[Actor]:

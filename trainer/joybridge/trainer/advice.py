@@ -37,14 +37,14 @@ class Adviser:
             for sensor, peak in self._far_sensors():
                 yield (
                     f"{name}: sensor {sensor!r} reaches {peak:g}; policies learn best from numbers of about -1 to 1: "
-                    "scale it in the game"
+                    "scale it in the game, or set policy.scale_observations=running"
                 )
         peak = float(np.abs(self._policy.rollout.rewards).max())
-        if self._rewards and peak > HUGE:
+        if self._rewards and peak > HUGE and not self._policy.config.scale_rewards:
             self._rewards = False
             yield (
                 f"{name}: a decision is rewarded with up to ±{peak:g}; policies learn best from rewards of about -1 to "
-                "1: set smaller weights in policy.reward_weights"
+                "1: set smaller weights in policy.reward_weights, or policy.scale_rewards=true"
             )
         for what, decisions in self._same_choices():
             yield (

@@ -52,7 +52,8 @@ OTHER_NAMES = {
     "activation_fn": "policy.activation", "lr_schedule": "policy.learning_rate_schedule",
     "anneal_lr": "policy.learning_rate_schedule", "beta_schedule": "policy.entropy_coef_schedule",
     "epsilon_schedule": "policy.clip_range_schedule", "grad_clip": "policy.max_grad_norm",
-    "kl_target": "policy.target_kl",
+    "kl_target": "policy.target_kl", "normalize": "policy.scale_observations", "norm_obs": "policy.scale_observations",
+    "norm_reward": "policy.scale_rewards",
 }  # fmt: skip
 
 Schedule = Literal["linear", "constant"]
@@ -69,6 +70,10 @@ class PolicyConfig(_Checked):
 
     sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
     reward_weights: dict[str, float] = Field({}, description="weights of reward channels; others as in the game")
+    scale_observations: Literal["none", "bounds", "running"] = Field(
+        "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
+    )
+    scale_rewards: bool = Field(False, description="divide rewards by the deviation of the returns so far")
     frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"

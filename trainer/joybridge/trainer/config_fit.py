@@ -9,6 +9,7 @@ from joybridge.trainer.game_settings import check_settings
 from joybridge.trainer.layouts import Role, list_roles
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.options import balanced_options
+from joybridge.trainer.scaling import make_scaling
 from joybridge.trainer.wire.client import describe
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -34,7 +35,8 @@ def check_fit(config: Config, spec: pb.GameSpec) -> None:
     balanced_options(config, spec)
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]
-        ObservationEncoder(role.name, behavior, policy.sensors, policy.reward_weights)
+        encoder = ObservationEncoder(role.name, behavior, policy.sensors, policy.reward_weights)
+        make_scaling(role.name, policy.scale_observations, encoder.sensors)
 
 
 def fitting_roles(config: Config, spec: pb.GameSpec) -> list[Role]:

@@ -126,6 +126,10 @@ class _Builder:
     def _observe(self, policy: Document, states: list[str]) -> str:
         """Return the frames of a policy side by side, oldest first, and keep all but the oldest as its state."""
         frame = self._side_by_side([self._frames[name] for name in policy["sensors"]])
+        if scaling := policy.get("scaling"):
+            frame = self._node("Sub", frame, self._constant(scaling["shift"]))
+            frame = self._node("Mul", frame, self._constant(scaling["scale"]))
+            frame = self._node("Clip", frame, self._constant(-scaling["limit"]), self._constant(scaling["limit"]))
         if policy["frame_stack"] == 1:
             return frame
         numbers: int = policy["layers"][0]["weight"].shape[1]

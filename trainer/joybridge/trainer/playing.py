@@ -69,7 +69,7 @@ class Player:
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
-        self._stack.begin(self.actor.encoder.frames(step.observations))
+        self._stack.begin(self.actor.frames(step.observations))
 
     def act(self, step: StepArrays, act: ActArrays) -> None:
         """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
@@ -82,7 +82,7 @@ class Player:
 
     def store(self, step: StepArrays) -> Array:
         """Take what followed the action; return the rewards [lanes]."""
-        self._stack.push(self.actor.encoder.frames(step.observations), step)
+        self._stack.push(self.actor.frames(step.observations), step)
         return self.actor.encoder.rewards(step)
 
 

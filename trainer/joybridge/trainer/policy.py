@@ -11,6 +11,7 @@ from joybridge.trainer.actor import Actor
 from joybridge.trainer.checkpoint import select
 from joybridge.trainer.episodes import Episodes
 from joybridge.trainer.observations import final_observations, push_frames
+from joybridge.trainer.ppo.return_scale import ReturnScale
 from joybridge.trainer.ppo.rollout import RolloutBuffer
 from joybridge.trainer.ppo.update import Learner
 from joybridge.v1 import bridge_pb2 as pb
@@ -35,6 +36,7 @@ class Policy:
         self.learner = Learner(
             actor.name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd
         )
+        self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics)
         self.updates = 0
         self.rollout.draw_noise(self._rng(SAMPLES))
@@ -47,7 +49,7 @@ class Policy:
         """Take the first observations of new episodes: the steps of each group."""
         for group, steps in enumerate(groups):
             step = steps[self.actor.behavior]
-            self.rollout.begin(self.actor.encoder.frames(step.observations), step.deciding, group)
+            self.rollout.begin(self._watch(step), step.deciding, group)
         self.episodes.begin()
 
     def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], group: int = 0) -> None:
@@ -62,11 +64,27 @@ class Policy:
         rewards, final_values = actor.encoder.rewards(step), None
         now, after = rollout.observations[rollout.rows[group] : rollout.rows[group] + 2, rollout.groups[group]]
         if step.truncated.any() and step.final_observations is not None:
-            frames = actor.encoder.frames(step.final_observations)
+            frames = actor.frames(step.final_observations)
             final_values = actor.values(final_observations(now, frames, step))
-        push_frames(now, actor.encoder.frames(step.observations), step, after)
+        push_frames(now, self._watch(step), step, after)
         rollout.store(step, rewards, final_values, group)
         self.episodes.add(step, rewards, rollout.groups[group])
+
+    def _watch(self, step: StepArrays) -> Array:
+        """Return the frames of a step as the network gets them; those that are pushed count for their scaling."""
+        frames, scaling = self.actor.encoder.frames(step.observations), self.actor.scaling
+        if scaling is None:
+            return frames
+        pushed = slice(None) if step.deciding is None else step.deciding | step.terminated | step.truncated
+        scaling.watch(frames[pushed])
+        return scaling.apply(frames)
+
+    def rewards(self, decided: Array) -> Array:
+        """Return the rewards of the full rollout as the critic learns them, [steps, lanes]; once per rollout."""
+        rollout = self.rollout
+        if self.returns is None:
+            return rollout.rewards
+        return self.returns.scale(rollout.rewards, decided, rollout.terminated | rollout.truncated)
 
     def next_values(self) -> Array:
         """Return the values of the observations that follow the full rollout, [lanes]."""
@@ -79,6 +97,8 @@ class Policy:
     def restart(self) -> None:
         """Begin the next rollout."""
         self.updates += 1
+        if self.actor.scaling is not None:
+            self.actor.scaling.refresh()
         self.rollout.restart()
         self.rollout.draw_noise(self._rng(SAMPLES))
 
@@ -88,6 +108,7 @@ class Policy:
             **{f"network.{name}": array for name, array in self.actor.state().items()},
             **{f"adam.{name}": array for name, array in self.learner.state().items()},
             **{f"episodes.{name}": array for name, array in self.episodes.state().items()},
+            **({} if self.returns is None else {f"returns.{n}": array for n, array in self.returns.state().items()}),
             "updates": np.array(self.updates),
             "observations": self.rollout.observations[0].copy(),
             "deciding": self.rollout.deciding[0].copy(),
@@ -98,6 +119,8 @@ class Policy:
         self.actor.load(select(state, "network."))
         self.learner.load(select(state, "adam."))
         self.episodes.load(select(state, "episodes."))
+        if self.returns is not None:
+            self.returns.load(select(state, "returns."))
         self.updates = int(state["updates"])
         self.rollout.observations[0] = state["observations"]
         self.rollout.deciding[0] = state["deciding"]

@@ -16,13 +16,14 @@ from joybridge.trainer.actor import Actor
 from joybridge.trainer.errors import ExportError
 from joybridge.trainer.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.trainer.layouts.layout import GAUSSIAN, SQUASHED
+from joybridge.trainer.scaling import LIMIT, Scaling
 from joybridge.v1 import bridge_pb2 as pb
 
 Document = dict[str, Any]
 
 FORMAT = "joybridge.policy.v1"
 FORMAT_2 = "joybridge.policy.v2"  # has keys that readers of v1 do not know: of policies that would go wrong without
-KEYS_2 = ("activation",)
+KEYS_2 = ("activation", "scaling")
 
 
 def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
@@ -91,11 +92,16 @@ def _policy(actor: Actor) -> Document:
         "sensors": [sensor.name for sensor in actor.encoder.sensors],
         "frame_stack": actor.config.frame_stack,
         **({} if activation == "swish" else {"activation": activation}),
+        **({} if actor.scaling is None else {"scaling": _scaling(actor.scaling)}),
         "layers": [*hidden, {"weight": head[rows], "bias": bias}],
         "deviations": np.exp(0.5 * state["log_variance"].astype(float)).astype(np.float32),
         "discrete": [_table(table) for table in layout.discrete],
         "continuous": [_target(target) for target in layout.continuous],
     }
+
+
+def _scaling(scaling: Scaling) -> Document:
+    return {"shift": scaling.shift, "scale": scaling.scale, "limit": LIMIT}
 
 
 def _table(table: AxisTable | JointTable) -> Document:

@@ -157,7 +157,7 @@ def learn(policy: Policy, progress: float) -> Row:
     statistics: Row = {}
     if (decided := rollout.decided()).any():
         advantages = gae(
-            rollout.rewards, rollout.values, policy.next_values(), rollout.terminated, rollout.truncated,
+            policy.rewards(decided), rollout.values, policy.next_values(), rollout.terminated, rollout.truncated,
             rollout.final_values, decided,
             gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
         )  # fmt: skip
