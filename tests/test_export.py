@@ -237,6 +237,11 @@ def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(
     [
         ({}, ["options.size=large"], "the trained network does not fit: the sensors had 30 numbers, now 48"),
         ({}, ["--behavior", "goalkeeper"], "hybrid has no behavior 'goalkeeper'; choose one with --behavior: player"),
+        (
+            {"policy": SMALL.model_copy(update={"image_encoder": "simple"})},
+            [],
+            "networks with convolutions cannot be exported; train it with image_encoder=none",
+        ),
         ({"game": "duel"}, [], "duel has several behaviors; choose one with --behavior: runner, judge"),
     ],
 )

@@ -30,18 +30,18 @@ def test_bounds_become_1_and_what_has_none_stays_as_it_is():
         sensor("place", [2], -9.0, [9.0, 0.0]), sensor("image", [2], dtype=np.uint8), sensor("free", [1]),
         sensor("huge", [1], -LARGEST, LARGEST), sensor("lamp", [1], dtype=bool),
     ]  # fmt: skip
-    scaling = make_scaling("player", "bounds", sensors)
+    scaling = make_scaling("player", "bounds", sensors, [])
     assert scaling is not None
     frames = np.array([[-9.0, 0.0, 51.0, 255.0, 7.0, -8.0, 1.0], [9.0, -4.5, 0.0, 102.0, 99.0, 0.0, 0.0]], np.float32)
-    wanted = [[-1.0, 1.0, -0.6, 1.0, 7.0, -8.0, 1.0], [1.0, 0.0, -1.0, -0.2, LIMIT, 0.0, -1.0]]
+    wanted = [[-1.0, 1.0, -0.6, 1.0, 7.0, -8.0, 1.0], [1.0, 0.0, -1.0, -0.2, 99.0, 0.0, -1.0]]
     np.testing.assert_allclose(scaling.apply(frames), wanted, atol=1e-6)
     assert scaling.apply(frames).dtype == np.float32
     with pytest.raises(ConfigError, match=r"but no sensor has any \(free\); set scale_observations=running"):
-        make_scaling("player", "bounds", [sensor("free", [1])])
+        make_scaling("player", "bounds", [sensor("free", [1])], [])
 
 
 def test_running_moments_count_from_the_next_rollout_only():
-    scaling = make_scaling("player", "running", [sensor("place", [1])])
+    scaling = make_scaling("player", "running", [sensor("place", [1])], [])
     assert scaling is not None
     rows = np.array([[2.0], [6.0]], np.float32)
     scaling.watch(rows)

@@ -115,7 +115,8 @@ export class Policy {
 /** Return a frame as the network was trained with it. */
 function scale({ scaling, shift, scale }, frame) {
   if (!scaling) return frame;
-  return frame.map((x, index) => clip((x - shift[index]) * scale[index], -scaling.limit, scaling.limit));
+  const { limit = Infinity } = scaling;
+  return frame.map((x, index) => clip((x - shift[index]) * scale[index], -limit, limit));
 }
 
 /** Return the outputs of the dense layers of a network, with its activation between them. */

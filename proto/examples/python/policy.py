@@ -129,8 +129,9 @@ def _scale(network, frame):
     """Return a frame [lanes, numbers] as the network was trained with it."""
     if "scaling" not in network:
         return frame
-    shift, scale, limit = (network["scaling"][key] for key in ("shift", "scale", "limit"))
-    return np.clip((frame - shift) * scale, -limit, limit).astype(np.float32)
+    scaling = network["scaling"]
+    limit = np.float32(scaling.get("limit", np.inf))
+    return np.clip((frame - scaling["shift"]) * scaling["scale"], -limit, limit)
 
 
 def _dense(network, values):

@@ -1,6 +1,7 @@
 """What plays: the observation encoder, the network and the layout of one policy, without anything that learns."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -12,8 +13,10 @@ from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.config_fit import fitting_roles
 from joybridge.trainer.errors import CheckpointError, ConfigError
 from joybridge.trainer.fit import misfits
+from joybridge.trainer.images import find_images
 from joybridge.trainer.layouts import Role
 from joybridge.trainer.observations import ObservationEncoder
+from joybridge.trainer.ppo.convolutions import ImageEncoder
 from joybridge.trainer.ppo.networks import Network
 from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.ppo.sampling import sample_actions
@@ -33,14 +36,21 @@ class Actor:
         self.name, self.behavior, self.layout = role.name, role.behavior, role.layout
         self.config, self.seed = config, seed
         self.encoder = ObservationEncoder(role.name, behavior, config.sensors, config.reward_weights)
-        self.scaling = make_scaling(role.name, config.scale_observations, self.encoder.sensors)
+        images = find_images(role.name, config.image_encoder, self.encoder.sensors)
+        self.scaling = make_scaling(role.name, config.scale_observations, self.encoder.sensors, images)
         self.metrics = [metric.name for metric in behavior.metrics]
         self.branches, self.gaussians = role.layout.names(behavior.device)
         space = role.layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
-        network = Network(self.observation_size, space, config.hidden_sizes, shared, seed, config.activation)
+        make_images = partial(
+            ImageEncoder, config.image_encoder, images, self.encoder.size, config.frame_stack, config.activation
+        )
+        network = Network(
+            self.observation_size, space, config.hidden_sizes, shared, seed, config.activation,
+            make_images if images else None,
+        )  # fmt: skip
         self.network = network.to(self.accelerator)
 
     def frames(self, observations: Sequence[Array]) -> Array:

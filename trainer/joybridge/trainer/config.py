@@ -74,6 +74,9 @@ class PolicyConfig(_Checked):
         "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
     )
     scale_rewards: bool = Field(False, description="divide rewards by the deviation of the returns so far")
+    image_encoder: Literal["none", "simple", "nature", "impala"] = Field(
+        "none", description="convolutions over sensors that are images; none: their pixels are plain numbers"
+    )
     frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"

@@ -6,6 +6,7 @@ from joybridge.trainer.config import Config, load_config
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.game_settings import check_settings
+from joybridge.trainer.images import find_images
 from joybridge.trainer.layouts import Role, list_roles
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.options import balanced_options
@@ -36,7 +37,8 @@ def check_fit(config: Config, spec: pb.GameSpec) -> None:
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]
         encoder = ObservationEncoder(role.name, behavior, policy.sensors, policy.reward_weights)
-        make_scaling(role.name, policy.scale_observations, encoder.sensors)
+        images = find_images(role.name, policy.image_encoder, encoder.sensors)
+        make_scaling(role.name, policy.scale_observations, encoder.sensors, images)
 
 
 def fitting_roles(config: Config, spec: pb.GameSpec) -> list[Role]:

@@ -129,7 +129,8 @@ class _Builder:
         if scaling := policy.get("scaling"):
             frame = self._node("Sub", frame, self._constant(scaling["shift"]))
             frame = self._node("Mul", frame, self._constant(scaling["scale"]))
-            frame = self._node("Clip", frame, self._constant(-scaling["limit"]), self._constant(scaling["limit"]))
+            if limit := scaling.get("limit"):
+                frame = self._node("Clip", frame, self._constant(-limit), self._constant(limit))
         if policy["frame_stack"] == 1:
             return frame
         numbers: int = policy["layers"][0]["weight"].shape[1]

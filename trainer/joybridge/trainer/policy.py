@@ -75,8 +75,8 @@ class Policy:
         frames, scaling = self.actor.encoder.frames(step.observations), self.actor.scaling
         if scaling is None:
             return frames
-        pushed = slice(None) if step.deciding is None else step.deciding | step.terminated | step.truncated
-        scaling.watch(frames[pushed])
+        pushed = None if step.deciding is None else step.deciding | step.terminated | step.truncated
+        scaling.watch(frames if pushed is None else frames[pushed])
         return scaling.apply(frames)
 
     def rewards(self, decided: Array) -> Array:

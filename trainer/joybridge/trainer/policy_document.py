@@ -75,6 +75,11 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
+    if actor.network.actor.images is not None:
+        raise ExportError(
+            f"{actor.name}: networks with convolutions cannot be exported; train it with image_encoder=none, or play "
+            "it with the trainer"
+        )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
     rows = [*choices, *range(padded, padded + space.continuous)]
@@ -101,7 +106,8 @@ def _policy(actor: Actor) -> Document:
 
 
 def _scaling(scaling: Scaling) -> Document:
-    return {"shift": scaling.shift, "scale": scaling.scale, "limit": LIMIT}
+    document = {"shift": scaling.shift, "scale": scaling.scale}
+    return document if scaling.moments is None else document | {"limit": LIMIT}
 
 
 def _table(table: AxisTable | JointTable) -> Document:

@@ -15,7 +15,11 @@ from joybridge.trainer.pipeline import Group
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.wire.sharded_session import Snapshot
 
-OF_THE_NETWORK = ("activation", "scale_observations")  # keys of a policy that the shapes of its network do not show
+OF_THE_NETWORK = (
+    "activation",
+    "scale_observations",
+    "image_encoder",
+)  # keys of a policy that the shapes of its network do not show
 
 
 @dataclass

@@ -1,6 +1,7 @@
 """The network of one policy: bodies of dense layers under linear heads for branches, means and the value."""
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 from joybridge.trainer.layouts import ActionSpace
 from joybridge.trainer.ppo.activations import ACTIVATIONS
 from joybridge.trainer.ppo.continuous import load_distributions
+from joybridge.trainer.ppo.convolutions import ImageEncoder
 from joybridge.trainer.ppo.distributions import FORBIDDEN
 
 
@@ -24,9 +26,12 @@ class Outputs(NamedTuple):
 class Tower(nn.Module):
     """Hidden layers and a linear head without bias."""
 
-    def __init__(self, sizes: list[int], outputs: int, activation: str) -> None:
-        """Make layers between the given sizes, input first, and a head of `outputs`."""
+    def __init__(self, sizes: list[int], outputs: int, activation: str, images: ImageEncoder | None = None) -> None:
+        """Make layers between the given sizes, input first, and a head of `outputs`. images: what comes before."""
         super().__init__()
+        self.images = images
+        if images is not None:
+            sizes = [images.features, *sizes[1:]]
         self.activation = ACTIVATIONS[activation]
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
         self.head = nn.Linear(sizes[-1], outputs, bias=False)
@@ -38,6 +43,8 @@ class Tower(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """Return the head's outputs [lanes, outputs]."""
+        if self.images is not None:
+            features = self.images(features)
         for layer in self.hidden:
             features = self.activation.value(layer(features))
         return self.head(features)  # type: ignore[no-any-return]
@@ -61,9 +68,12 @@ class Network(nn.Module):
 
     def __init__(
         self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int,
-        activation: str = "swish",
+        activation: str = "swish", images: Callable[[], ImageEncoder] | None = None,
     ) -> None:  # fmt: skip
-        """Make a network for observations of `observation` numbers; `shared`: one tower for both."""
+        """Make a network for observations of `observation` numbers; `shared`: one tower for both.
+
+        images: makes what comes before the layers of each tower, if observations contain images.
+        """
         super().__init__()
         self.space = space
         pad = torch.zeros(len(space.branches), space.widest)
@@ -78,8 +88,8 @@ class Network(nn.Module):
             free = sum(each.parameters for each in self.distributions)
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
-        self.actor = Tower(sizes, columns, activation)
-        self.critic = None if shared else Tower(sizes, 1, activation)
+        self.actor = Tower(sizes, columns, activation, images() if images else None)
+        self.critic = None if shared else Tower(sizes, 1, activation, images() if images else None)
         self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
         self.log_variance = nn.Parameter(torch.zeros(free))
@@ -87,9 +97,13 @@ class Network(nn.Module):
 
     def _initialize(self, generator: torch.Generator) -> None:
         for tower in (self.actor, self.critic):
-            for layer in tower.layers if tower else ():
-                _variance_scaling(layer.weight, 1.0, generator)
-                nn.init.zeros_(layer.bias)
+            layers: list[nn.Linear | nn.Conv2d] = []
+            if tower is not None:
+                layers = [*(tower.images.layers if tower.images is not None else ()), *tower.layers]
+            for layer in layers:
+                _variance_scaling(layer.weight.flatten(1), 1.0, generator)
+                if layer.bias is not None:
+                    nn.init.zeros_(layer.bias)
         policy = self.actor.head.weight[: self.pad.numel() + self._continuous]
         _variance_scaling(policy, 0.01, generator)
         value = (self.critic or self.actor).head.weight[-1:]

@@ -29,7 +29,7 @@ class Learner:
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
-        processor, and Gaussians or choices.
+        processor, dense layers alone, and Gaussians or choices.
         """
         self.name, self.network, self.gaussians = name, network, gaussians
         self.weights = flatten_parameters(network)
@@ -38,7 +38,7 @@ class Learner:
             "exp_avg": torch.zeros_like(self.weights, requires_grad=False),
             "exp_avg_sq": torch.zeros_like(self.weights, requires_grad=False),
         }
-        closed = not autograd and not network.distributions
+        closed = not autograd and not network.distributions and network.actor.images is None
         self.gradient: LossGradient = ClosedFormGradient(network) if closed else partial(autograd_gradient, network)
         parts = [*branches, *(gaussians if network.distributions else ())]  # whose entropies the gradient returns
         self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in parts)]
