@@ -144,18 +144,23 @@ async def refused(case: Case) -> grpc.aio.AioRpcError:
         for request in case.requests[:-1]:
             await call.write(request)
             local_socket = (await call.read()).started.local_socket
+        if case.ends:
+            servicer.end_streams()
         with pytest.raises(grpc.aio.AioRpcError) as caught:
-            if local_socket:
-                with socket.socket(socket.AF_UNIX) as local:
-                    local.connect(local_socket)
-                    local.sendall(encode(case.requests[-1]))
-            elif case.requests[-1] != b"":
-                await call.write(case.requests[-1])
-            if case.ends:
-                servicer.end_streams()
-            await call.read()
+            await ask_last(case.requests[-1], call, local_socket)
         sweeper.cancel()
         return caught.value
+
+
+async def ask_last(request: pb.PlayRequest | bytes, call: Any, local_socket: str) -> None:
+    """Send a request, over the socket if there is one, and wait for what follows."""
+    if local_socket:
+        with socket.socket(socket.AF_UNIX) as local:
+            local.connect(local_socket)
+            local.sendall(encode(request))
+    elif request != b"":
+        await call.write(request)
+    await call.read()
 
 
 @pytest.mark.parametrize("name", REASONS)
