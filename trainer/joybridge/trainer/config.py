@@ -20,7 +20,10 @@ MAY_CHANGE = (  # in a resumed run
     "log_interval", "evaluate_over",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
-MAY_DIFFER = (*OF_THE_GAME, "timeout_seconds", "transport")  # from the training, when a trained policy plays
+OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
+MAY_DIFFER = (  # from the training, when a trained policy plays
+    *OF_THE_GAME, *OF_THE_HAND, "timeout_seconds", "transport",
+)  # fmt: skip
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
@@ -153,6 +156,23 @@ class Config(_Checked):
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
+    hand_delay: int = Field(
+        0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
+    )
+    hand_hold: int = Field(
+        1,
+        ge=1,
+        description="least decisions between two changes of a branch; a button is pressed once in twice as many",
+    )
+    hand_reach: float = Field(
+        1.0, gt=0, le=1, description="the farthest an axis goes, as a share of the way from rest to its end"
+    )
+    hand_change: float = Field(
+        1.0, gt=0, le=1, description="the most that an axis changes in a decision, as a share of its range"
+    )
+    hand_noise: float = Field(
+        0.0, ge=0, description="standard deviation of an axis, as a share of its distance from rest"
+    )
     policy: PolicyConfig = Field(PolicyConfig(), description="what all policies share")
     policies: dict[str, dict[str, Any]] = Field(
         {}, description="what differs for one policy: its name, then a key as those of policy"
@@ -248,22 +268,23 @@ def run_config(run: Path) -> Config:
 def play_config(run: Path, overrides: Sequence[str]) -> Config:
     """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
 
-    Only options and parameters of the game, the time to wait for a simulator and the transport may differ from the
-    training.
+    Only options and parameters of the game, the limits of the hand, the time to wait for a simulator and the transport
+    may differ from the training.
     """
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
     for key in type(config).model_fields:
         if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):
             raise ConfigError(
                 f"{key} belongs to the training of {run} and cannot change now; what can is written "
-                f"{' and '.join(FORMS[key] for key in OF_THE_GAME)}"
+                f"{', '.join(FORMS[key] for key in OF_THE_GAME)} and hand_KEY=VALUE"
             )
     return config
 
 
-def game_settings(config: Config) -> dict[str, str | float]:
-    """Return the options and parameters that a configuration sets, by key: {"parameters.size": 0.5}."""
-    return {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
+def play_settings(config: Config) -> dict[str, str | float]:
+    """Return the options, parameters and limits of the hand that are set, by key: {"parameters.size": 0.5}."""
+    of_game = {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
+    return of_game | {key: getattr(config, key) for key in OF_THE_HAND}
 
 
 def changes(before: Config, now: Config) -> dict[str, Any]:

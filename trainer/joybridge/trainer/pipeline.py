@@ -11,6 +11,7 @@ from itertools import islice, pairwise
 
 from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.hand import Hand, make_hands, use_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.profiler import Profiler
@@ -28,9 +29,9 @@ from joybridge.trainer.wire.sharded_session import (
 class Group:
     """Arenas that are played at the same time."""
 
-    def __init__(self, index: int, session: Session | ShardedSession, arenas: int) -> None:
-        """Take an open session of so many arenas."""
-        self.index, self.session = index, session
+    def __init__(self, index: int, session: Session | ShardedSession, arenas: int, hands: list[Hand]) -> None:
+        """Take an open session of so many arenas. hands: one per behavior, or none."""
+        self.index, self.session, self.hands = index, session, hands
         self.acts = make_acts(session.spec, arenas)
 
     def save(self) -> list[Snapshot]:
@@ -55,6 +56,7 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
                 with profiler.measure("act"):
                     for policy in policies:
                         policy.act(group.session.steps, group.acts, group.index)
+                    use_hands(group.hands, group.session.steps, group.acts)
                     group.session.send(group.acts)
         if step > 0:
             yield
@@ -99,7 +101,8 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
                 transport=config.transport,
             )  # fmt: skip
             opened.callback(session.close)
-            groups.append(Group(index, session, end - first))
+            hands = make_hands(config, session.spec, first, end, config.seed)
+            groups.append(Group(index, session, end - first, hands))
             check_alike(single_sessions(session)[0], single_sessions(groups[0].session)[0])
         opened.pop_all()
     return groups

@@ -17,8 +17,9 @@ import torch
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor, make_actors
-from joybridge.trainer.config import Config, game_settings, play_config, run_config
+from joybridge.trainer.config import Config, play_config, play_settings, run_config
 from joybridge.trainer.config_fit import fitting_spec
+from joybridge.trainer.hand import Hand, make_hands, use_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
@@ -33,7 +34,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 @dataclass(frozen=True)
 class Change:
-    """An option or a parameter of the game that differs from the training."""
+    """An option or a parameter of the game, or a limit of the hand, that differs from the training."""
 
     trained: str | float
     played: str | float
@@ -44,7 +45,7 @@ class Played:
     """One decision of all arenas. Steps and acts hold an entry per behavior, rewards one per policy."""
 
     before: list[StepArrays]  # what the policies observed
-    acts: list[ActArrays]  # what they did; overwritten by the next decision
+    acts: list[ActArrays]  # what the devices got; overwritten by the next decision
     after: list[StepArrays]
     rewards: list[Array]  # [lanes], as the policy gets them
     pictures: list[Array]  # uint8 [height, width, 3] of the first arena, where it was drawn
@@ -91,7 +92,7 @@ class Play:
 
     def __init__(
         self, config: Config, changed: dict[str, Change], timesteps: int, choices: Sequence[str], arenas: int,
-        session: Session | ShardedSession, players: list[Player],
+        session: Session | ShardedSession, players: list[Player], hands: list[Hand],
     ) -> None:  # fmt: skip
         """Play `arenas` arenas.
 
@@ -99,7 +100,7 @@ class Play:
         `balanced_options`.
         """
         self.config, self.changed, self.timesteps, self.choices = config, changed, timesteps, choices
-        self.session, self.players = session, players
+        self.session, self.players, self.hands = session, players, hands
         self.spec = session.spec
         self.arenas = arenas
         self._acts = make_acts(self.spec, arenas)
@@ -124,6 +125,7 @@ class Play:
             for player in self.players:
                 behavior = player.actor.behavior
                 player.act(before[behavior], self._acts[behavior])
+            use_hands(self.hands, before, self._acts)
             pictures: list[Array] = []
             if draw_every and number % draw_every == 0:
                 assert isinstance(session, Session)
@@ -167,14 +169,15 @@ def open_play(
         for player in players:
             player.begin(session.steps[player.actor.behavior])
         changed = changed_settings(run_config(run), config, spec)
-        yield Play(config, changed, state.timesteps, list(options), arenas, session, players)
+        hands = make_hands(config, spec, 0, arenas, seed)
+        yield Play(config, changed, state.timesteps, list(options), arenas, session, players, hands)
 
 
 def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:
-    """Return the options and parameters, as in "parameters.size", that differ between two configurations of a game."""
+    """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand_delay"."""
     defaults: dict[str, str | float] = {f"options.{option.name}": option.default_choice for option in spec.options}
     defaults |= {f"parameters.{parameter.name}": parameter.default_value for parameter in spec.parameters}
-    before, now = defaults | game_settings(trained), defaults | game_settings(played)
+    before, now = defaults | play_settings(trained), defaults | play_settings(played)
     return {key: Change(before[key], now[key]) for key in now if before[key] != now[key]}
 
 

@@ -42,12 +42,15 @@ class RunState:
     def _manifest(self) -> Manifest:
         return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score)
 
-    def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger]) -> None:
-        """Put policies and loggers into this state. Raises CheckpointError."""
+    def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group]) -> None:
+        """Put policies, loggers and, if the sessions continue, hands into this state. Raises CheckpointError."""
         try:
             for policy, logger in zip(policies, loggers, strict=True):
                 policy.load(select(self.arrays, f"{policy.actor.name}/policy/"))
                 logger.mean.load(select(self.arrays, f"{policy.actor.name}/means/"))
+            for group in groups if self.snapshots is not None else ():
+                for index, hand in enumerate(group.hands):
+                    hand.load(select(self.arrays, f"hands/{group.index}/{index}/"))
         except (KeyError, TypeError, ValueError, RuntimeError) as error:  # arrays of other names, types or shapes
             raise CheckpointError(
                 f"the checkpoint does not fit this game, layout or version ({type(error).__name__}: {error}); "
@@ -79,6 +82,9 @@ def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger
     for policy, logger in zip(policies, loggers, strict=True):
         arrays |= {f"{policy.actor.name}/policy/{name}": array for name, array in policy.state().items()}
         arrays |= {f"{policy.actor.name}/means/{name}": array for name, array in logger.mean.state().items()}
+    for group in groups:
+        for index, hand in enumerate(group.hands):
+            arrays |= {f"hands/{group.index}/{index}/{name}": array for name, array in hand.state().items()}
     parts = None
     if groups[0].session.spec.snapshot_bytes_per_arena:
         snapshots = [snapshot for group in groups for snapshot in group.save()]

@@ -1,11 +1,11 @@
-"""Evaluation over several values of one option or parameter: a table, and a plot with confidence intervals."""
+"""Evaluation over values of an option, a parameter or a limit of the hand: a table, a plot with 95 % intervals."""
 
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from joybridge.trainer.config import FORMS, OF_THE_GAME
+from joybridge.trainer.config import FORMS, OF_THE_GAME, OF_THE_HAND
 from joybridge.trainer.errors import ConfigError
 
 if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
@@ -18,9 +18,9 @@ COLUMNS = 3
 
 
 class Sweep(NamedTuple):
-    """An option or a parameter of a game, and the values to play."""
+    """An option or a parameter of a game, or a limit of the hand, and the values to play."""
 
-    key: str  # as in "parameters.size"
+    key: str  # as in "parameters.size" or "hand_delay"
     values: list[str]
 
     @property
@@ -39,8 +39,9 @@ def read_sweep(text: str) -> Sweep:
     key, _, values = text.partition("=")
     sweep = Sweep(key, [value.strip() for value in values.split(",")])
     where, _, name = key.partition(".")
-    if where not in OF_THE_GAME or not name or not all(sweep.values):
-        wanted = " or ".join(f"{FORMS[form]},…" for form in OF_THE_GAME)
+    known = key in OF_THE_HAND or (where in OF_THE_GAME and name)
+    if not known or not all(sweep.values):
+        wanted = " or ".join([*(f"{FORMS[form]},…" for form in OF_THE_GAME), "hand_KEY=VALUE,…"])
         raise ConfigError(f"--over got {text!r}, expected {wanted}, as in parameters.size=0.5,1,2")
     if len(set(sweep.values)) < len(sweep.values):
         raise ConfigError(f"--over got {text!r}, which names a value twice; name each value once")
@@ -74,7 +75,7 @@ def plot(sweep: Sweep, results: Results, path: Path) -> None:
     metrics = list(dict.fromkeys(name for first in policies.values() for name in first.means if name != "length"))
     metrics = metrics[:PANELS]
     places = (
-        [float(value) for value in sweep.values] if sweep.key.startswith("parameters.") else range(len(sweep.values))
+        [float(value) for value in sweep.values] if not sweep.key.startswith("options.") else range(len(sweep.values))
     )
     columns = min(COLUMNS, len(metrics))
     rows = -(-len(metrics) // columns)

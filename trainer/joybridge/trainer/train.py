@@ -97,7 +97,7 @@ def play_and_learn(
                 session.record_faults(run / "faults")
         loggers = [opened.enter_context(closing(Logger(run, policy.actor.name, timesteps))) for policy in policies]
         if state.arrays:
-            state.restore(policies, loggers)
+            state.restore(policies, loggers, groups)
         elif config.weights_from:
             trained = take_weights(policies, Path(config.weights_from))
             say(f"begins with the policies of {config.weights_from} after {trained:,} timesteps")
