@@ -91,7 +91,7 @@ def test_without_matplotlib_a_sweep_prints_its_table_and_names_the_extra(run, si
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["evaluate", "layout=bucket-3"], "layout belongs to the training of .* written options.NAME=CHOICE and para"),
+        (["evaluate", "layout=bucket-3"], "layout belongs to the training of .* written options.NAME=CHOICE, para"),
         (["evaluate", "size=0.5"], "unknown key 'size'; .* written options.NAME=CHOICE"),
         (["evaluate", "parameters.drift=much"], "parameters.drift: got 'much'"),
         (["evaluate", "--over", "drift=1,2"], "--over got 'drift=1,2', expected options.NAME=CHOICE,… or parameters"),
