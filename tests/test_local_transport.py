@@ -231,7 +231,7 @@ def test_a_message_may_come_in_pieces_and_several_at_once():
 
 @pytest.mark.parametrize("peer", ["ipv4:10.1.2.3:5000", "ipv6:%5B2001:db8::1%5D:5000", ""])
 def test_clients_of_other_machines_are_offered_no_socket(peer):
-    assert asyncio.run(Offered.offer(peer, 1)) is None
+    assert asyncio.run(Offered.offer(peer, 1, 1.0)) is None
 
 
 def test_a_folder_for_temporary_files_with_a_long_name_leaves_grpc(tmp_path, monkeypatch):
@@ -239,8 +239,27 @@ def test_a_folder_for_temporary_files_with_a_long_name_leaves_grpc(tmp_path, mon
     deep = tmp_path / ("d" * 120)
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
-    assert asyncio.run(Offered.offer("unix:", 1)) is None
+    assert asyncio.run(Offered.offer("unix:", 1, 1.0)) is None
     assert not list(deep.iterdir())
+
+
+def test_a_session_that_ends_while_its_socket_is_made_leaves_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    async def cancel(pauses: int) -> bool:
+        """Cancel an offer after the loop has run so often; return whether the offer had ended before."""
+        task = asyncio.create_task(Offered.offer("unix:", 1, 1.0))
+        for _ in range(pauses):
+            await asyncio.sleep(0)
+        task.cancel()
+        (offered,) = await asyncio.gather(task, return_exceptions=True)
+        if isinstance(offered, Offered):
+            offered.close()
+        return isinstance(offered, Offered)
+
+    ended = [asyncio.run(cancel(pauses)) for pauses in range(5)]
+    assert ended[0] is False and ended[-1] is True and ended.count(False) > 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_lost_simulator_is_lost_over_the_socket_too(tmp_path):

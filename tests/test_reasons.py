@@ -6,6 +6,7 @@ import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import grpc
@@ -189,6 +190,24 @@ async def idle_while_a_response_is_sent() -> grpc.aio.AioRpcError:
 
 def test_a_limit_that_passes_while_a_response_is_sent_cuts_neither_response_nor_status():
     assert details_of(asyncio.run(idle_while_a_response_is_sent())) == ("IDLE", "")
+
+
+async def socket_that_is_not_used() -> tuple[grpc.aio.AioRpcError, Path]:
+    """Ask for a Unix socket and do not connect to it; return the error and the folder of the socket."""
+    async with serving(Limits(start_seconds=0.1)) as (_, play):
+        call = play()
+        await call.write(start("gauntlet", local_transport=True))
+        folder = Path((await call.read()).started.local_socket).parent
+        with pytest.raises(grpc.aio.AioRpcError) as caught:
+            await call.read()
+        return caught.value, folder
+
+
+def test_a_client_that_asks_for_a_socket_and_does_not_connect_loses_its_session_soon():
+    error, folder = asyncio.run(socket_that_is_not_used())
+    assert details_of(error) == ("IDLE", "")
+    assert error.details() == "no connection to the socket (see --start-seconds) for 0.1 s; open a new stream"
+    assert folder.name.startswith("joybridge-") and not folder.exists()
 
 
 def test_the_manual_tells_the_status_of_every_reason():

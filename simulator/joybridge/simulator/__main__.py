@@ -165,7 +165,12 @@ def _add_limits(group: argparse._ArgumentGroup) -> None:
             default.step_seconds,
             "end a session whose game takes longer for a step; default %(default)s",
         ),
-        ("--start-seconds", default.start_seconds, "end a stream without a Start after this; default %(default)s"),
+        (
+            "--start-seconds",
+            default.start_seconds,
+            "end a stream without a Start after this, and a session whose client has asked for a Unix socket and does "
+            "not connect to it; default %(default)s",
+        ),
         (
             "--idle-seconds",
             None,

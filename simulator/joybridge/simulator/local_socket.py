@@ -23,9 +23,9 @@ _NEAR = ("unix:", "ipv4:127.", "ipv6:[::1]", "ipv6:%5B::1%5D")  # how gRPC write
 class LocalSocket:
     """Listens for the client of one session, once. It is read and written like the stream of a call."""
 
-    def __init__(self, largest: int) -> None:
-        """Prepare a socket. largest: bytes of a request."""
-        self._largest = largest
+    def __init__(self, largest: int, seconds: float) -> None:
+        """Prepare a socket. largest: bytes of a request. seconds: how long it waits for the client to connect."""
+        self._largest, self._seconds = largest, seconds
         self._folder = Path(tempfile.mkdtemp(prefix="joybridge-"))  # only this user may enter it
         self.path = str(self._folder / "session")
         self._server: asyncio.Server | None = None
@@ -33,24 +33,36 @@ class LocalSocket:
         self._connected = asyncio.get_running_loop().create_future()
 
     @classmethod
-    async def offer(cls, peer: str, largest: int) -> Self | None:
-        """Return a socket for a client with this gRPC address, or None if it cannot have one."""
+    async def offer(cls, peer: str, largest: int, seconds: float) -> Self | None:
+        """Return a socket for a client with this gRPC address, or None if it cannot have one.
+
+        largest: bytes of a request. seconds: how long it waits for the client to connect.
+        """
         if not peer.startswith(_NEAR) or not hasattr(socket, "AF_UNIX"):
             return None
         try:
-            local = cls(largest)
+            local = cls(largest, seconds)
         except OSError:  # there is no place for temporary files
             return None
         try:
-            local._server = await asyncio.start_unix_server(local._accept, local.path)
+            local._server = await asyncio.start_unix_server(local._accept, local.path, start_serving=False)
+            await local._server.start_serving()
         except OSError:  # such as a path that is too long
             local.close()
             return None
+        except BaseException:  # the session ends
+            local.close()
+            raise
         return local
 
     async def read(self) -> Any:
-        """Return the next request, or EOF. Raises DecodeError if it is no message, and Refusal if it is too large."""
-        reader, _ = await self._connected
+        """Return the next request, or EOF.
+
+        Raises DecodeError if it is no message, and Refusal if it is too large or the client does not connect in time.
+        """
+        if not self._connected.done():
+            await self._wait_for_client()
+        reader, _ = self._connected.result()
         try:
             (size,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
             if size > self._largest:
@@ -67,6 +79,13 @@ class LocalSocket:
         data = response.SerializeToString()
         writer.write(LENGTH.pack(len(data)) + data)
         await writer.drain()
+
+    async def _wait_for_client(self) -> None:
+        try:
+            await asyncio.wait_for(self._connected, self._seconds)
+        except TimeoutError:
+            text = f"no connection to the socket (see --start-seconds) for {self._seconds:g} s; open a new stream"
+            raise Refusal(pb.REASON_IDLE, text) from None
 
     def close(self) -> None:
         """Close the socket."""

@@ -35,7 +35,7 @@ class Limits(NamedTuple):
 
     sessions: int = 64
     step_seconds: float = 30.0  # for a game to describe itself or to answer a request
-    start_seconds: float = 10.0  # for a client to send Start after it has opened a stream
+    start_seconds: float = 10.0  # for a client to send Start, and to connect to the socket that it has asked for
     idle_seconds: float = 3600.0  # for a client to send its next request, or to receive a response
 
 
@@ -60,9 +60,12 @@ class Stream:
         """Return how long the stream has been waiting for its client."""
         return 0.0 if self.doing == ANSWERING else time.monotonic() - self.since
 
-    async def offer_socket(self, peer: str) -> LocalSocket | None:
-        """Return a Unix socket for the rest of the session, None if a client with this gRPC address cannot have one."""
-        self.local = await LocalSocket.offer(peer, request_bytes(self.session.spec, self.session.arenas))
+    async def offer_socket(self, peer: str, seconds: float) -> LocalSocket | None:
+        """Return a Unix socket for the rest of the session, None if a client with this gRPC address cannot have one.
+
+        seconds: how long the socket waits for the client to connect.
+        """
+        self.local = await LocalSocket.offer(peer, request_bytes(self.session.spec, self.session.arenas), seconds)
         return self.local
 
     def end(self, reason: Refusal) -> None:
@@ -125,8 +128,9 @@ class Service(rpc.SimulatorServiceServicer):
                 else:
                     stream.now(ANSWERING)
                     response = await self._answer_in_thread(stream, request)
-                    if request.start.local_transport and (local := await stream.offer_socket(context.peer())):
-                        response.started.local_socket = local.path
+                    if request.start.local_transport:
+                        local = await stream.offer_socket(context.peer(), self.limits.start_seconds)
+                        response.started.local_socket = local.path if local else ""
                 stream.now(WRITING)
                 await channel.write(response)
                 stream.now(READING)
