@@ -30,6 +30,7 @@ from joybridge.contract.credentials import (
 )
 from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.text import printable
+from joybridge.contract.versions import mismatch
 from joybridge.gym import BridgeEnv
 from joybridge.simulator.__main__ import main
 from joybridge.simulator.doors import DoorError, Protection, load_protection
@@ -37,6 +38,7 @@ from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.session import Refusal, Session
 from joybridge.trainer.__main__ import main as trainer
 from joybridge.trainer.look import main as look
+from joybridge.trainer.wire.errors import from_grpc
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.games import PICTURE, Hybrid
@@ -262,6 +264,28 @@ def test_control_characters_of_a_client_do_not_come_back(simulator, name):
     with Stream(simulator) as stream:
         code, text = stream.refusal(start("hybrid", version=pb.Version(product=name, revision=99)))
     assert code == StatusCode.FAILED_PRECONDITION and text.isprintable()
+
+
+class Hostile(NamedTuple):
+    """What gRPC raises for a status with control characters."""
+
+    def code(self):
+        return StatusCode.INTERNAL
+
+    def details(self):
+        return "\x1b]0;owned\x07\r\nerror: run `curl …`"
+
+    def trailing_metadata(self):
+        return None
+
+
+def test_control_characters_of_a_server_do_not_reach_the_errors_of_a_client():
+    text = str(from_grpc(Hostile(), "127.0.0.1:5005"))
+    assert (
+        text.startswith(r"error from the simulator at 127.0.0.1:5005: \x1b]0;owned\x07\r\nerror: run")
+        and text.isprintable()
+    )
+    assert mismatch(pb.Version(revision=1), pb.Version(product="\x1b[2J\r\n")).isprintable()
 
 
 # ----------------------------------------------------------------------------------- the kit, doctor and trainer

@@ -6,6 +6,7 @@ The rules are in the section VERSIONS of bridge.proto.
 from functools import cache
 from importlib.metadata import version
 
+from joybridge.contract.text import printable
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["REVISION", "mismatch", "own_version"]
@@ -27,7 +28,7 @@ def mismatch(client: pb.Version, server: pb.Version) -> str:
     """
     if client.revision <= server.revision:
         return ""
-    return (
+    return printable(
         f"the client ({client.product or 'unnamed'}) needs contract revision {client.revision}, the simulator "
         f"({server.product or 'unnamed'}) has revision {server.revision or 'none'}; update the simulator, or use a "
         "client of its version"

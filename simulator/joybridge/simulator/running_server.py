@@ -9,6 +9,7 @@ import grpc
 from joybridge.contract.credentials import credentials_of
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import SpecError, check_spec
+from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
@@ -68,7 +69,5 @@ def _calling(address: str) -> Iterator[Call]:
             stub = rpc.SimulatorServiceStub(channel)
             yield lambda method, request: getattr(stub, method)(request, timeout=SECONDS, metadata=credentials.metadata)
     except grpc.RpcError as error:
-        raise ServerError(
-            f"no answer from a server at {address}: {error.details()} ({error.code().name}); start it, or check the "
-            "address"
-        ) from error
+        reason = printable(f"{error.details()} ({error.code().name})")
+        raise ServerError(f"no answer from a server at {address}: {reason}; start it, or check the address") from error

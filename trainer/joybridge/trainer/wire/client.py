@@ -21,6 +21,7 @@ from joybridge.contract.credentials import credentials_of
 from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array
+from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, SimulatorShutDown, from_grpc
 from joybridge.trainer.wire.exchange import Reader, Wait, act_request
@@ -136,7 +137,7 @@ class Session:
         try:
             response = self._run(self._open, stream, self._start, transport)
             self.steps = self._reader.started(response).steps
-            self.server = response.started.version.product  # for people
+            self.server = printable(response.started.version.product)  # for people
         except BaseException:
             self.close()
             raise

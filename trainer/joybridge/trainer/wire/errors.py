@@ -12,6 +12,7 @@ import grpc
 
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.statuses import details_of
+from joybridge.contract.text import printable
 
 __all__ = ["NoSuchGame", "SimulatorError", "SimulatorLost", "SimulatorShutDown"]
 
@@ -43,12 +44,12 @@ class SimulatorShutDown(SimulatorLost):
 
 def from_grpc(error: Any, address: str) -> SimulatorError:
     """Return the error to raise for a grpc.RpcError."""
-    code, text = error.code(), error.details()
+    code, text = error.code(), printable(error.details() or "without a reason")
     reason, field = details_of(error)
     made: SimulatorError
     if code in _LOST:
         # gRPC itself reports a lost connection as UNAVAILABLE, too. Servers need not send a reason beside the sentence.
-        lost = SimulatorShutDown if reason == "SHUTTING_DOWN" or "shutting down" in str(text) else SimulatorLost
+        lost = SimulatorShutDown if reason == "SHUTTING_DOWN" or "shutting down" in text else SimulatorLost
         made = lost(f"lost the simulator at {address}: {text} ({code.name})")
     else:
         kind = NoSuchGame if code is grpc.StatusCode.NOT_FOUND else SimulatorError

@@ -15,6 +15,7 @@ from google.protobuf.message import DecodeError
 
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.text import printable
 from joybridge.contract.versions import own_version
 from joybridge.trainer.errors import StorageError
 from joybridge.trainer.files import read_file, storing, write_atomically
@@ -111,7 +112,9 @@ def load_recording(path: Path) -> Recording:
             end += size
         if end != len(data) or not requests or not requests[0].HasField("start"):
             raise ValueError(f"{len(data)} bytes of {len(requests)} requests, expected {end} that begin with start")
-        return Recording(str(header["error"]), str(header["server"]), requests, list(header["digests"]))
+        return Recording(
+            printable(str(header["error"])), printable(str(header["server"])), requests, list(header["digests"])
+        )
     except (OSError, ValueError, TypeError, KeyError, RecursionError, DecodeError) as error:
         raise FaultFileError(
             f"{path} is no recorded fault ({error}); name a file of the folder faults of a run"
