@@ -19,6 +19,7 @@ from joybridge.trainer.options import balanced_options
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.progress import Display
 from joybridge.trainer.record import record
+from joybridge.trainer.replay import main as replay
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
@@ -105,12 +106,22 @@ def test_an_odd_picture_can_be_recorded(talked, awkward, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved(awkward, tmp_path):
-    with pytest.raises(DivergedError, match=r"the network of player is no longer finite .*smaller learning_rate"):
-        train(config("generous", 600), tmp_path, [awkward], resume=False, report=lambda *_: None)
+def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved_and_can_be_replayed(
+    awkward, tmp_path, capsys
+):
+    text = (
+        r"after update 15, the network of player is no longer finite \(.*value_loss nan, .*"
+        r"parameters .*actor\.head\.weight.*smaller learning_rate"
+    )
+    with pytest.raises(DivergedError, match=text) as caught:
+        train(config("generous", 600), tmp_path, [awkward], resume=False, report=lambda *_: None, record_faults=True)
     arrays, manifest = load_checkpoint(tmp_path)
     assert 150 < manifest.timesteps < 200
     assert all(np.isfinite(array).all() for name, array in arrays.items() if "/network." in name)
+    assert replay(["replay", str(tmp_path / "faults/arenas-0-1.fault"), "--simulator", awkward]) == 0
+    said = capsys.readouterr()
+    assert f"the fault was: {caught.value}\n" in said.err
+    assert "60 steps are as they were recorded, and none fails" in said.out
 
 
 def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(simulator, tmp_path):

@@ -68,8 +68,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
     trains.add_argument(
         "--record-faults", action="store_true",
-        help="if a simulator fails, is lost or breaks the contract, write what led to it into the folder faults of the "
-        "run, for `joybridge replay`",
+        help="if a simulator fails, is lost or breaks the contract, or an update diverges, write what led to it into "
+        "the folder faults of the run, for `joybridge replay`",
     )  # fmt: skip
     trains.add_argument(
         "--with-parent", action="store_true",

@@ -33,8 +33,9 @@ class Policy:
         groups = [slice(first, end) for first, end in pairwise(bounds)]
         self.rollout = RolloutBuffer(self.config.rollout_steps, groups, actor.observation_size, actor.layout.space)
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
+        name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
         self.learner = Learner(
-            actor.name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd
+            name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd
         )
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics)

@@ -7,8 +7,8 @@ captured state, with the same results as a run that never stopped.
 
 import math
 import time
-from collections.abc import Callable, Generator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,11 +20,11 @@ from joybridge.trainer.advice import Adviser
 from joybridge.trainer.checkpoint import best_score, has_checkpoint
 from joybridge.trainer.config import Config, check_run, keep_config
 from joybridge.trainer.config_fit import fitting_spec
-from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.errors import ConfigError, DivergedError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.metrics import Row, is_trainers
 from joybridge.trainer.options import balanced_options
-from joybridge.trainer.pipeline import collect, group_bounds, open_groups
+from joybridge.trainer.pipeline import Group, collect, group_bounds, open_groups
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.ppo.gae import gae
 from joybridge.trainer.ppo.schedule import anneal
@@ -45,8 +45,8 @@ def train(
     """Train `config` in the folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
     revive: called when a simulator is lost; returns the addresses of simulators that answer. Without it, training ends.
-    say: called with remarks on the run, a line each. record_faults: write what led to a fault of a simulator into the
-    folder faults of the run.
+    say: called with remarks on the run, a line each. record_faults: write what led to a fault of a simulator, or to an
+    update that diverged, into the folder faults of the run.
 
     Raises ConfigError, CheckpointError, StorageError, SimulatorError and DivergedError. The last state between two
     rollouts is saved on any exception.
@@ -93,8 +93,8 @@ def play_and_learn(
         groups = open_groups(config, addresses, state.session_snapshots())
         for group in groups:
             opened.callback(group.session.close)
-            for session in single_sessions(group.session) if record_faults else ():
-                session.record_faults(run / "faults")
+        if record_faults:
+            opened.enter_context(recording(groups, run / "faults"))
         loggers = [opened.enter_context(closing(Logger(run, policy.actor.name, timesteps))) for policy in policies]
         if state.arrays:
             state.restore(policies, loggers, groups)
@@ -129,6 +129,20 @@ def play_and_learn(
             report(timesteps, profiler.live(), None)
 
 
+@contextmanager
+def recording(groups: Sequence[Group], folder: Path) -> Iterator[None]:
+    """Record the faults of all sessions in the block, and what led to an update that diverged."""
+    sessions = [session for group in groups for session in single_sessions(group.session)]
+    for session in sessions:
+        session.record_faults(folder)
+    try:
+        yield
+    except DivergedError as error:
+        for session in sessions:
+            session.write_fault(str(error))
+        raise
+
+
 def save(state: RunState, best: RunState | None, run: Path, keep: int) -> None:
     """Write a checkpoint, and the best one if it is a new one. Raises StorageError."""
     state.save(run, keep)
@@ -161,11 +175,14 @@ def learn(policy: Policy, progress: float) -> Row:
             rollout.final_values, decided,
             gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
         )  # fmt: skip
-        statistics = ppo_update(
-            policy.learner, rollout.batch(advantages, decided).to(policy.actor.accelerator),
-            anneal(progress, config), epochs=config.epochs, minibatch_size=config.minibatch_size,
-            rng=policy.shuffles(), max_grad_norm=config.max_grad_norm, target_kl=config.target_kl,
-        )  # fmt: skip
+        try:
+            statistics = ppo_update(
+                policy.learner, rollout.batch(advantages, decided).to(policy.actor.accelerator),
+                anneal(progress, config), epochs=config.epochs, minibatch_size=config.minibatch_size,
+                rng=policy.shuffles(), max_grad_norm=config.max_grad_norm, target_kl=config.target_kl,
+            )  # fmt: skip
+        except DivergedError as error:
+            raise DivergedError(f"after update {policy.updates + 1:,}, {error}") from None
         statistics["value"] = float(rollout.values[decided].mean())
     policy.restart()
     return statistics

@@ -17,6 +17,7 @@ from joybridge.trainer.ppo.networks import Network, flatten_parameters
 from joybridge.trainer.ppo.schedule import Coefficients
 
 KL = STATISTICS.index("approx_kl")
+LOSSES = ("policy_loss", "value_loss", "entropy")
 
 
 class Learner:
@@ -91,10 +92,9 @@ def ppo_update(
         done += 1
         divergence = float(np.mean([row[KL] for row in rows[-(len(batch) // size) :]]))
     statistics = dict(zip(learner.statistics, np.mean(rows, axis=0).tolist(), strict=True))
-    if not learner.weights.isfinite().all():
-        found = ", ".join(f"{name} {value:g}" for name, value in statistics.items())
+    if found := not_finite(learner, statistics):
         raise DivergedError(
-            f"the network of {learner.name} is no longer finite ({found}); look for huge rewards or "
+            f"the network of {learner.name} is no longer finite ({', '.join(found)}); look for huge rewards or "
             "observations, or take a smaller learning_rate in a new run"
         )
     assert learner.weights.grad is not None
@@ -111,6 +111,15 @@ def ppo_update(
         "grad_norm": float(norm),  # of the last minibatch, before it was clipped
         "learning_rate": coefficients.learning_rate,
     }
+
+
+def not_finite(learner: Learner, statistics: dict[str, float]) -> list[str]:
+    """Return which losses and parameters are infinite or NaN."""
+    found = [f"{name} {statistics[name]:g}" for name in LOSSES if not math.isfinite(statistics[name])]
+    if not learner.weights.isfinite().all():
+        named = learner.network.named_parameters()
+        found.append(f"parameters {', '.join(name for name, tensor in named if not tensor.isfinite().all())}")
+    return found
 
 
 def explained_variance(values: torch.Tensor, returns: torch.Tensor) -> float:

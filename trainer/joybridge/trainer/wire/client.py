@@ -189,6 +189,11 @@ class Session:
         path = folder / f"arenas-{first}-{first + self.arenas - 1}.fault"
         self._log = FaultLog(path, self._start, self.server, self.steps)
 
+    def write_fault(self, error: str) -> None:
+        """Write what led to the present step into the file of `record_faults`, for an error of the caller's own."""
+        if self._log is not None:
+            self._log.write(error)
+
     def close(self) -> None:
         """End the session; the simulator frees its arenas. May be called again, and by finalizers."""
         self._failure = self._failure or SimulatorLost(f"the session at {self.address} is closed")
@@ -251,8 +256,8 @@ class Session:
             return function(*args)
         except SimulatorError as error:
             self._failure = error
-            if self._log is not None and not isinstance(error, SimulatorShutDown):
-                self._log.write(str(error))
+            if not isinstance(error, SimulatorShutDown):
+                self.write_fault(str(error))
             raise
         except KeyboardInterrupt:
             self._failure = SimulatorLost(f"the session at {self.address} was interrupted")
