@@ -14,34 +14,24 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from scipy import stats
+
+from tools.chaos.process import children, mebibytes
 
 BLOCKS = 10
 LIMIT = 1.0  # MiB per minute
 SAMPLE_SECONDS = 0.5
 
 
-def resident(process: int) -> float:
-    """Return the resident memory of a process in MiB. Raises OSError if it has ended."""
-    lines = Path(f"/proc/{process}/status").read_text().splitlines()
-    return int(next(line for line in lines if line.startswith("VmRSS:")).split()[1]) / 1024
-
-
-def slope(minutes: Sequence[float], mebibytes: Sequence[float]) -> tuple[float, float]:
-    """Return the growth in MiB per minute, and half the width of its 95 % confidence interval."""
+def slope(minutes: Sequence[float], memory: Sequence[float]) -> tuple[float, float]:
+    """Return the growth of memory in MiB per minute, and half the width of its 95 % confidence interval."""
     times, sizes = (
-        [block.mean() for block in np.array_split(np.array(values), BLOCKS)] for values in (minutes, mebibytes)
+        [block.mean() for block in np.array_split(np.array(values), BLOCKS)] for values in (minutes, memory)
     )
     line = stats.linregress(times, sizes)
     return float(line.slope), float(line.stderr * stats.t.ppf(0.975, BLOCKS - 2))
-
-
-def children(process: int) -> list[int]:
-    """Return the processes that a process has started."""
-    return [int(text) for text in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
 
 
 def watch(trainer: "subprocess.Popen[bytes]", minutes: float) -> dict[str, list[tuple[float, float]]]:
@@ -54,7 +44,7 @@ def watch(trainer: "subprocess.Popen[bytes]", minutes: float) -> dict[str, list[
         processes = {"trainer": trainer.pid, "simulator": next(iter(children(trainer.pid)), None)}
         for name, process in processes.items():
             if process is not None and now > minutes / 3.0:
-                samples[name].append((now, resident(process)))
+                samples[name].append((now, mebibytes(process)))
         time.sleep(SAMPLE_SECONDS)
     return samples
 
