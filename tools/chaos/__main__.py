@@ -9,6 +9,7 @@ if anything was not as it should be. It runs on Linux.
 """
 
 import argparse
+import os
 import sys
 import tempfile
 import time
@@ -71,6 +72,7 @@ def main() -> int:
     options = parser.parse_args()
     if unknown := set(options.kinds) - set(KINDS):
         parser.error(f"unknown: {', '.join(sorted(unknown))}; expected any of {', '.join(KINDS)}")
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # its own log tells of every connection that is cut
     wrong = False
     for name in options.kinds or KINDS:
         kind = KINDS[name]

@@ -113,7 +113,6 @@ def _hostile(spec: pb.GameSpec, compression: grpc.Compression, bomb: str) -> Ite
 
 def _visit(address: str) -> tuple[float, str]:
     """Open a session in this process. Return how much memory it took in MiB, and the error."""
-    os.environ["GRPC_VERBOSITY"] = "NONE"
     forget_peak(os.getpid())
     before = mebibytes(os.getpid())
     try:
