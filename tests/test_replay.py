@@ -1,6 +1,7 @@
 """What led to a fault is recorded and repeated, on the same simulator or another one."""
 
 import json
+import zlib
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from joybridge.trainer.replay import FaultFound, main, replay
 from joybridge.trainer.wire import fault_log
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost
-from joybridge.trainer.wire.fault_log import FaultFileError, load_recording
+from joybridge.trainer.wire.recording import CHECK, HEAD, RecordingError, load_recording
 from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, serving
 
 HONEST = BrokenServer(set())
@@ -79,7 +80,7 @@ def test_a_lost_session_is_repeated_to_its_end(tmp_path, capsys):
 
 def test_a_recording_begins_with_the_last_snapshot(tmp_path):
     recording = lost_session(tmp_path, 6, saved_after=4)
-    assert len(recording.requests) == 4 and recording.requests[0].start.HasField("snapshot")
+    assert len(recording.exchanges) == 4 and recording.start.HasField("snapshot")
     with serving(HONEST) as address:
         assert replay(address, recording) == 3
 
@@ -126,21 +127,33 @@ def test_a_folder_that_cannot_be_written_hides_no_error(simulator, tmp_path, cap
 
 
 def header(**fields):
-    known = {"format": 1, "error": "", "server": "", "sizes": [0], "digests": []}
-    return json.dumps(known | fields).encode() + b"\n"
+    return json.dumps({"format": 2, "error": "", "server": ""} | fields).encode() + b"\n"
+
+
+def file_of(*records, **fields):
+    """Return a file with these records, each a kind and a body, whose checksums are right."""
+    line = header(**fields)
+    data, check = line, zlib.crc32(line)
+    for kind, body in records:
+        head = HEAD.pack(kind, len(body))
+        of_head = zlib.crc32(head, check)
+        check = zlib.crc32(body, of_head)
+        data += head + CHECK.pack(of_head) + body + CHECK.pack(check)
+    return data
 
 
 @pytest.mark.parametrize(
     "content",
     [
-        b"", b"\xff\xfe\n", b"[1]\n", b"{}\n", b"null\n", header(), header(sizes=[]), header(sizes="many"),
-        header(sizes=[2]) + b"\xff\xff", header(sizes=[-3, 3]) + b"abc", header(format=2), b"[" * 100_000,
+        b"", b"\xff\xfe\n", b"[1]\n", b"{}\n", b"null\n", header(), header() + b"Q" * 20,
+        file_of((b"?", b"")), file_of((b"Q", b"\xff\xff")), file_of((b"Q", b"")), file_of((b"S", b"")),
+        file_of((b"H", b"[")), file_of((b"D", b"")), header(format=1), b"[" * 100_000,
     ],
 )  # fmt: skip
 def test_what_is_no_recorded_fault_is_refused_in_one_sentence(tmp_path, content, capsys):
     file = tmp_path / "strange"
     file.write_bytes(content)
-    with pytest.raises(FaultFileError, match=str(file)):
+    with pytest.raises(RecordingError, match=str(file)):
         load_recording(file)
     assert main(["replay", str(file)]) == 1
     assert capsys.readouterr().err.startswith(f"error: {file} ")

@@ -34,7 +34,7 @@ COMMANDS = {
         "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
     ),
     "train": Command("joybridge.trainer.__main__", "train", "train a configuration"),
-    "replay": Command("joybridge.trainer.replay", "train", "repeat what led to a fault of a simulator"),
+    "replay": Command("joybridge.trainer.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(
         "joybridge.experiments.compare", "compare", "train variants with several seeds, and write a page about them"
     ),

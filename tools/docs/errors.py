@@ -74,7 +74,7 @@ EXCEPTIONS = {  # what to do
     "NoSuchGame": "Name a game of the server: `joybridge list --simulator ADDRESS`.",
     "SimulatorShutDown": "Wait until the server is started again, then resume.",
     "FaultFound": "Repair the game: the step that the text names fails again, or differs.",
-    "FaultFileError": "Name a file of the folder `faults` of a run.",
+    "RecordingError": "Name a demonstration, or a file of the folder `faults` of a run, that is as it was written.",
     "ActionError": "Send an action of the action space; `sample_allowed` draws one that the mask allows.",
 }  # fmt: skip
 

@@ -26,6 +26,7 @@ from joybridge.trainer.command_line import (
 )
 from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config, run_name
 from joybridge.trainer.config_files import find_config
+from joybridge.trainer.demonstrations import find_demonstrations
 from joybridge.trainer.errors import StorageError
 from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked
@@ -65,6 +66,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--from", dest="weights_from", metavar="RUN",
         help="begin with the policies that another run has trained, and with fresh schedules",
     )  # fmt: skip
+    trains.add_argument(
+        "--demos", metavar="DIR",
+        help="clone the demonstrations in this folder; the key `cloning` says whether alone or beside PPO",
+    )  # fmt: skip
     trains.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
     trains.add_argument(
         "--record-faults", action="store_true",
@@ -93,6 +98,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--over", metavar="KEY=VALUE,VALUE,…",
         help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
         "write a plot into the folder of the run",
+    )  # fmt: skip
+    evaluates.add_argument(
+        "--demos", type=Path, metavar="DIR",
+        help="record what is played in new files of this folder, as demonstrations for `joybridge train --demos`",
     )  # fmt: skip
     evaluates.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     records = commands.add_parser("record", parents=[plays, shared], help="record a video of a run's policy")
@@ -132,7 +141,11 @@ def _train(options: argparse.Namespace) -> None:
     path = find_config(options.config)
     if options.weights_from:
         options.overrides.append(f"weights_from={options.weights_from}")
+    if options.demos:
+        options.overrides.append(f"demonstrations={options.demos}")
     config = load_config(path, options.overrides)
+    if config.demonstrations:
+        find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
@@ -203,7 +216,7 @@ def _evaluate(options: argparse.Namespace) -> None:
         results = {
             setting: evaluate(
                 run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
-                say=say, overrides=overrides, checkpoint=options.checkpoint,
+                say=say, overrides=overrides, checkpoint=options.checkpoint, demos=options.demos,
             )
             for setting, overrides in plays.items()
         }  # fmt: skip

@@ -106,6 +106,9 @@ class PolicyConfig(_Checked):
     )
     gamma: float = Field(0.99, ge=0, le=1, description="discount of rewards per decision")
     gae_lambda: float = Field(0.95, ge=0, le=1, description="lambda of generalized advantage estimation")
+    cloning_coef: float = Field(
+        1.0, ge=0, description="coefficient of the loss of cloning; beside PPO it falls linearly, to 0"
+    )
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
@@ -152,6 +155,13 @@ class Config(_Checked):
     )
     weights_from: str | None = Field(
         None, description="folder of a run whose trained policies this one begins with; written by --from"
+    )
+    demonstrations: str | None = Field(
+        None, description="folder of demonstrations that the policies clone; written by --demos"
+    )
+    cloning: Literal["alone", "beside_ppo"] = Field(
+        "alone",
+        description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
     )
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"

@@ -11,6 +11,7 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.episodes import Episodes
 from joybridge.trainer.metrics import Row
 from joybridge.trainer.playing import Change, Play, open_play
+from joybridge.trainer.wire.sharded_session import single_sessions
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
 
@@ -29,22 +30,26 @@ class Evaluation:
 
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
-    overrides: Sequence[str] = (), checkpoint: str = "",
+    overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None,
 ) -> dict[str, Evaluation]:  # fmt: skip
     """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
 
     overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
-    its timesteps, or "" for the newest.
+    its timesteps, or "" for the newest. demos: record what is played in this folder.
 
     Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
     often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
-    the original's figures. Raises SimulatorError, CheckpointError or ConfigError.
+    the original's figures. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
     """
     with open_play(
         run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
         checkpoint=checkpoint,
     ) as play:  # fmt: skip
         say(play.heading())
+        if demos:
+            say(f"recorded in {demos}")
+            for session in single_sessions(play.session):
+                session.record_demonstration(demos)
         rounds = math.ceil(episodes / play.arenas)
         balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
         say(f"{play.arenas} arenas × {rounds} rounds{balanced}")

@@ -18,7 +18,7 @@ ACTIVITIES = ("simulate", "wire", "act", "learn")  # fractions of the time
 STATISTICS = ("policy_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
 _COLUMNS = {
     "timesteps", "seconds", "episodes", "reward", "reward_std", "length", *STATISTICS, "value", "explained_variance",
-    "grad_norm", "epochs", "learning_rate", "timesteps_per_second", *ACTIVITIES,
+    "grad_norm", "epochs", "cloning_loss", "learning_rate", "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
 
 

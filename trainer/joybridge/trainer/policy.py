@@ -11,12 +11,14 @@ from joybridge.trainer.actor import Actor
 from joybridge.trainer.checkpoint import select
 from joybridge.trainer.episodes import Episodes
 from joybridge.trainer.observations import final_observations, push_frames
+from joybridge.trainer.ppo.cloning import Cloning, minibatches
+from joybridge.trainer.ppo.loss import Actions
 from joybridge.trainer.ppo.return_scale import ReturnScale
 from joybridge.trainer.ppo.rollout import RolloutBuffer
 from joybridge.trainer.ppo.update import Learner
 from joybridge.v1 import bridge_pb2 as pb
 
-SAMPLES, SHUFFLES = range(2)  # what random numbers are for
+SAMPLES, SHUFFLES, DEMONSTRATIONS = range(3)  # what random numbers are for
 
 
 class Policy:
@@ -39,6 +41,7 @@ class Policy:
         )
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics)
+        self.demonstrated: Actions | None = None  # what it clones
         self.updates = 0
         self.rollout.draw_noise(self._rng(SAMPLES))
 
@@ -94,6 +97,17 @@ class Policy:
     def shuffles(self) -> np.random.Generator:
         """Return the generator that shuffles the present rollout."""
         return self._rng(SHUFFLES)
+
+    def cloning(self, progress: float, *, alone: bool) -> Cloning | None:
+        """Return what the present update learns from demonstrations, after a fraction of the run; None: nothing.
+
+        alone: PPO then only teaches the critic; otherwise the coefficient falls linearly, to 0.
+        """
+        if self.demonstrated is None:
+            return None
+        coef = self.config.cloning_coef * (1.0 if alone else max(0.0, 1.0 - progress))
+        chosen = minibatches(self.demonstrated, self.config.minibatch_size, self._rng(DEMONSTRATIONS))
+        return Cloning(chosen, coef, alone)
 
     def restart(self) -> None:
         """Begin the next rollout."""

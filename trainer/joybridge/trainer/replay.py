@@ -1,4 +1,7 @@
-"""`joybridge replay`: repeat what led to a fault, on any simulator, and name the step where it fails or differs."""
+"""`joybridge replay`: repeat a recorded session on any simulator, and name the step where it fails or differs.
+
+A session is recorded where something went wrong (a fault), or to show how something is done (a demonstration).
+"""
 
 import argparse
 from collections.abc import Sequence
@@ -14,7 +17,7 @@ from joybridge.trainer.command_line import (
 from joybridge.trainer.simulators import open_simulators
 from joybridge.trainer.wire.client import CALL_SECONDS, Session
 from joybridge.trainer.wire.errors import SimulatorError
-from joybridge.trainer.wire.fault_log import Recording, digest, load_recording
+from joybridge.trainer.wire.recording import Recording, digest, load_recording
 
 
 class FaultFound(SimulatorError):
@@ -25,8 +28,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     """Run the command line and return its exit status: 1 if a step fails or differs."""
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    replays = commands.add_parser("replay", help="repeat what led to a fault")
-    replays.add_argument("file", type=Path, help="a file of the folder faults of a run")
+    replays = commands.add_parser("replay", help="repeat what led to a fault, or a demonstration")
+    replays.add_argument("file", type=Path, help="a file of the folder faults of a run, or a demonstration")
     replays.set_defaults(overrides=[])
     add_simulator_options(replays)
     options = parser.parse_args(arguments)
@@ -38,7 +41,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 
 def _replay(options: argparse.Namespace) -> None:
     recording = load_recording(options.file)
-    say(f"the fault was: {recording.error}")
+    if recording.error:
+        say(f"the fault was: {recording.error}")
+    if recording.cut:
+        say(f"its last record was not written to its end: {recording.cut} bytes are left out")
     with open_simulators(wanted_simulators(options), options.wait, say) as connect:
         steps = replay(connect()[0], recording, options.timeout or CALL_SECONDS)
     print(f"{steps} steps are as they were recorded, and none fails")
@@ -49,8 +55,7 @@ def replay(address: str, recording: Recording, timeout: float = CALL_SECONDS) ->
 
     Raises FaultFound at the first step that fails or that has other bytes than were recorded.
     """
-    start = recording.requests[0].start
-    digests = [*recording.digests, *[None] * len(recording.requests)]
+    start = recording.start
     step = 0
     try:
         with Session(
@@ -60,11 +65,11 @@ def replay(address: str, recording: Recording, timeout: float = CALL_SECONDS) ->
         ) as session:  # fmt: skip
             if session.server != recording.server:
                 say(f"recorded with {recording.server}, replayed with {session.server}")
-            for request, wanted in zip(recording.requests, digests, strict=False):
-                if not request.HasField("start"):
-                    step += request.HasField("act")
-                    session.repeat(request)
-                if wanted is not None and digest(session.steps) != wanted:
+            for exchange in recording.exchanges:
+                if not exchange.request.HasField("start"):
+                    step += exchange.request.HasField("act")
+                    session.repeat(exchange.request)
+                if exchange.digest is not None and digest(session.steps) != exchange.digest:
                     raise FaultFound(f"step {step} has other bytes than were recorded")
     except FaultFound:
         raise

@@ -18,6 +18,7 @@ import torch
 from joybridge.trainer.actor import make_actors
 from joybridge.trainer.advice import Adviser
 from joybridge.trainer.checkpoint import best_score, has_checkpoint
+from joybridge.trainer.cloning import demonstrate
 from joybridge.trainer.config import Config, check_run, keep_config
 from joybridge.trainer.config_fit import fitting_spec
 from joybridge.trainer.errors import ConfigError, DivergedError
@@ -86,6 +87,8 @@ def play_and_learn(
         for actor in make_actors(config, spec, config.accelerator)
     ]
     cycle, stretch = rollout_cycle(policies)
+    for remark in demonstrate(policies, config, run, spec, resumed=state.timesteps > 0):
+        say(remark)
     metric, sign = best_metric(config, policies[0])
     keep_config(config, run)
     timesteps, lanes = state.timesteps, policies[0].lanes
@@ -118,7 +121,8 @@ def play_and_learn(
                             if policy.rollout.full:
                                 for remark in adviser.look():
                                     say(remark)
-                                logger.mean.add(learn(policy, timesteps / config.total_timesteps))
+                                progress = timesteps / config.total_timesteps
+                                logger.mean.add(learn(policy, progress, alone=config.cloning == "alone"))
                     if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
                         row = log(timesteps, policies, loggers, profiler)
                         report(timesteps, row, row)
@@ -162,8 +166,10 @@ def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
     return metric, -1 if config.best.startswith("-") else 1
 
 
-def learn(policy: Policy, progress: float) -> Row:
+def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
     """Improve a policy on its full rollout, after a fraction `progress` of the run, and begin the next rollout.
+
+    alone: demonstrations, if there are any, replace PPO, which then only teaches the critic.
 
     Return statistics, none if no decision was made in the rollout. Raises DivergedError.
     """
@@ -180,6 +186,7 @@ def learn(policy: Policy, progress: float) -> Row:
                 policy.learner, rollout.batch(advantages, decided).to(policy.actor.accelerator),
                 anneal(progress, config), epochs=config.epochs, minibatch_size=config.minibatch_size,
                 rng=policy.shuffles(), max_grad_norm=config.max_grad_norm, target_kl=config.target_kl,
+                cloning=policy.cloning(progress, alone=alone),
             )  # fmt: skip
         except DivergedError as error:
             raise DivergedError(f"after update {policy.updates + 1:,}, {error}") from None

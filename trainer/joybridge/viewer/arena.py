@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -39,14 +40,19 @@ class Arena:
     None.
     """
 
-    def __init__(self, address: str, game: str, settings: Settings, timeout: float) -> None:
-        """Open a session. timeout: seconds to wait for an answer. Raises SimulatorError and ConfigError."""
+    def __init__(self, address: str, game: str, settings: Settings, timeout: float, demos: Path | None = None) -> None:
+        """Open a session.
+
+        timeout: seconds to wait for an answer. demos: record what the person plays in this folder. Raises
+        SimulatorError, ConfigError and StorageError.
+        """
         check_settings(settings.options, settings.parameters, describe(address, game, {}))
         self.session = Session(
             address, game, arenas=1, seed=settings.seed, options=settings.options, parameters=settings.parameters,
             timeout=timeout,
         )  # fmt: skip
         self.settings = settings
+        self._demonstration = self.session.record_demonstration(demos) if demos else None
         self.spec = spec = self.session.spec
         self.scores = Scores(spec)
         self.acts = make_acts(spec, 1)
@@ -75,10 +81,19 @@ class Arena:
                 act.axes[lanes] = _in_range(pressed.axes[index], behavior.device)
                 act.choices[lanes] = pressed.choices[index]
             obey_masks(act, step, self._rng)
+        if self._demonstration:
+            self._demonstration.hold(self._lanes(seat))
         steps, pictures = self.session.step_and_draw(self.acts, self._drawn if draw else [])
         self.turn += 1
         self.picture = pictures[0] if pictures else None
         self.scores.take(steps)
+
+    def _lanes(self, seat: int | None) -> list[list[int]] | None:
+        """Return the lanes of each behavior that the person holds, None: all."""
+        if seat is None:
+            return None
+        held = self.scores.seats[seat]
+        return [[held.agent] if index == held.behavior else [] for index in range(len(self.spec.behaviors))]
 
     def close(self) -> None:
         """End the session; the simulator frees the arena."""

@@ -47,9 +47,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             against, settings = _rival(options.against, game, settings)
             check_settings(settings.options, settings.parameters, describe(simulator.reach(), game, settings.options))
             with open_website(
-                options.port, lambda page: play(page, simulator, game, settings, options.timeout, against)
+                options.port,
+                lambda page: play(page, simulator, game, settings, options.timeout, against, options.demos),
             ) as url:
-                print(f"play {game} at {url}\nCtrl-C ends it", flush=True)
+                recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
+                print(f"play {game} at {url}\n{recorded}Ctrl-C ends it", flush=True)
                 if not options.no_browser:
                     webbrowser.open(url)
                 Event().wait()
@@ -91,6 +93,10 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     play.add_argument(
         "--against", type=Path, metavar="RUN",
         help="let the policy of a run play beside you, on the same seed; its options and parameters are the defaults",
+    )  # fmt: skip
+    play.add_argument(
+        "--demos", type=Path, metavar="DIR",
+        help="record what you play in new files of this folder, as demonstrations for `joybridge train --demos`",
     )  # fmt: skip
     play.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
     add_overrides(play, "options and parameters of the game, e.g. options.level=6 parameters.bird_speed=0.5")

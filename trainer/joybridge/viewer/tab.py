@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from websockets.sync.server import ServerConnection
@@ -33,18 +34,19 @@ RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
 
 def play(
     page: ServerConnection, simulator: Simulator, game: str, settings: Settings, timeout: float,
-    against: Against | None = None,
+    against: Against | None = None, demos: Path | None = None,
 ) -> None:  # fmt: skip
     """Play a game with a page until the page goes away, which raises ConnectionClosed.
 
     Begin under `settings`, and again with those that the page asks for. A simulator that is lost is tried again until
     it answers. timeout: seconds to wait for an answer of the simulator. against: opens the rival of each session.
+    demos: the folder in which each session is recorded.
     """
     while True:
         try:
             address = simulator.reach()
             with (
-                closing(Arena(address, game, settings, timeout)) as arena,
+                closing(Arena(address, game, settings, timeout, demos)) as arena,
                 against(address, settings) if against else nullcontext() as rival,
             ):
                 settings = _play_arena(page, arena, rival)

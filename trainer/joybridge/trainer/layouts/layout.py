@@ -12,6 +12,7 @@ import numpy as np
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts.parts import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
+from joybridge.trainer.layouts.reading import read_continuous, read_discrete
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
@@ -99,6 +100,24 @@ class Layout:
             act.choices[:, table.branches] = table.values[discrete[:, column]]
             if table.positions is not None:
                 act.axes[:, table.axes] = table.positions[discrete[:, column]]
+
+    def read(self, act: ActArrays) -> tuple[Array, Array]:
+        """Return the policy's actions that come nearest to what a device was given: the reverse of `write`.
+
+        continuous, float32 [lanes, continuous], in the middle of what acts alike; discrete, int64 [lanes, branches].
+        A layout that knows better overrides this.
+        """
+        lanes = len(act.axes)
+        continuous = np.zeros((lanes, len(self.continuous)), np.float32)
+        discrete = np.zeros((lanes, len(self.discrete)), np.int64)
+        for column, part in enumerate(self.continuous):
+            continuous[:, column] = CLIP * read_continuous(part, act)
+        for column, table in enumerate(self.discrete):
+            discrete[:, column] = read_discrete(table, act)
+            if isinstance(table, AxisTable) and table.given is not None:
+                branch, choice = table.given
+                discrete[discrete[:, branch] != choice, column] = 0
+        return continuous, discrete
 
     def masks(self, device_masks: Sequence[Array]) -> list[Array]:
         """Return which choices of the policy's branches are allowed, bool [lanes, choices] each.

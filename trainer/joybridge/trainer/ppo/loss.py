@@ -6,7 +6,7 @@ The order of operations is that of the original (ML-Agents 0.7).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -19,36 +19,42 @@ from joybridge.trainer.ppo.schedule import Coefficients
 
 
 @dataclass
-class Batch:
-    """Timesteps to learn from; every tensor has one row per timestep."""
+class Actions:
+    """Observations, and what was done; every tensor has one row per timestep."""
 
     observations: Tensor  # [n, observation]
     continuous: Tensor  # [n, continuous]: samples before clipping
     discrete: Tensor  # int64 [n, branches]
     masks: Tensor | None  # [n, branches, widest]: 0 or FORBIDDEN, added to the logits
+
+    def rows(self, index: Tensor) -> Self:
+        """Return the timesteps at `index`."""
+        return self._each(lambda field: field.index_select(0, index))  # eight times as fast as field[index]
+
+    def to(self, accelerator: torch.device) -> Self:
+        """Return the same on an accelerator."""
+        return self._each(lambda field: field.to(accelerator))
+
+    def slice(self, start: int, end: int) -> Self:
+        """Return the timesteps start .. end - 1 without copying them."""
+        return self._each(lambda field: field[start:end])
+
+    def _each(self, function: Callable[[Tensor], Tensor]) -> Self:
+        fields: dict[str, Any] = {name: None if f is None else function(f) for name, f in vars(self).items()}
+        return type(self)(**fields)
+
+    def __len__(self) -> int:
+        return len(self.observations)
+
+
+@dataclass
+class Batch(Actions):
+    """Timesteps to learn from with PPO."""
+
     log_probs: Tensor  # [n]: joint, when the action was sampled
     values: Tensor  # [n]: when the action was sampled
     advantages: Tensor  # [n], normalized
     returns: Tensor  # [n]
-
-    def rows(self, index: Tensor) -> "Batch":
-        """Return the timesteps at `index`."""
-        return self._each(lambda field: field.index_select(0, index))  # eight times as fast as field[index]
-
-    def to(self, accelerator: torch.device) -> "Batch":
-        """Return the batch on an accelerator."""
-        return self._each(lambda field: field.to(accelerator))
-
-    def slice(self, start: int, end: int) -> "Batch":
-        """Return the timesteps start .. end - 1 without copying them."""
-        return self._each(lambda field: field[start:end])
-
-    def _each(self, function: Callable[[Tensor], Tensor]) -> "Batch":
-        fields: dict[str, Any] = {name: None if f is None else function(f) for name, f in vars(self).items()}
-        return Batch(**fields)
-
-    def __len__(self) -> int:
-        return len(self.returns)
 
 
 # Sets the gradient of a network on a minibatch; returns its statistics, [len(STATISTICS) + branches].
@@ -56,7 +62,7 @@ LossGradient = Callable[[Batch, Coefficients], Array]
 
 
 def joint_log_probs(
-    outputs: Outputs, log_variance: Tensor, batch: Batch, distributions: Sequence[Distribution] = ()
+    outputs: Outputs, log_variance: Tensor, batch: Actions, distributions: Sequence[Distribution] = ()
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return the joint log-probability of the actions [n], their mean entropy, and the entropies of the parts.
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,6 +12,7 @@ from torch.optim.adam import adam
 from joybridge.contract.tensors import Array
 from joybridge.trainer.errors import DivergedError
 from joybridge.trainer.metrics import STATISTICS
+from joybridge.trainer.ppo.cloning import Cloning, add_cloning_gradient
 from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
 from joybridge.trainer.ppo.loss import Batch, LossGradient, autograd_gradient
 from joybridge.trainer.ppo.networks import Network, flatten_parameters
@@ -70,22 +72,30 @@ class Learner:
 def ppo_update(
     learner: Learner, batch: Batch, coefficients: Coefficients, *, epochs: int, minibatch_size: int,
     rng: np.random.Generator, max_grad_norm: float | None = None, target_kl: float | None = None,
+    cloning: Cloning | None = None,
 ) -> dict[str, float]:  # fmt: skip
     """Improve the network of `learner` on `batch`; return statistics by name, means over all minibatches.
 
     Each epoch shuffles the batch with `rng` and takes as many whole minibatches as there are; the rest is left out. A
     batch smaller than a minibatch is one. max_grad_norm: longer gradients are shortened to it. target_kl: no epoch
-    follows one whose mean KL divergence is larger. Raises DivergedError.
+    follows one whose mean KL divergence is larger. cloning: for each minibatch, the gradient of one of demonstrations
+    is added; if it is alone, target_kl does not count. Raises DivergedError.
     """
     accelerator = batch.returns.device
     size = min(minibatch_size, len(batch))
     rows: list[Array] = []
+    losses: list[float] = []  # of cloning
+    if cloning is not None and cloning.alone:
+        batch.advantages.zero_()
+        coefficients, target_kl = replace(coefficients, entropy_coef=0.0), None
     done, divergence = 0, 0.0  # epochs; of the last one
     norm = torch.zeros(())  # of the last gradient, if gradients are clipped
     while done < epochs and (target_kl is None or divergence <= target_kl):
         shuffled = batch.rows(torch.from_numpy(rng.permutation(len(batch))).to(accelerator))
         for start in range(0, len(batch) - size + 1, size):
             rows.append(learner.gradient(shuffled.slice(start, start + size), coefficients))
+            if cloning is not None:
+                losses.append(add_cloning_gradient(learner.network, next(cloning.minibatches), cloning.coef))
             if max_grad_norm is not None:
                 norm = torch.nn.utils.clip_grad_norm_(learner.weights, max_grad_norm)
             learner.step(coefficients.learning_rate)
@@ -106,6 +116,8 @@ def ppo_update(
         norm = torch.linalg.vector_norm(learner.weights.grad)
     if target_kl is not None:
         statistics["epochs"] = done
+    if losses:
+        statistics["cloning_loss"] = float(np.mean(losses))
     return statistics | {
         "explained_variance": explained_variance(batch.values, batch.returns),
         "grad_norm": float(norm),  # of the last minibatch, before it was clipped

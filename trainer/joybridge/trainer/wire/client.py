@@ -23,6 +23,7 @@ from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array
 from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch, own_version
+from joybridge.trainer.wire.demonstration_log import DemonstrationLog
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, SimulatorShutDown, from_grpc
 from joybridge.trainer.wire.exchange import Reader, Wait, act_request
 from joybridge.trainer.wire.fault_log import FaultLog
@@ -123,7 +124,7 @@ class Session:
         self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
         self._failure: SimulatorError | None = None  # why the session has ended
-        self._log: FaultLog | None = None
+        self._log: FaultLog | DemonstrationLog | None = None
         self._reader = Reader(address, self.spec, arenas)
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
         self._wait = Wait(address, f"{game}, arenas {first_arena} to {first_arena + arenas - 1}", timeout)
@@ -192,7 +193,15 @@ class Session:
     def write_fault(self, error: str) -> None:
         """Write what led to the present step into the file of `record_faults`, for an error of the caller's own."""
         if self._log is not None:
-            self._log.write(error)
+            self._log.failed(error)
+
+    def record_demonstration(self, folder: Path) -> DemonstrationLog:
+        """Write what is played from now on into a new file of this folder; see DemonstrationLog. Raises StorageError.
+
+        Call this before the first request, and not with `record_faults`.
+        """
+        self._log = recorded = DemonstrationLog(folder, self._start, self.server, self.spec, self.steps)
+        return recorded
 
     def close(self) -> None:
         """End the session; the simulator frees its arenas. May be called again, and by finalizers."""

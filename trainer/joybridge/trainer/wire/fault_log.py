@@ -4,43 +4,22 @@ The log costs a session little: it refers to requests that were sent anyway, and
 begins anew with every snapshot, and is given up after LONGEST bytes of requests.
 """
 
-import json
 import logging
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
-from typing import NamedTuple
-
-from google.protobuf.message import DecodeError
 
 from joybridge.contract.codec import StepArrays
-from joybridge.contract.errors import JoybridgeError
-from joybridge.contract.text import printable
-from joybridge.contract.versions import own_version
 from joybridge.trainer.errors import StorageError
-from joybridge.trainer.files import read_file, storing, write_atomically
+from joybridge.trainer.files import storing, write_atomically
+from joybridge.trainer.wire.recording import CHECK, Kind, Record, Writer, digest, heading
 from joybridge.v1 import bridge_pb2 as pb
 
-__all__ = ["FaultFileError", "FaultLog", "Recording", "digest", "load_recording"]
+__all__ = ["FaultLog"]
 
 log = logging.getLogger("joybridge.trainer")
 
 LONGEST = 64 << 20  # bytes of requests, without the snapshot of the first one
-LARGEST_FILE = 4 << 30
-FORMAT = 1
-
-
-class FaultFileError(JoybridgeError):
-    """A file that holds no recorded fault; the text names it."""
-
-
-class Recording(NamedTuple):
-    """A recorded fault."""
-
-    error: str
-    server: str  # its product
-    requests: list[pb.PlayRequest]  # the first is Start
-    digests: list[int | None]  # of the step that answered each request, as far as they came; None: not known
 
 
 class FaultLog:
@@ -74,57 +53,23 @@ class FaultLog:
         start.snapshot.CopyFrom(pb.Snapshot(parts=parts))
         self._begin(start, None)
 
-    def write(self, error: str) -> None:
+    def failed(self, error: str) -> None:
         """Write the file in place of an earlier one, and say in the log how the fault is repeated."""
         if self._bytes > LONGEST:
             log.warning("the fault is not recorded: the session is longer than %d MiB of actions", LONGEST >> 20)
             return
-        start = self._start
-        bodies = [request.SerializeToString() for request in self._requests]
-        header = {
-            "format": FORMAT, "error": error, "client": own_version().product, "server": self._server,
-            "game": start.game, "options": dict(start.options), "parameters": dict(start.parameters),
-            "seed": start.seed, "arenas": start.arenas, "first_arena": start.first_arena,
-            "sizes": [len(body) for body in bodies], "digests": self._digests,
-        }  # fmt: skip
+        writer = Writer(heading(self._start, self._server, error=error))
         try:
             with storing(self._path):
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(self._path, b"".join([json.dumps(header).encode(), b"\n", *bodies]))
+            write_atomically(self._path, writer.first_line + writer.encode(self._records()))
         except StorageError as problem:
             log.warning("the fault is not recorded: %s", problem)
         else:
             log.warning("the fault is recorded; `joybridge replay %s` repeats it", self._path)
 
-
-def load_recording(path: Path) -> Recording:
-    """Read a recorded fault. Raises FaultFileError."""
-    try:
-        line, _, data = read_file(path, LARGEST_FILE).partition(b"\n")
-        header = json.loads(line)
-        if header["format"] != FORMAT:
-            raise FaultFileError(
-                f"{path} has format {header['format']!r}, expected {FORMAT}; replay it with its version"
-            )
-        requests, end = [], 0
-        for size in header["sizes"]:
-            requests.append(pb.PlayRequest.FromString(data[end : end + size]))
-            end += size
-        if end != len(data) or not requests or not requests[0].HasField("start"):
-            raise ValueError(f"{len(data)} bytes of {len(requests)} requests, expected {end} that begin with start")
-        return Recording(
-            printable(str(header["error"])), printable(str(header["server"])), requests, list(header["digests"])
-        )
-    except (OSError, ValueError, TypeError, KeyError, RecursionError, DecodeError) as error:
-        raise FaultFileError(
-            f"{path} is no recorded fault ({error}); name a file of the folder faults of a run"
-        ) from error
-
-
-def digest(steps: Sequence[StepArrays]) -> int:
-    """Return a checksum of what lanes observe and earn, and of which episodes end."""
-    value = 0
-    for step in steps:
-        for array in (*step.observations, step.rewards, step.terminated, step.truncated):
-            value = zlib.crc32(array.data, value)
-    return value
+    def _records(self) -> Iterator[Record]:
+        for request, known in zip_longest(self._requests, self._digests):
+            yield Record(Kind.REQUEST, request.SerializeToString())
+            if known is not None:
+                yield Record(Kind.DIGEST, CHECK.pack(known))
