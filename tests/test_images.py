@@ -67,11 +67,11 @@ def test_the_frames_of_a_stack_are_channels_of_one_image_and_other_numbers_pass_
     torch.testing.assert_close(features[:, 12 + count :], encoder.convolutions[1](board).flatten(1))
 
 
-@pytest.mark.parametrize(("kind", "size"), [("simple", 6), ("nature", 36), ("impala", 9)])
+@pytest.mark.parametrize(("kind", "size", "others"), [("simple", 6, 0), ("nature", 36, 3), ("impala", 9, 3)])
 @pytest.mark.parametrize("shared", [True, False])
-def test_every_convolution_learns_in_one_tower_and_in_two(kind, size, shared):
-    frame = size * size * 2 + 3
-    make = partial(ImageEncoder, kind, [Image(3, size, size, 2)], frame, 1, "elu")
+def test_every_convolution_learns_in_one_tower_and_in_two(kind, size, others, shared):
+    frame = others + size * size * 2
+    make = partial(ImageEncoder, kind, [Image(others, size, size, 2)], frame, 1, "elu")
     network = Network(frame, ActionSpace(1, (3,)), [8], shared, 1, "elu", make)
     learner = Learner("player", network, branches=["b"], gaussians=["x"], autograd=False)
     assert not isinstance(learner.gradient, ClosedFormGradient)

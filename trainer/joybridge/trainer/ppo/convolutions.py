@@ -34,7 +34,7 @@ class ImageEncoder(nn.Module):
         """Return features [n, features] of observations [n, frame_stack x frame]."""
         rows = len(observations)
         frames = observations.view(rows, self.frame_stack, -1)
-        parts = [frames[:, :, self.others].reshape(rows, -1)]
+        parts = [frames[:, :, self.others].flatten(1)]
         for image, convolutions in zip(self.images, self.convolutions, strict=True):
             shape = (rows, self.frame_stack, image.height, image.width, image.channels)
             pixels = frames[:, :, image.begin : image.end].reshape(shape).permute(0, 1, 4, 2, 3)
