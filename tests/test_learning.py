@@ -26,7 +26,7 @@ FAST = PolicyConfig(
 
 @pytest.fixture(scope="module")
 def address():
-    games = [f"tests.support.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid", "Far")]
+    games = [f"tests.support.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid", "Far", "Shown")]
     with simulator_process(games) as bound:
         yield bound
 
@@ -66,6 +66,11 @@ def test_plain_autograd_learns_it_too(address, tmp_path):
 def test_sensors_far_from_0_are_learned_scaled(kind, address, tmp_path):
     settings = {"scale_observations": kind, "scale_rewards": True, "max_grad_norm": 0.5, "target_kl": 0.1}
     assert learn(address, tmp_path / "run", "identity_far", "hybrid", 16_000, **settings) > 0.9
+
+
+def test_a_picture_and_a_number_are_learned_through_convolutions(address, tmp_path):
+    settings = {"image_encoder": "simple", "activation": "relu"}
+    assert learn(address, tmp_path / "run", "identity_shown", "hybrid", 12_000, **settings) > 0.9
 
 
 def test_an_untrained_policy_does_not_reach_it(address, tmp_path):

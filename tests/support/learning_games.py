@@ -1,5 +1,7 @@
 """Games with known answers: what was shown is what pays."""
 
+import numpy as np
+
 from joybridge.simulator import Game, TimeStep, axis, behavior, branch, button, sensor, spec, transition, truncation
 
 LENGTH = 8
@@ -90,3 +92,25 @@ class Far(Hybrid):
 
     def show(self):
         return {"target": [30_000.0 + 10_000.0 * number for number in super().show()["target"]]}
+
+
+class Shown(Identity):
+    """A bright square in one quarter of a picture, beside a number that tells whether to press the button."""
+
+    name = "identity_shown"
+    buttons = ("a",)
+    choices = 4
+
+    @classmethod
+    def describe(cls, options):
+        made = super().describe(options)
+        made.behaviors[0].sensors[0].shape[:] = [1]
+        made.behaviors[0].sensors.append(sensor("picture", [8, 8, 3], dtype=np.uint8))
+        return made
+
+    def show(self):
+        pressed, *_ = super().show()["target"]
+        picture = np.zeros((8, 8, 3), np.uint8)
+        row, column = self.rng.integers(0, 2, 2) + 4 * np.array([self.choice // 2, self.choice % 2])
+        picture[row : row + 3, column : column + 3] = 255
+        return {"target": [pressed], "picture": picture}
