@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "joybridge.v1": ROOT / "proto/joybridge/v1",
     "joybridge.contract": ROOT / "proto/joybridge/contract",
+    "joybridge.mlagents": ROOT / "proto/joybridge/mlagents",
     "joybridge.conformance": ROOT / "proto/joybridge/conformance",
     "joybridge.simulator": ROOT / "simulator/joybridge/simulator",
     "joybridge.games": ROOT / "simulator/joybridge/games",
@@ -29,11 +30,12 @@ SIMULATOR = CONTRACT | {"joybridge.simulator", "joybridge.games", "joybridge.ada
 MAY_IMPORT = {  # of ours; each package may import itself as well
     "joybridge.v1": set(),
     "joybridge.contract": CONTRACT,
+    "joybridge.mlagents": CONTRACT,
     "joybridge.conformance": CONTRACT,
     "joybridge.simulator": SIMULATOR,
     "joybridge.games": SIMULATOR,
     "joybridge.adapters": SIMULATOR,
-    "joybridge.trainer": CONTRACT,
+    "joybridge.trainer": CONTRACT | {"joybridge.mlagents"},
     "joybridge.gym": CONTRACT | {"joybridge.trainer"},
     "joybridge.viewer": CONTRACT | {"joybridge.trainer"},
     "joybridge.experiments": CONTRACT | {"joybridge.trainer"},
@@ -42,6 +44,7 @@ LEARNING = {"torch", "gymnasium", "pettingzoo", "tensorboard", "pydantic"}
 MAY_NOT_IMPORT = {  # of others'; nobody imports the tools and the tests
     "joybridge.v1": LEARNING | {"pygame", "numba"},
     "joybridge.contract": LEARNING | {"pygame", "numba"},
+    "joybridge.mlagents": LEARNING | {"pygame", "numba"},
     "joybridge.conformance": LEARNING | {"pygame", "numba"},
     "joybridge.simulator": LEARNING,
     "joybridge.games": LEARNING,

@@ -15,7 +15,7 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, EnumDescriptorProto,
 
 from joybridge.contract.versions import REVISION
 from joybridge.v1 import bridge_pb2 as pb
-from tools.generate_proto import PROTO, SOURCE, generate
+from tools.generate_proto import MLAGENTS, PROTO, SOURCE, generate
 
 GENERATED = PROTO / Path(SOURCE).parent
 BASELINE = Path(__file__).parent / "data" / "bridge_v1.binpb"
@@ -38,6 +38,12 @@ def fresh(tmp_path_factory):
 @pytest.mark.parametrize("name", ["bridge_pb2.py", "bridge_pb2.pyi", "bridge_pb2_grpc.py"])
 def test_generated_code_is_what_the_proto_file_generates(fresh, name):
     assert (GENERATED / name).read_text() == (fresh / name).read_text()
+
+
+@pytest.mark.parametrize("name", ["communicator_pb2.py", "communicator_pb2.pyi"])
+def test_generated_code_of_the_wire_of_ml_agents_is_what_its_proto_file_generates(fresh, name):
+    folder = Path(MLAGENTS).parent
+    assert (PROTO / folder / name).read_text() == (fresh.parents[1] / folder / name).read_text()
 
 
 def test_the_descriptor_set_is_what_the_proto_file_generates(fresh):

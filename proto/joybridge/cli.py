@@ -28,6 +28,9 @@ COMMANDS = {
     "list": Command("joybridge.simulator.__main__", "simulator", "list the games and their options"),
     "look": Command("joybridge.trainer.look", "simulator", "draw random play of a game, beside what was pressed"),
     "play": Command("joybridge.viewer.play", "viewer", "play a game in the browser"),
+    "mlagents": Command(
+        "joybridge.trainer.mlagents.command", "simulator", "let a trainer of Unity ML-Agents train a game"
+    ),
     "new": Command("joybridge.simulator.__main__", "simulator", "write a small game of your own to start from"),
     "check": Command("joybridge.conformance.__main__", "", "test a server, in any language, against the contract"),
     "doctor": Command(

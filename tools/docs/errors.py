@@ -53,6 +53,7 @@ EXCEPTIONS = {  # what to do
     "MessageError": "Repair the program that made the message; `joybridge check` finds the same mistake in a server.",
     "TensorError": "Send the dtype, shape and size that the text names.",
     "SpecError": "Use a name and a value of the spec that `joybridge list` prints.",
+    "CommunicatorError": "Start the trainer of ML-Agents, or use another release of it, as the text says.",
     "CredentialsError": "Name a file that can be read: certificates in PEM, or a token in one line.",
     "SelectionError": "Use one of the names in the text; `joybridge check --list` prints all.",
     "NewGameError": "Choose another name or folder, as the text says.",

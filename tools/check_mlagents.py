@@ -1,0 +1,230 @@
+"""Hold `joybridge mlagents` to the real `mlagents_envs` 1.1.0: it drives our games and sees what our client sees.
+
+Four games are driven over localhost: masks, hybrid actions, turns, two behaviors, ends of both kinds, side channels.
+Then the same actions are played through our own client, and everything is compared to the bit. At last it is timed,
+with 64 agents; and so is the player alone, under a trainer that does nothing, because most of that time is that of
+`mlagents_envs`.
+
+`mlagents_envs` needs Python 3.10. It is installed into `.venv-mlagents` once. Exit status: 0; 1 at the first failure;
+77 before it begins, where Python 3.10 or the package cannot be had.
+"""
+
+import argparse
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import grpc
+import numpy as np
+
+from joybridge.contract.codec import StepArrays
+from joybridge.contract.tensors import Array
+from joybridge.mlagents import communicator_pb2 as ml
+from joybridge.mlagents.wire import ANY_LENGTH, END, FINE, METHOD, SERVICE, VERSION
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.observations import ObservationEncoder
+from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.launch import simulator_process
+from tools.check_wheel import find_python
+
+ROOT = Path(__file__).resolve().parents[1]
+ENVIRONMENT = ROOT / ".venv-mlagents"  # which git ignores
+MISSING = 77  # exit status: nothing was checked
+# mlagents-envs declares Python <= 3.10.12 and works with later ones, so it is installed without its requirements.
+REQUIREMENTS = (
+    "setuptools<81", "numpy==1.23.5", "protobuf==3.20.3", "grpcio==1.48.2",
+    "Pillow", "pyyaml", "cloudpickle", "filelock",
+)  # fmt: skip
+PACKAGE = "mlagents-envs==1.1.0"
+GAMES = ("archer", "noughts", "ferry", "shooting_birds")
+TIMED = "shooting_birds"
+SEED, ARENAS, RESET_AT, STEPS = 3, 4, 70, 120  # as in tools/mlagents/drive.py
+PARAMETERS: Mapping[str, tuple[str, tuple[float, float]]] = {"shooting_birds": ("bird_speed", (0.5, 1.5))}
+TIMED_ARENAS, TIMED_STEPS = 64, 400
+INSTALL_SECONDS = 120.0  # of one command of the installation
+DEADLINE = 300.0  # seconds of one command
+
+
+class Failed(Exception):
+    """Something that the player should do and does not; the text says what came."""
+
+
+def main() -> int:
+    """Check the player and return the exit status."""
+    argparse.ArgumentParser(description="Check joybridge mlagents against the real mlagents_envs.").parse_args()
+    begin = time.monotonic()
+    if reason := install():
+        print(f"not checked: {reason}")
+        return MISSING
+    try:
+        with simulator_process() as simulator, tempfile.TemporaryDirectory() as folder:
+            print(drive(simulator, Path(folder)), "of the real mlagents_envs, with 64 agents")
+            for game in GAMES:
+                with np.load(Path(folder) / f"{game}.npz") as archive:
+                    steps = compare(simulator, game, dict(archive))
+                print(f"{game}: {steps} decisions and ends of agents are equal to the bit")
+            print(f"{measure(simulator):.0f} agent-steps/s of the player alone, with {TIMED_ARENAS} agents")
+    except Failed as failure:
+        print(f"failed: {failure}", file=sys.stderr)
+        return 1
+    print(f"the real mlagents_envs drives our games ({time.monotonic() - begin:.0f} s)")
+    return 0
+
+
+def install() -> str:
+    """Make the environment of mlagents_envs where it is not there yet; return why it cannot be had, "" if it is."""
+    python = ENVIRONMENT / "bin/python"
+    if (
+        python.exists()
+        and not subprocess.run([python, "-c", "import mlagents_envs.environment"], check=False).returncode
+    ):
+        return ""
+    base = find_python("3.10")
+    if base is None:
+        return "mlagents-envs 1.1.0 needs Python 3.10, which is not installed here"
+    shutil.rmtree(ENVIRONMENT, ignore_errors=True)
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--no-compile", "--disable-pip-version-check"]
+    for command in (
+        [str(base), "-m", "venv", str(ENVIRONMENT)],
+        [*pip, *REQUIREMENTS],
+        [*pip, "--no-deps", "--ignore-requires-python", PACKAGE],
+    ):
+        try:
+            subprocess.run(command, check=True, capture_output=True, text=True, timeout=INSTALL_SECONDS)
+        except (subprocess.SubprocessError, OSError) as error:
+            said = str(getattr(error, "stderr", "") or error).strip().splitlines()
+            shutil.rmtree(ENVIRONMENT, ignore_errors=True)
+            return f"{PACKAGE} cannot be installed: {said[-1] if said else error}"
+    return ""
+
+
+def drive(simulator: str, folder: Path) -> str:
+    """Drive the games by the real package; return the last line that it prints. Raises Failed."""
+    ports = free_ports(len(GAMES) + 1)
+    with ExitStack() as resources:
+        for game, port in zip((*GAMES, TIMED), ports, strict=True):
+            resources.enter_context(player(simulator, game, port))
+        games = [f"{game}:{port}" for game, port in zip((*GAMES, TIMED), ports, strict=True)]
+        command = [str(ENVIRONMENT / "bin/python"), str(ROOT / "tools/mlagents/drive.py"), str(folder), *games]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
+    if done.returncode:
+        raise Failed(f"{' '.join(command)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+    if "WARNING" in done.stderr + done.stdout:
+        raise Failed(f"mlagents_envs warned:\n{done.stdout}{done.stderr}")
+    return done.stdout.strip().splitlines()[-1]
+
+
+@contextmanager
+def player(simulator: str, game: str, port: int) -> Iterator[None]:
+    """Run `joybridge mlagents` in the block, at the end of which it must have ended by itself. Raises Failed."""
+    command = [sys.executable, "-m", "joybridge", "mlagents", game, "--simulator", simulator, "--port", str(port)]
+    with subprocess.Popen([*command, "--wait", str(DEADLINE)], stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield
+            _, said = process.communicate(timeout=DEADLINE)
+        finally:
+            process.kill()
+    if process.returncode or "the trainer has ended after" not in said:
+        raise Failed(f"{' '.join(command)} ended with {process.returncode}:\n{said}")
+
+
+def free_ports(count: int) -> list[int]:
+    """Return ports of this machine that nobody uses."""
+    with ExitStack() as sockets:
+        bound = [sockets.enter_context(socket.socket()) for _ in range(count)]
+        for one in bound:
+            one.bind(("127.0.0.1", 0))
+        return [one.getsockname()[1] for one in bound]
+
+
+def compare(simulator: str, game: str, record: Mapping[str, Array]) -> int:
+    """Play the recorded actions through our own client; return how many agents were compared. Raises Failed."""
+    name, values = PARAMETERS.get(game, ("", (0.0, 0.0)))
+    first, second = ({name: value} if name else {} for value in values)
+    compared, told = 0, dict[str, list[float]]()
+    with Session(simulator, game, arenas=ARENAS, seed=SEED, parameters=first) as session:
+        spec, steps = session.spec, session.steps
+        encoders = [ObservationEncoder(one.name, one, None, {}) for one in spec.behaviors]
+        for number in range(STEPS):
+            if number == RESET_AT:
+                steps = session.reset(None, second)
+            acts = make_acts(spec, ARENAS)
+            for behavior, encoder, step, act in zip(spec.behaviors, encoders, steps, acts, strict=True):
+                key = f"{number}/{behavior.name}"
+                if f"{key}/ids" not in record:  # not announced yet, because no agent of it has been asked
+                    continue
+                asked = np.arange(len(step.rewards)) if step.deciding is None else np.flatnonzero(step.deciding)
+                for what, wanted in expected(step, asked, encoder.rewards(step)):
+                    came = record[f"{key}/{what}"]
+                    if came.tobytes() != wanted.astype(came.dtype).reshape(came.shape).tobytes():
+                        raise Failed(f"{game}: {key}/{what} is {came.tolist()}, expected {wanted.tolist()}")
+                compared += len(asked) + len(step.ended)
+                if len(asked):
+                    act.axes[asked] = record[f"{key}/continuous"]
+                    act.choices[asked] = record[f"{key}/discrete"]
+            steps = session.step(acts)
+            for behavior, step in zip(spec.behaviors, steps, strict=True):
+                for row in () if step.metrics is None else step.metrics.tolist():
+                    for metric, value in zip(behavior.metrics, row, strict=True):
+                        told.setdefault(f"statistics/{behavior.name}/{metric.name}", []).append(value)
+    for statistic, metrics in told.items():
+        if record.get(statistic, np.empty(0)).tolist() != metrics:
+            raise Failed(f"{game}: {statistic} are {record.get(statistic)}, expected {metrics}")
+    return compared
+
+
+def expected(step: StepArrays, asked: Array, rewards: Array) -> Iterator[tuple[str, Array]]:
+    """Yield what `mlagents_envs` must have seen, by the name in the record."""
+    earned = rewards.copy()
+    earned[step.ended] = 0.0
+    yield "reward", earned[asked]
+    yield "ended_reward", rewards[step.ended]
+    yield "interrupted", step.truncated[step.ended]
+    for index, sensor in enumerate(step.observations):
+        yield f"obs{index}", sensor[asked].astype(np.float32)
+        if len(step.ended) and step.final_observations is not None:
+            yield f"final{index}", step.final_observations[index].astype(np.float32)
+    for index, mask in enumerate(step.masks or ()):
+        yield f"mask{index}", ~mask[asked]
+
+
+def measure(simulator: str) -> float:
+    """Return agent-steps per second of the player under a trainer that always sends the same actions. Raises Failed."""
+    action = ml.Action(continuous=np.zeros(2, "<f4").tobytes(), discrete=[0, 0])
+    actions = {"hunter": ml.ActionList(actions=[action] * TIMED_ARENAS).SerializeToString()}
+    hello = ml.TrainerHello(seed=SEED, communication_version=VERSION, num_areas=TIMED_ARENAS)
+    first = [ml.FromTrainer(hello=hello), ml.FromTrainer(step=ml.TrainerStep(command=ml.RESET))]
+    step = _reply(ml.FromTrainer(step=ml.TrainerStep(actions=actions)))
+    replies = [*map(_reply, first), *[step] * TIMED_STEPS, ml.Message(header=ml.Header(status=END)).SerializeToString()]
+    times = []
+
+    def exchange(message: bytes, context: Any) -> bytes:
+        times.append(time.perf_counter())
+        return replies[len(times) - 1]
+
+    with ThreadPoolExecutor(1) as pool:
+        listener = grpc.server(pool, options=ANY_LENGTH)
+        handler = grpc.unary_unary_rpc_method_handler(exchange)
+        listener.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(SERVICE, {METHOD: handler})])
+        port = listener.add_insecure_port("127.0.0.1:0")
+        listener.start()
+        with player(simulator, TIMED, port):
+            pass
+        listener.stop(None).wait()
+    return TIMED_ARENAS * TIMED_STEPS / (times[-1] - times[-TIMED_STEPS - 1])
+
+
+def _reply(content: ml.FromTrainer) -> bytes:
+    return ml.Message(header=ml.Header(status=FINE), from_trainer=content).SerializeToString()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
