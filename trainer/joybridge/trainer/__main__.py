@@ -61,6 +61,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
     add_overrides(trains, "e.g. seed=3 policy.learning_rate=1e-4")
+    trains.add_argument(
+        "--behavior", default="", metavar="NAME",
+        help="the file is one of ML-Agents: use its settings of this behavior, and game=GAME",
+    )  # fmt: skip
     trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME[-KEY=VALUE…]-sSEED")
     trains.add_argument(
         "--from", dest="weights_from", metavar="RUN",
@@ -143,7 +147,7 @@ def _train(options: argparse.Namespace) -> None:
         options.overrides.append(f"weights_from={options.weights_from}")
     if options.demos:
         options.overrides.append(f"demonstrations={options.demos}")
-    config = load_config(path, options.overrides)
+    config = load_config(path, options.overrides, options.behavior)
     if config.demonstrations:
         find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)

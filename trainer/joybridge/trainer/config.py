@@ -14,6 +14,7 @@ from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import storing, write_atomically
+from joybridge.trainer.mlagents.their_config import translate
 
 MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
@@ -199,12 +200,16 @@ class Config(_Checked):
         return min(self.total_timesteps, self.stop or self.total_timesteps)
 
 
-def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
+def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -> Config:
     """Return the configuration in a YAML file with "key=value" overrides. Raises ConfigError.
 
-    Keys of overrides may be dotted ("policy.learning_rate=1e-4"); values are YAML.
+    Keys of overrides may be dotted ("policy.learning_rate=1e-4"); values are YAML. behavior: the file is one of
+    ML-Agents, and this is whose settings are used.
     """
-    data = merge(read_yaml(path), _read_overrides(overrides))
+    data, over = read_yaml(path), _read_overrides(overrides)
+    if behavior:
+        data = translate(data, behavior, over.get("arenas"))
+    data = merge(data, over)
     config = _validate(Config, data, "")
     for name in config.policies:
         config.policy_config(name)
