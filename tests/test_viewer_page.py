@@ -8,10 +8,12 @@ import pytest
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.tab import play
+from joybridge.viewer.watched import watch
 from joybridge.viewer.web import open_website
 from tests.support.chromium import PROGRAM, chromium
 from tests.support.servers import server
 from tests.support.wire import SECONDS
+from tests.test_watch import go_on
 
 pytestmark = [
     pytest.mark.slow,
@@ -125,3 +127,23 @@ def test_the_page_says_that_the_simulator_is_gone_and_goes_on_when_it_is_back(vi
         tab.key("Enter", "Enter")
         tab.wait(f"{TURN} > 2")
     assert tab.errors == []
+
+
+def test_a_training_is_watched(browser, simulator, tmp_path):
+    go_on(tmp_path, simulator, resume=False)
+    with open_website(0, lambda page: watch(page, tmp_path, lambda: simulator, 1), "watch.html") as url:
+        tab = browser.tab()
+        tab.size(1280, 900)
+        tab.go(url)
+        tab.wait(f"{TURN} > 3")
+        assert not tab.value(SHOWN) and "player: reward" in tab.text("#newest")
+        assert (
+            tab.text("#trained") == "after 64 timesteps"
+            and tab.value("document.querySelectorAll('progress').length") > 10
+        )
+        pixels = "document.querySelector('#curves').getContext('2d').getImageData(0, 0, 1200, 360).data"
+        assert tab.value(f"{pixels}.some((value) => value > 0)")
+        tab.value("document.querySelector('#pause').click()")
+        tab.wait("document.querySelector('#pause').textContent === 'Continue'")
+        assert tab.errors == []
+        tab.close()

@@ -68,6 +68,11 @@ class Player:
             np.zeros(lanes, np.float32),
         )  # fmt: skip
 
+    @property
+    def observations(self) -> Array:
+        """Return what the policy observes now, [lanes, observation]."""
+        return self._stack.now
+
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
         self._stack.begin(self.actor.frames(step.observations))

@@ -1,13 +1,17 @@
-"""Play a game in the browser: `joybridge play`. Works with any server, from the spec alone; no torch.
+"""Play a game in the browser, `joybridge play`, or watch a training, `joybridge watch`.
+
+Playing works with any server, from the spec alone, and needs no torch.
 
 play.py       the command line
 web.py        the local web server: the files of the page, and who may have them
 tab.py        plays with one page: its messages, the clock of the game, what happens if the simulator is lost
 arena.py      one arena, and the seats that nobody holds
 scores.py     the scores of an arena, and its episodes that have ended
-rival.py      a policy that plays beside the person; the only module that needs torch
+rival.py      a policy that plays beside the person; needs torch
 messages.py   what a page and this program send each other
 controls.py   which keys, pointer and gamepad act on which axes and branches
 simulator.py  where sessions are opened
+watch.py      the command line of `joybridge watch`
+watched.py    a run in training, as a page shows it; needs torch
 page/         the page: HTML, style and JavaScript modules, without a build step
 """

@@ -17,13 +17,14 @@ To a page:
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol
 
 from PIL import Image
 
+from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import choose_options
 from joybridge.contract.tensors import Array
@@ -31,6 +32,7 @@ from joybridge.trainer.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from joybridge.viewer.controls import make_controls
+from joybridge.viewer.scores import Scores
 
 if TYPE_CHECKING:  # it needs torch
     from joybridge.viewer.rival import Rival
@@ -42,6 +44,21 @@ MOST_SEED = 2**64 - 1
 
 class MessageError(JoybridgeError, ValueError):
     """A page sent what is no message."""
+
+
+class Shown(Protocol):
+    """What a page shows: an `Arena`, or the one in which the policies of a run are watched."""
+
+    spec: pb.GameSpec
+    settings: Settings
+    scores: Scores
+    acts: list[ActArrays]
+    turn: int
+    picture: Array | None
+
+    @property
+    def steps(self) -> Sequence[StepArrays]:
+        """The present observations, masks and who decides."""
 
 
 class Clock(NamedTuple):
@@ -133,7 +150,7 @@ def _number(value: object, name: str) -> float:
     raise MessageError(f"{name}: got {str(value)[:40]!r}, expected a number")
 
 
-def game_message(arena: Arena) -> str:
+def game_message(arena: Shown) -> str:
     """Return the message `game`."""
     spec, settings = arena.spec, arena.settings
     chosen = choose_options(spec.options, settings.options, spec.name)
@@ -162,8 +179,8 @@ def game_message(arena: Arena) -> str:
     )  # fmt: skip
 
 
-def turn_message(arena: Arena, played: int | None, rival: "Rival | None") -> str:
-    """Return the message `turn`. played: the act that led here."""
+def turn_message(arena: Shown, played: int | None, rival: "Rival | None", **more: Any) -> str:
+    """Return the message `turn`. played: the act that led here. more: what the page of `watch` shows besides."""
     behaviors = []
     for act, step, scores in zip(arena.acts, arena.steps, arena.scores.now, strict=True):
         lanes = range(len(scores))
@@ -178,7 +195,7 @@ def turn_message(arena: Arena, played: int | None, rival: "Rival | None") -> str
         })  # fmt: skip
     return _write(
         "turn", turn=arena.turn, played=played, behaviors=behaviors, ended=arena.scores.ended,
-        picture=arena.picture is not None, rival=rival and _rival(rival),
+        picture=arena.picture is not None, rival=rival and _rival(rival), **more,
     )  # fmt: skip
 
 

@@ -41,8 +41,9 @@ HEADERS = {
 class Website:
     """The files of the page and its WebSocket, below a secret token in the path."""
 
-    def __init__(self, port: int) -> None:
-        """Make a token for a server that listens on `port`."""
+    def __init__(self, port: int, index: str) -> None:
+        """Make a token for a server that listens on `port`. index: the file that the URL itself is."""
+        self._index = index
         self.token = secrets.token_urlsafe(24)
         self.url = f"http://{HOST}:{port}/{self.token}/"
         self._hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
@@ -54,7 +55,7 @@ class Website:
         name = self._allowed(request)
         if name == SOCKET:
             return None
-        name = "index.html" if name == "" else name
+        name = self._index if name == "" else name
         if name is None or name not in self._files:
             return Response(HTTPStatus.NOT_FOUND, "Not Found", Headers({"Content-Length": "0", **HEADERS}))
         body = self._files[name]
@@ -83,13 +84,16 @@ class Website:
 
 
 @contextmanager
-def open_website(port: int | None, play: Callable[[ServerConnection], None]) -> Iterator[str]:
+def open_website(
+    port: int | None, play: Callable[[ServerConnection], None], index: str = "index.html"
+) -> Iterator[str]:
     """Serve the page in threads, `play` with each page that is opened, and yield the URL; the end closes all pages.
 
-    port: 0: any free one; None: PORT, or any free one if that is in use. Raises ConfigError for one that is in use.
+    port: 0: any free one; None: PORT, or any free one if that is in use. index: the file of the page.
+    Raises ConfigError for one that is in use.
     """
     listening = _listen(port)
-    website = Website(listening.getsockname()[1])
+    website = Website(listening.getsockname()[1], index)
 
     def handle(connection: ServerConnection) -> None:
         with suppress(ConnectionClosed):  # the page has gone away

@@ -1,0 +1,59 @@
+"""`joybridge watch`: a page sees the curves and the newest policy of a run, and the run does not notice."""
+
+import pytest
+
+from joybridge.cli import main
+from joybridge.trainer.config import Config, PolicyConfig
+from joybridge.trainer.train import train
+from joybridge.viewer import watched
+from joybridge.viewer.watched import watch
+from joybridge.viewer.web import open_website
+from tests.test_viewer import Page
+
+POLICY = PolicyConfig(hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
+CONFIG = Config(
+    game="hybrid", layout="bucket-5", arenas=4, total_timesteps=128, stop=64, log_interval=64, policy=POLICY
+)
+
+
+def files(run):
+    return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in run.rglob("*") if path.is_file()}
+
+
+def go_on(run, simulator, *, resume=True, **more):
+    train(CONFIG.model_copy(update=more), run, [simulator], resume=resume, report=lambda *_: None)
+
+
+def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(simulator, tmp_path, monkeypatch):
+    monkeypatch.setattr(watched, "LOOK_SECONDS", 0.05)
+    run = tmp_path / "run"
+    with open_website(0, lambda page: watch(page, run, lambda: simulator, 1), "watch.html") as url:
+        page = Page(url)
+        assert "is not the folder of a run" in page.take("lost")["text"]
+        go_on(run, simulator, resume=False)
+        before = files(run)
+        ((time, reward),) = page.take("curves")["policies"]["player"]["reward"]
+        assert time == 64 and reward < 100
+        game, turn = page.begin()
+        assert game["name"] == "hybrid" and turn["timesteps"] == 64
+        (mind,) = turn["minds"]
+        (lane,) = mind["lanes"]
+        assert mind["policy"] == "player" and isinstance(lane["value"], float) and lane["axes"] == []
+        x, force, gear, press = (branch["choices"] for branch in lane["branches"])
+        assert {choice["label"] for choice in x} == {"-1", "-0.5", "0", "0.5", "1"} and len(force) == 5
+        assert {choice["label"] for choice in gear + press} >= {"press", "none"}
+        for choices in (x, force, gear, press):
+            assert sum(choice["chance"] for choice in choices) == pytest.approx(1, abs=1e-5)
+        assert page.take("turn")["turn"] > turn["turn"] and turn["picture"][:2] == b"\xff\xd8"
+        assert files(run) == before
+        go_on(run, simulator, stop=None)
+        assert len(page.take("curves")["policies"]["player"]["reward"]) == 2
+        while page.take("turn")["timesteps"] != 128:
+            pass
+        page.close()
+
+
+@pytest.mark.usefixtures("signals")
+def test_what_is_no_run_is_named(tmp_path, capsys):
+    assert main(["watch", str(tmp_path / "nothing"), "--no-browser"]) == 1
+    assert f"{tmp_path / 'nothing'} is not the folder of a run" in capsys.readouterr().err

@@ -1,0 +1,127 @@
+"""A run in training, as a page shows it: its learning curves, and its newest policies at play. Needs torch.
+
+It only reads the folder of the run, and plays at a simulator of its own, so the training neither changes nor waits.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.server import ServerConnection
+
+from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.tensors import Array
+from joybridge.trainer.checkpoint import checkpoints
+from joybridge.trainer.errors import CheckpointError
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.opinions import opinion
+from joybridge.trainer.playing import Play, open_play
+from joybridge.trainer.run_state import load_state, policy_state
+from joybridge.viewer.arena import Settings
+from joybridge.viewer.messages import Clock, MessageError, encode_picture, game_message, read_message, turn_message
+from joybridge.viewer.scores import Scores
+
+LOOK_SECONDS = 2.0  # between two looks at the folder of the run
+SLOWEST = 0.5  # s between decisions of a game without a clock
+
+
+class Watched:
+    """One arena in which the newest policies of a run play; it has what a page shows of an `Arena`."""
+
+    def __init__(self, run: Path, play: Play, seed: int) -> None:
+        """Play in an open session."""
+        self._run, self._play = run, play
+        self.spec = play.spec
+        self.settings = Settings(seed, dict(play.config.options), dict(play.config.parameters))
+        self.scores = Scores(play.spec)
+        self.acts, self.steps = make_acts(play.spec, 1), play.session.steps
+        self.turn = 0
+        self.timesteps = play.timesteps
+        self.picture: Array | None = None
+        self.minds: list[dict[str, Any]] = []
+        self._decisions = play.decisions(1 if play.spec.HasField("picture") else 0)
+
+    def play(self) -> None:
+        """Play one decision. Raises SimulatorError."""
+        self.minds = [opinion(player, self.spec, self.steps) for player in self._play.players]
+        played = next(self._decisions)
+        self.turn += 1
+        self.acts, self.steps = played.acts, played.after
+        self.picture = played.pictures[0] if played.pictures else None
+        self.scores.take(played.after)
+
+    def renew(self) -> None:
+        """Take the newest checkpoint, if there is a newer one that is whole."""
+        saved = checkpoints(self._run)
+        if saved and int(saved[-1].name) > self.timesteps:
+            try:
+                state = load_state(self._run)
+                for player in self._play.players:
+                    player.actor.load(policy_state(state.arrays, player.actor.name))
+            except CheckpointError:  # it is being replaced
+                return
+            self.timesteps = state.timesteps
+
+
+def watch(page: ServerConnection, run: Path, reach: Callable[[], str], seed: int) -> None:
+    """Show a run to a page until the page goes away, which raises ConnectionClosed.
+
+    reach: returns the address of a simulator that answers. Before there is a checkpoint, only the curves are shown.
+    """
+    shown: dict[str, Any] = {}
+    while True:
+        shown = _show_curves(page, run, shown)
+        try:
+            with open_play(run, reach(), seed=seed) as play:
+                _watch_arena(page, run, Watched(run, play, seed), shown)
+        except JoybridgeError as error:
+            page.send(json.dumps({"type": "lost", "text": str(error)}))
+        _pause(page, time.monotonic() + LOOK_SECONDS, True)
+
+
+def _watch_arena(page: ServerConnection, run: Path, watched: Watched, shown: dict[str, Any]) -> None:
+    interval = watched.spec.tick_seconds * watched.spec.decision_interval or SLOWEST
+    page.send(game_message(watched))
+    running, looked, due = True, time.monotonic(), time.monotonic()
+    while True:
+        running = _pause(page, due, running)
+        now = time.monotonic()
+        if now > looked + LOOK_SECONDS:
+            shown = _show_curves(page, run, shown)
+            watched.renew()
+            looked = now
+        if running:
+            watched.play()
+            page.send(turn_message(watched, None, None, minds=watched.minds, timesteps=watched.timesteps))
+            if watched.picture is not None:
+                page.send(encode_picture(watched.picture))
+        due = max(due, now) + interval if running else now + LOOK_SECONDS
+
+
+def _pause(page: ServerConnection, due: float, running: bool) -> bool:
+    """Wait until a time, or until the page sends something; return whether it lets the game run."""
+    try:
+        message = read_message(page.recv(max(0.0, due - time.monotonic())), None)
+    except TimeoutError:
+        return running
+    except MessageError:
+        return running
+    return message.running if isinstance(message, Clock) else running
+
+
+def _show_curves(page: ServerConnection, run: Path, shown: dict[str, Any]) -> dict[str, Any]:
+    """Send the metrics of all policies, if they have changed; return them."""
+    curves: dict[str, dict[str, list[tuple[float, float]]]] = {}
+    for path in sorted(run.glob("metrics-*.csv")):
+        own = curves.setdefault(path.stem.removeprefix("metrics-"), {})
+        for row in read_rows(path):
+            for name, value in row.items():
+                if name != "timesteps" and math.isfinite(value):
+                    own.setdefault(name, []).append((row["timesteps"], value))
+    if curves != shown:
+        page.send(json.dumps({"type": "curves", "policies": curves}))
+    return curves
