@@ -15,6 +15,8 @@ def address(text: str) -> str:
     """Return an address, HOST:PORT or unix:PATH, unchanged. Raises ArgumentTypeError for a malformed one."""
     host, _, port = text.rpartition(":")
     named = text.startswith("unix:") and text != "unix:"
+    if named and not hasattr(socket, "AF_UNIX"):
+        raise argparse.ArgumentTypeError(f"got {text!r}, but Python has no Unix sockets on this system; use HOST:PORT")
     if named or (host and host != "unix" and port.isdecimal() and int(port) <= _HIGHEST_PORT):
         return text
     wanted = f"HOST:PORT with a port from 0 to {_HIGHEST_PORT}, as in {DEFAULT_ADDRESS}, or unix:PATH"

@@ -8,6 +8,10 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from threading import Thread
 from types import FrameType
 
 import grpc
@@ -94,20 +98,37 @@ def _taken(address: str) -> bool:
 def _stop_event(with_parent: bool) -> asyncio.Event:
     """Return the event that ends the server: SIGINT, SIGTERM or, with_parent, the end of standard input."""
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
+
+    def end() -> None:
+        with suppress(RuntimeError):  # the loop is closed already
+            loop.call_soon_threadsafe(stop.set)
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
-        signal.signal(number, _watch_the_end)  # in addition: the loop itself hears of signals through a pipe
+        with suppress(NotImplementedError):  # Windows
+            loop.add_signal_handler(number, stop.set)
+        signal.signal(number, partial(_watch_the_end, end))  # in addition: the loop hears of signals through a pipe
     if with_parent:
         try:
             loop.add_reader(sys.stdin, stop.set)  # readable only when it closes, because nothing is written to it
+        except NotImplementedError:  # Windows
+            Thread(target=_read_to_the_end, args=[end], daemon=True).start()
         except (PermissionError, ValueError) as error:
             raise OSError("--with-parent watches standard input, which must be a pipe or a terminal") from error
     return stop
 
 
-def _watch_the_end(number: int, frame: FrameType | None) -> None:
+def _watch_the_end(end: Callable[[], object], number: int, frame: FrameType | None) -> None:
     """Handle a signal: if the event loop is stuck, end the process all the same, with all stacks in the log."""
     faulthandler.dump_traceback_later(STUCK_SECONDS, exit=True)
+    end()
+
+
+def _read_to_the_end(end: Callable[[], object]) -> None:
+    """Wait until standard input closes."""
+    with suppress(OSError):
+        while os.read(0, 1024):
+            pass
+    end()
 
 
 def _end_games() -> None:

@@ -6,6 +6,7 @@ import os
 import shlex
 import signal
 import sys
+from _thread import interrupt_main
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
@@ -286,7 +287,10 @@ def _end_with_parent() -> None:
         with suppress(OSError):  # closed from the beginning
             while os.read(0, 1024):
                 pass
-        os.kill(os.getpid(), signal.SIGTERM)
+        if os.name == "nt":  # os.kill would end the process there before it saves
+            interrupt_main(signal.SIGTERM)
+        else:
+            os.kill(os.getpid(), signal.SIGTERM)
 
     Thread(target=watch, daemon=True).start()
 
