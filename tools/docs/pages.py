@@ -27,11 +27,15 @@ INSTEAD = {  # of a file, the page that shows it
     "proto/joybridge/v1/bridge.proto": "docs/reference/contract.md",
 }
 PART = re.compile(r"^<!-- (README|generated): (.*?) -->$", re.MULTILINE)
+PROGRAM = re.compile(r"\.venv/bin/(?=joybridge|python |tensorboard)")  # readers of the site need no checkout
 LINK = re.compile(r"\]\((?!\w+:|#)([^)\s#]+)")
 
 
 def filled(page: str, text: str) -> str:
-    """Return the text of a page, given by its path in the repository, with its parts and with links of the site."""
+    """Return the text of a page, given by its path in the repository, with its parts and with links of the site.
+
+    Programs are those of an activated environment, but for contributors.
+    """
 
     def part(match: re.Match[str]) -> str:
         kind, what = match.groups()
@@ -40,7 +44,8 @@ def filled(page: str, text: str) -> str:
         name, *arguments = what.split()
         return GENERATED[name](*arguments)
 
-    return PART.sub(part, _moved(text, page, page))
+    text = PART.sub(part, _moved(text, page, page))
+    return text if page == "CONTRIBUTING.md" else PROGRAM.sub("", text)
 
 
 def readme_sections() -> dict[str, str]:

@@ -42,7 +42,7 @@ class Cluster:
         try:
             import ray
         except ImportError as error:
-            raise SystemExit(f'{error}; install it with: pip install --editable ".[cluster]"') from error
+            raise SystemExit(f"{error}; install it with `pip install 'joybridge[cluster]'`") from error
         self.ray = ray
         if address is None:
             ray.init("local", num_cpus=CORES * parallel, include_dashboard=False, log_to_driver=False)
