@@ -12,7 +12,8 @@ import pytest
 
 from joybridge.contract.address import READY, address
 from tests.support.command_line import joybridge
-from tests.support.servers import ROOT, SECONDS
+from tests.support.servers import ROOT
+from tests.support.wire import SECONDS
 from tests.support.without_posix import PAIR, REMOVED
 
 LACKING = {
