@@ -56,7 +56,7 @@ RUN_BY = {  # Python that is not run here: by what a test of its own says about 
     'Policy("policy.json")': "test_export.py",
     "MaskablePPO(": "test_gym_learners.py",
 }
-READERS = {"NAME.yaml", "config.yaml", "my_layouts.py", "ppo.py", "reflection.proto"}  # or of others
+READERS = {"NAME.yaml", "birds.yaml", "config.yaml", "my_layouts.py", "ppo.py", "reflection.proto"}  # or of others
 CHECKOUT = re.compile(r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S")
 
 
@@ -162,12 +162,13 @@ def test_every_block_says_what_it_holds_and_is_checked():
 
 
 def test_python_is_run(server, folder, monkeypatch):
+    monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setattr("joybridge.gym.bridge.simulator_process", lambda places: nullcontext(server))
     names: dict[str, Any] = {}
     run = 0
     for block in blocks("python"):
-        (text,) = block.values
+        text = block.values[0].replace("127.0.0.1:5005", server)
         elsewhere = [test for piece, test in RUN_BY.items() if piece in text]
         assert all((ROOT / "tests" / test).exists() for test in elsewhere)
         if elsewhere:
