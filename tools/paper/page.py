@@ -74,8 +74,8 @@ runs. Hours are from runs on a shared machine. The original's logs are given ± 
 BY_MARKS = """\
 The mean of our runs with their number in brackets, then the original's mean ± two standard deviations of a run.
 **Bold**: the two means differ significantly by Student's t test, which happens by chance in one of twenty cells. The
-first mark of Shooting Birds is lower with 75 arenas than with the original's 15. In Beastly Rivals, 27 arenas cost
-some reward at 30 M (records 36 and 37 of [DECISIONS](../DECISIONS.md))."""
+first mark of Shooting Birds is lower with 75 arenas than with the original's 15 (record 36 of
+[DECISIONS](../DECISIONS.md))."""
 
 
 def write_report(folder: Path) -> list[Path]:
