@@ -50,7 +50,7 @@ def make_run(folder: Path, simulator: str, **settings) -> Path:
         for name, array in actor.state().items():
             drawn = rng.normal(0.0, 0.7, array.shape).astype(np.float32)
             if name.startswith(SCALING):
-                drawn = rng.uniform(0.5, 2.0, array.shape)
+                drawn = rng.uniform(0.5, 2.0, array.shape).astype(np.float32)
             arrays[f"{actor.name}/policy/network.{name}"] = drawn
     keep_config(config, folder)
     save_checkpoint(folder, arrays, Manifest(timesteps=64))

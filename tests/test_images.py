@@ -81,7 +81,9 @@ def test_every_convolution_learns_in_one_tower_and_in_two(kind, size, others, sh
         normal(4),
     )  # fmt: skip
     learner.gradient(batch, Coefficients(1e-3, 0.2, 0.01))
-    silent = [name for name, parameter in network.named_parameters() if not parameter.grad.any()]
+    silent = [
+        name for name, parameter in network.named_parameters() if parameter.grad is None or not parameter.grad.any()
+    ]
     assert silent == []
     assert len([name for name, _ in network.named_parameters() if "convolutions" in name]) >= 4 * (1 if shared else 2)
 

@@ -126,6 +126,7 @@ def test_a_longer_gradient_is_shortened_to_the_longest_that_is_allowed_and_a_sho
         network, _, batch = make(*SPACES["hybrid"], rows=32)
         learner = Learner("player", network, branches=["a", "b"], gaussians=["x", "y"], autograd=False)
         ClosedFormGradient(network)(batch, Coefficients(1e-9, 0.2, 0.05))
+        assert learner.weights.grad is not None
         whole = learner.weights.grad.clone()
         statistics = update(learner, batch, Coefficients(1e-9, 0.2, 0.05), epochs=1, minibatch_size=32, longest=longest)
         wanted = whole * longest / whole.norm() if shortened else whole
