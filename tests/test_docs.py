@@ -183,7 +183,7 @@ def is_importable(path):
 def test_the_navigation_of_the_site_leaves_no_page_out():
     text = (ROOT / "docs/index.md").read_text()
     blocks = re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL)
-    listed = re.findall(r"^(?:.* <)?/([\w./]+\.md)>?$", "\n".join(blocks), re.MULTILINE)
+    listed = re.findall(r"^(?:.* <)?/([\w./-]+\.md)>?$", "\n".join(blocks), re.MULTILINE)
     pages = {str(path.relative_to(ROOT)) for path in PATHS} - {"README.md", "PYPI.md", "docs/index.md"}
     assert len(listed) == len(set(listed)) and set(listed) == pages, "list every page in docs/index.md"
 
