@@ -49,7 +49,6 @@ class Hand:
 
     def apply(self, step: StepArrays, act: ActArrays) -> None:
         """Turn the actions that were chosen for a step into those that the device gets, in place."""
-        self._begin(step.terminated | step.truncated)
         for queue, chosen in ((self._axes, act.axes), (self._choices, act.choices)):
             queue[:-1] = queue[1:]
             queue[-1] = chosen
@@ -57,8 +56,12 @@ class Hand:
         act.axes[:] = self._moved(self._axes[0])
         self._decisions += 1
 
-    def _begin(self, lanes: Array) -> None:
-        """Go back to rest in lanes whose episodes are new."""
+    def store(self, step: StepArrays) -> None:
+        """Go back to rest in lanes whose episodes are new.
+
+        When the step comes, not with the next action: a session that continues from a snapshot no longer tells.
+        """
+        lanes = step.terminated | step.truncated
         self._axes[:, lanes], self._choices[:, lanes] = self._rest.axes[lanes], self._rest.choices[lanes]
         self._last.axes[lanes], self._last.choices[lanes] = self._rest.axes[lanes], self._rest.choices[lanes]
         self._kept[lanes] = self.limits.hold
@@ -126,3 +129,9 @@ def use_hands(hands: Sequence[Hand], steps: Sequence[StepArrays], acts: Sequence
     """Turn what policies have chosen into what the devices get, in place; entries are behaviors."""
     for hand, step, act in zip(hands, steps, acts, strict=False):  # there may be no hands
         hand.apply(step, act)
+
+
+def rest_hands(hands: Sequence[Hand], steps: Sequence[StepArrays]) -> None:
+    """Go back to rest where episodes have ended in the steps that followed; entries are behaviors."""
+    for hand, step in zip(hands, steps, strict=False):  # there may be no hands
+        hand.store(step)

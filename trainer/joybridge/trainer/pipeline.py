@@ -11,7 +11,7 @@ from itertools import islice, pairwise
 
 from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.hand import Hand, make_hands, use_hands
+from joybridge.trainer.hand import Hand, make_hands, rest_hands, use_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.profiler import Profiler
@@ -52,6 +52,7 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
                 with profiler.measure("act"):
                     for policy in policies:
                         policy.store(outcome, group.index)
+                    rest_hands(group.hands, outcome)
             if step < steps:
                 with profiler.measure("act"):
                     for policy in policies:

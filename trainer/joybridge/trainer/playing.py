@@ -19,7 +19,7 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor, make_actors
 from joybridge.trainer.config import Config, play_config, play_settings, run_config
 from joybridge.trainer.config_fit import fitting_spec
-from joybridge.trainer.hand import Hand, make_hands, use_hands
+from joybridge.trainer.hand import Hand, make_hands, rest_hands, use_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
@@ -138,6 +138,7 @@ class Play:
             else:
                 after = session.step(self._acts)
             rewards = [player.store(after[player.actor.behavior]) for player in self.players]
+            rest_hands(self.hands, after)
             yield Played(before, self._acts, after, rewards, pictures)
 
 
