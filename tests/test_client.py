@@ -16,13 +16,22 @@ import pytest
 from joybridge.contract.versions import own_version
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.wire import client, interruptible_loop, local_stream, stream
-from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, describe, wait_for
+from joybridge.trainer.wire.client import (
+    CALL_SECONDS,
+    Session,
+    SimulatorError,
+    SimulatorLost,
+    Transport,
+    describe,
+    wait_for,
+)
 from joybridge.trainer.wire.errors import SimulatorShutDown
 from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import AnswersTwice, BrokenServer, Gauntlet, Honest, serving
 from tests.support.instructions import run_with
 from tests.support.servers import answering_methods
+from tools.chaos.proxy import Proxy
 
 TIMESTEPS = 20
 
@@ -33,11 +42,18 @@ def address():
         yield bound
 
 
-def played(address: str, seed: int) -> bytes:
+def played(address: str, seed: int, timeout: float = CALL_SECONDS, transport: Transport = "auto") -> bytes:
     """Return the observations of a session of Marble without actions."""
-    with Session(address, "marble", arenas=3, seed=seed) as session:
+    with Session(address, "marble", arenas=3, seed=seed, timeout=timeout, transport=transport) as session:
         acts = make_acts(session.spec, 3)
         return b"".join(array.tobytes() for _ in range(TIMESTEPS) for array in session.step(acts)[0].observations)
+
+
+def test_a_session_opens_beside_one_whose_connection_swallows_every_byte(address):
+    proxy = Proxy(address)
+    with Session(proxy.address, "marble", arenas=3, seed=0, transport="grpc"):
+        proxy.swallow()
+        assert played(proxy.address, 0, 5.0, "grpc") == played(address, 0)
 
 
 def test_it_works_inside_a_running_event_loop_as_in_a_notebook(address):

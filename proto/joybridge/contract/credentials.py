@@ -37,6 +37,9 @@ AUTHORIZATION = "authorization"  # the metadata key of the token
 # Both ends refuse compressed messages: a megabyte of gzip can hold a gigabyte, which gRPC unpacks before it looks at
 # the limit of a message.
 NO_COMPRESSION = ("grpc.compression_enabled_algorithms_bitset", 1)
+# By default, channels to one address share a connection: a call after the loss of a simulator would go into the
+# connection on which it was lost.
+_OWN_CONNECTION = ("grpc.use_local_subchannel_pool", 1)
 _SHORTEST, _LONGEST = 16, 1000  # characters of a token
 
 
@@ -65,7 +68,7 @@ class Credentials:
         return self._channel(grpc.aio, address, options)
 
     def _channel(self, library: Any, address: str, options: Sequence[tuple[str, Any]]) -> Any:
-        options = [NO_COMPRESSION, *options]
+        options = [NO_COMPRESSION, _OWN_CONNECTION, *options]
         if not self.certificates:
             return library.insecure_channel(address, options)
         return library.secure_channel(address, grpc.ssl_channel_credentials(self.certificates), options)
