@@ -1,4 +1,4 @@
-"""An exported policy plays as the trainer does: as an ONNX model, and as JSON in the runtime of the examples."""
+"""An exported policy plays as the trainer does: as an ONNX model, and as JSON in the runtimes of the examples."""
 
 import importlib.util
 import json
@@ -285,19 +285,33 @@ def test_without_onnx_the_extra_is_named(simulator, tmp_path, monkeypatch, capsy
 PLAY_ALL = """
 import { readFileSync } from "node:fs";
 import { Policy } from "POLICY";
-const { document, decisions } = JSON.parse(readFileSync(0, "utf8"));
-const policy = new Policy(document);
+const [policyFile, decisionsFile] = process.argv.slice(1);
+const policy = new Policy(JSON.parse(readFileSync(policyFile, "utf8")));
 let state = policy.begin();
-const played = decisions.map(({ sensors, masks, normal, uniform, ends }) => {
+for (const { sensors, masks, normal, uniform, ends } of JSON.parse(readFileSync(decisionsFile, "utf8"))) {
   const action = policy.act(sensors, state, masks, { normal: () => normal.shift(), uniform: () => uniform.shift() });
   state = ends ? policy.begin() : action.state;
-  return { axes: [...action.axes], choices: [...action.choices] };
-});
-console.log(JSON.stringify(played));
+  console.log([...action.axes, ...action.choices].join(" "));
+}
 """
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="install Node.js to play a policy in JavaScript")
+@pytest.fixture(scope="module")
+def players(tmp_path_factory):
+    """Return the commands that play with a runtime, by its language, for all that are installed."""
+    commands = {}
+    if shutil.which("node"):
+        program = PLAY_ALL.replace("POLICY", (EXAMPLES / "javascript" / "policy.mjs").as_uri())
+        commands["javascript"] = ["node", "--input-type=module", "-e", program]
+    if shutil.which("c++"):
+        program = str(tmp_path_factory.mktemp("cpp") / "play_policy")
+        warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror"]
+        source = [str(Path(__file__).parent / "support" / "play_policy.cpp"), f"-I{EXAMPLES / 'cpp' / 'src'}"]
+        subprocess.run(["c++", "-std=c++20", *warnings, *source, "-o", program], check=True)
+        commands["c++"] = [program]
+    return commands
+
+
 @pytest.mark.parametrize(
     ("layout", "deterministic", "changed"),
     [
@@ -306,34 +320,38 @@ console.log(JSON.stringify(played));
         ("squashed", False, {"scale_observations": "bounds"}),
     ],
 )  # fmt: skip
-def test_the_runtime_in_javascript_plays_as_the_trainer_does(layout, deterministic, changed, simulator, tmp_path):
+def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
+    layout, deterministic, changed, simulator, players, tmp_path
+):
+    if not players:
+        pytest.skip("install Node.js or a C++ compiler to play a policy there")
     policy = SMALL.model_copy(update=changed)
     run = make_run(tmp_path / "run", simulator, layout=layout, policy=policy)
     decisions, wanted = [], []
     with open_play(run, simulator, seed=3, deterministic=deterministic) as play:
-        document = documents(play, deterministic=deterministic)
+        (tmp_path / "policy.json").write_bytes(encode(documents(play, deterministic=deterministic)))
         behavior = play.spec.behaviors[0]
         for decision in islice(play.decisions(), 100):
             before, after, (act,) = decision.before[0], decision.after[0], decision.acts
             assert before.masks is not None
             names = [sensor.name for sensor in behavior.sensors]
-            sensors = {name: array[0].ravel().tolist() for name, array in zip(names, before.observations, strict=True)}
             branches = [branch.name for branch in behavior.device.branches]
-            masks = {name: mask[0].tolist() for name, mask in zip(branches, before.masks, strict=True)}
-            normal = [float(x) for player in play.players for x in player.noise.normal[0]]
-            uniform = [float(x) for player in play.players for x in player.noise.uniform[0]]
-            ends = bool(after.terminated[0] or after.truncated[0])
-            decisions.append({"sensors": sensors, "masks": masks, "normal": normal, "uniform": uniform, "ends": ends})
-            wanted.append((act.axes[0].copy(), act.choices[0].copy()))
-    program = PLAY_ALL.replace("POLICY", (EXAMPLES / "javascript" / "policy.mjs").as_uri())
-    given = json.dumps({"document": json.loads(encode(document)), "decisions": decisions})
-    result = subprocess.run(
-        ["node", "--input-type=module", "-e", program], input=given, capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 0, result.stderr
-    for played, (axes, choices) in zip(json.loads(result.stdout), wanted, strict=True):
-        np.testing.assert_allclose(played["axes"], axes, rtol=0, atol=1e-5)
-        assert played["choices"] == choices.tolist()
+            observed, masks = zip(names, before.observations, strict=True), zip(branches, before.masks, strict=True)
+            decisions.append({
+                "sensors": {name: array[0].astype(float).ravel().tolist() for name, array in observed},
+                "masks": {name: mask[0].astype(int).tolist() for name, mask in masks},
+                "normal": [float(x) for player in play.players for x in player.noise.normal[0]],
+                "uniform": [float(x) for player in play.players for x in player.noise.uniform[0]],
+                "ends": int(after.terminated[0] or after.truncated[0]),
+            })  # fmt: skip
+            wanted.append([*act.axes[0], *act.choices[0]])
+    (tmp_path / "decisions.json").write_text(json.dumps(decisions))
+    for language, command in players.items():
+        files = [str(tmp_path / "policy.json"), str(tmp_path / "decisions.json")]
+        result = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr
+        played = [[float(number) for number in line.split()] for line in result.stdout.splitlines()]
+        np.testing.assert_allclose(played, wanted, rtol=0, atol=1e-5, err_msg=language)
 
 
 def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):

@@ -1,0 +1,199 @@
+/// Play a policy that `joybridge export RUN policy.json` wrote. Copy this file and json.hpp; they need C++20 alone.
+///
+///   const joybridge::Policy policy("policy.json");
+///   const joybridge::Noise noise = joybridge::seeded(7);
+///   joybridge::State state = policy.begin();  // again for the next episode
+///   const auto action = policy.act({{"target", {0.1, -0.3}}, {"bow", {1}}}, state, noise, {{"draw", {true, false}}});
+///
+/// It plays one agent. Decide only when the game lets the agent decide, and also for the first observation of each
+/// episode, whose action may be ignored. Everything throws std::logic_error for what does not fit the policy.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <numeric>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "json.hpp"
+
+namespace joybridge {
+
+using Sensors = std::map<std::string, std::vector<float>>;  // by name, each flat, row-major
+using Masks = std::map<std::string, std::vector<bool>>;     // by name of a branch; true: allowed
+using State = std::vector<std::vector<float>>;              // for each network, the frames that it remembers
+
+/// The values of the device: one for each axis and each branch, in the order of the file.
+struct Action {
+  std::vector<float> axes;
+  std::vector<int> choices;
+};
+
+/// Where a policy that is not deterministic takes its noise: uniform in [0, 1), and standard normal.
+struct Noise {
+  std::function<double()> uniform, normal;
+};
+
+/// Returns the noise of a seed.
+inline Noise seeded(std::uint64_t seed) {
+  const auto random = std::make_shared<std::mt19937_64>(seed);
+  return {[random] { return ((*random)() >> 11) * 0x1p-53; }, [random] { return std::normal_distribution()(*random); }};
+}
+
+/// What plays one behavior of a game: its device, and the networks that share it.
+class Policy {
+ public:
+  explicit Policy(const std::string& path) : document(Json::read(path)) {
+    const std::string& format = document["format"].text;
+    if (format != "joybridge.policy.v1" && format != "joybridge.policy.v2") {
+      throw std::invalid_argument(path + " is no policy; write it with `joybridge export RUN policy.json`");
+    }
+    for (const Json& json : document["policies"].items) networks_.emplace_back(json);
+  }
+
+  const Json document;  // the file: its `game`, `options`, `sensors`, `axes`, `branches` and more
+
+  /// Returns the state of a new episode, in which no network remembers a frame.
+  State begin() const {
+    State state;
+    for (const Network& network : networks_) state.emplace_back(network.inputs - network.frame);
+    return state;
+  }
+
+  /// Returns what to do, and advances the state. Branches without a mask allow all their choices.
+  Action act(const Sensors& sensors, State& state, const Noise& noise, const Masks& masks = {}) const {
+    const std::vector<Json>&axes = document["axes"].items, &branches = document["branches"].items;
+    Action action{std::vector<float>(axes.size()), std::vector<int>(branches.size())};
+    std::vector<std::vector<bool>> allowed;
+    for (const Json& branch : branches) {
+      const auto mask = masks.find(branch["name"].text);
+      allowed.push_back(mask == masks.end() ? std::vector<bool>(branch["choices"].items.size(), true) : mask->second);
+    }
+    const bool sampled = document["deterministic"].text == "false";
+    for (std::size_t index = 0; index < networks_.size(); ++index) {
+      const Network& network = networks_[index];
+      const std::vector<float> outputs = network.decide(sensors, state.at(index));
+      auto output = outputs.begin();
+      std::vector<double> rows;  // that the tables have selected
+      for (const Json& table : network.json["discrete"].items) {
+        const std::size_t count = table["values"].items.size();
+        const std::size_t row = choose(table, {output, output + count}, allowed, sampled ? noise.uniform() : -1);
+        output += count;
+        rows.push_back(row);
+        const std::vector<Json>& given = table["given"].items;
+        if (!given.empty() && rows.at(given[0].number) != given[1].number) continue;
+        if (table["axis"].there()) action.axes.at(table["axis"].number) = float(table["values"].items[row].number);
+        set(action.choices, table["branches"], table["values"].items[row]);
+        if (table["axes"].there()) set(action.axes, table["axes"], table["positions"].items.at(row));
+      }
+      for (std::size_t k = 0; k < network.deviations.size(); ++k) {
+        const Json& target = network.json["continuous"].items.at(k);
+        const double sample = output[k] + (sampled ? network.deviations[k] * noise.normal() : 0);
+        const double share = target["squashed"].there() ? std::tanh(sample) : std::clamp(sample / 3, -1.0, 1.0);
+        if (target["axis"].there()) {
+          const std::size_t axis = target["axis"].number;
+          const double low = axes.at(axis)["low"].number, high = axes.at(axis)["high"].number;
+          action.axes[axis] = float(std::clamp((low + high + (high - low) * share) / 2, low, high));
+        } else {
+          const std::vector<bool>& mask = allowed.at(target["branch"].number);
+          const std::size_t choice = press(share, target["threshold"], mask.size());
+          const std::size_t first = std::find(mask.begin(), mask.end(), true) - mask.begin();
+          action.choices.at(target["branch"].number) = int(mask.at(choice) ? choice : first);
+        }
+      }
+    }
+    return action;
+  }
+
+ private:
+  /// A network of the file, with its arrays decoded.
+  struct Network {
+    explicit Network(const Json& network) : json(network) {
+      for (const Json& layer : json["layers"].items) {
+        weights.push_back(layer["weight"].floats());
+        biases.push_back(layer["bias"].floats());
+      }
+    }
+
+    /// Returns the outputs of the last layer. `older` has the frames before this one, and loses the oldest of them.
+    std::vector<float> decide(const Sensors& sensors, std::vector<float>& older) const {
+      std::vector<float> values = older;
+      for (const Json& name : json["sensors"].items) {
+        const auto sensor = sensors.find(name.text);
+        if (sensor == sensors.end()) throw std::invalid_argument("the policy needs the sensor '" + name.text + "'");
+        values.insert(values.end(), sensor->second.begin(), sensor->second.end());
+      }
+      if (values.size() != inputs) throw std::invalid_argument("the policy needs sensors or a state of another size");
+      const float limit = json["scaling"]["limit"].there() ? float(json["scaling"]["limit"].number) : INFINITY;
+      for (std::size_t k = 0; k < scale.size(); ++k) {
+        float& value = values[older.size() + k];
+        value = std::clamp((value - shift.at(k)) * scale[k], -limit, limit);
+      }
+      older.assign(values.begin() + frame, values.end());
+      for (std::size_t layer = 0; layer < biases.size(); ++layer) {
+        for (float& value : values) value = layer ? activate(value) : value;
+        std::vector<float> sums = biases[layer];
+        for (std::size_t row = 0; row < sums.size(); ++row) {
+          const auto weight = weights[layer].begin() + row * values.size();
+          sums[row] = float(std::inner_product(values.begin(), values.end(), weight, double(sums[row])));
+        }
+        values = sums;
+      }
+      return values;
+    }
+
+    float activate(float x) const {
+      const std::string& name = json["activation"].text;
+      if (name.empty()) return x / (1 + std::exp(-x));
+      return name == "tanh" ? std::tanh(x) : name == "relu" || x > 0 ? std::max(x, 0.0F) : std::expm1(x);
+    }
+
+    Json json;
+    std::vector<std::vector<float>> weights, biases;  // of the layers
+    std::vector<float> deviations = json["deviations"].floats();
+    std::vector<float> shift = json["scaling"]["shift"].floats(), scale = json["scaling"]["scale"].floats();
+    std::size_t inputs = json["layers"].items.at(0)["weight"]["shape"].items.at(1).number;  // numbers of all frames
+    std::size_t frame = inputs / json["frame_stack"].number;
+  };
+
+  /// Returns a row of a table, never one with a masked choice; `uniform`: noise, or -1 for the likeliest row.
+  static std::size_t choose(const Json& table, std::vector<double> logits,
+                            const std::vector<std::vector<bool>>& allowed, double uniform) {
+    const std::vector<Json>& branches = table["branches"].items;
+    for (std::size_t row = 0; row < logits.size(); ++row) {
+      for (std::size_t column = 0; column < branches.size(); ++column) {
+        const double choice = table["values"].items[row].items.at(column).number;
+        if (!allowed.at(branches[column].number).at(choice)) logits[row] = -1e9;
+      }
+    }
+    const auto likeliest = std::max_element(logits.begin(), logits.end());
+    if (uniform < 0) return likeliest - logits.begin();
+    double total = 0;
+    for (double highest = *likeliest; double& logit : logits) logit = total += std::exp(logit - highest);
+    return std::upper_bound(logits.begin(), logits.end(), uniform * total) - logits.begin();
+  }
+
+  /// Returns the choice of a branch of `count` choices at a share in -1 .. 1.
+  static std::size_t press(double share, const Json& threshold, std::size_t count) {
+    if (!threshold.there()) return std::min(std::size_t((share + 1) / 2 * count), count - 1);
+    return threshold.number == 0 ? share > 0 : std::abs(share) < threshold.number;
+  }
+
+  /// Gives the axes or branches at some places their values.
+  template <typename T>
+  static void set(std::vector<T>& device, const Json& places, const Json& values) {
+    for (std::size_t k = 0; k < places.items.size(); ++k) {
+      device.at(places.items[k].number) = T(values.items.at(k).number);
+    }
+  }
+
+  std::vector<Network> networks_;
+};
+
+}  // namespace joybridge
