@@ -8,6 +8,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
+# Modules are compiled when they are first imported, not by the installation. Where nothing may be written then, each of
+# the many programs that the tests start would compile PyTorch again, which takes longer than the tests.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: install demo check test docs bench proto
 
 install: .venv/installed

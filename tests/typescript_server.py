@@ -1,0 +1,189 @@
+"""The server in TypeScript: built from nothing, held to the contract, trained, and ended, as a process of its own.
+
+Its name keeps it out of `make test`: tools/check_typescript.py runs it.
+"""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import grpc
+import numpy as np
+import pytest
+
+from joybridge.contract.codec import ActArrays
+from joybridge.trainer.metrics import read_rows
+from joybridge.trainer.wire.client import Session
+from joybridge.v1 import bridge_pb2 as pb
+from tests.support.wire import Stream, refused, start
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "proto" / "examples" / "typescript"
+CONFIG = ROOT / "configs" / "meteors" / "hybrid.yaml"
+
+
+def run(*command: str, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200, check=False)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """Return a folder with the server, built there as its README says."""
+    proto = tmp_path_factory.mktemp("typescript") / "proto"
+    folder = proto / "examples" / "typescript"
+    shutil.copytree(SOURCE, folder, ignore=shutil.ignore_patterns("node_modules", "dist", "types"))
+    contract = Path("joybridge") / "v1" / "bridge.proto"
+    (proto / contract).parent.mkdir(parents=True)
+    shutil.copy(SOURCE.parents[1] / contract, proto / contract)
+    for command in (("npm", "ci"), ("npm", "run", "build")):
+        done = run(*command, folder=folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@contextmanager
+def serving(folder: Path, *more: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run the server and yield its process and its address."""
+    command = ["node", "dist/main.js", "--address", "127.0.0.1:0", *more]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert re.fullmatch(r"joybridge simulator listening on 127\.0\.0\.1:\d+\n", line), process.communicate()
+            yield process, line.split()[-1]
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def address(built) -> Iterator[str]:
+    with serving(built) as (_, bound):
+        yield bound
+
+
+def test_it_keeps_every_rule_of_the_contract(address):
+    done = run(sys.executable, "-m", "joybridge", "check", address, "--json")
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert done.returncode == report["failed"] == 0, done.stdout
+    assert {result["game"] for result in report["results"]} == {"server", "meteors"}
+    passed = {result["check"] for result in report["results"] if result["outcome"] == "passed"}
+    assert passed >= {  # some that apply only to a game that has what they are about
+        "masked_choice_is_refused", "axis_above_high_is_refused", "metrics_have_a_row_per_ended_lane",
+        "pictures_are_in_the_order_of_draw", "parameter_omitted_by_reset_keeps_its_value",
+        "started_has_the_spec_of_describe_for_every_choice", "ended_lanes_match_the_flags",
+        "arena_does_not_depend_on_the_number_of_arenas", "save_is_refused_without_snapshots",
+    }  # fmt: skip
+
+
+def test_with_a_token_every_other_call_is_refused(built, tmp_path):
+    token = tmp_path / "token"
+    token.write_text("0123456789abcdef\n")
+    with serving(built, "--token-file", str(token)) as (_, bound):
+        done = run(
+            sys.executable, "-m", "joybridge", "check", bound, "--token-file", str(token), "--family", "security",
+            "--family", "games", "--family", "health_and_reflection", "--json",
+        )  # fmt: skip
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert done.returncode == report["failed"] == report["not_applicable"] == 0, done.stdout
+    # gRPC for Node.js unpacks compressed messages; its limit bounds what comes out.
+    warned = [result["check"] for result in report["results"] if result["outcome"] == "warning"]
+    assert warned == ["compressed_messages_are_refused"]
+
+
+def test_it_does_not_listen_to_other_machines_without_tls_and_a_token(built):
+    done = run("node", "dist/main.js", "--address", "0.0.0.0:0", folder=built)
+    assert done.returncode == 2
+    assert "which needs --tls-cert, --tls-key and --token-file; give them, or listen on 127.0.0.1" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["__proto__", "constructor", "toString", "🚀" * 5000, "\ufffe"])
+def test_names_that_mean_something_to_javascript_or_are_hard_to_tell_are_refused_like_any_other(name, address):
+    for fields, text in (({"options": {name: "x"}}, "unknown option"), ({"parameters": {name: 1.0}}, "unknown param")):
+        code, details = refused(address, start("meteors", **fields))
+        assert code == grpc.StatusCode.INVALID_ARGUMENT
+        assert text in details and name[:9] in details
+    assert refused(address, start(name))[0] == grpc.StatusCode.NOT_FOUND
+
+
+def test_a_client_that_needs_a_newer_revision_is_refused_with_both_versions_and_the_fix(address):
+    code, details = refused(address, start("meteors", version=pb.Version(product="joybridge 9.1", revision=2)))
+    assert code == grpc.StatusCode.FAILED_PRECONDITION
+    assert details == (
+        "the client (joybridge 9.1) needs contract revision 2, the simulator (meteors 0.1.0) has revision 1; "
+        "update the simulator, or use a client of its version"
+    )
+
+
+@pytest.mark.parametrize("sky", ["calm", "windy"])
+def test_a_town_that_is_defended_stands_until_the_time_is_up_and_another_falls(sky, address):
+    with Session(address, "meteors", arenas=2, seed=3, options={"sky": sky}) as session:
+        ends: list[list[tuple[bool, float, float, float]]] = [[], []]
+        for _ in range(200):
+            (step,) = session.steps
+            gun, meteor, _ = step.observations
+            assert step.masks is not None
+            aim = meteor[:, 0] + 0.04 * meteor[:, 2] - gun[:, 0]
+            steer = np.clip(aim / 0.15, -1, 1)
+            shoot = step.masks[0][:, 1] & (np.abs(aim) < 0.2) & [True, False]  # arena 1 holds its fire
+            (step,) = session.step([ActArrays(steer[:, None].astype("<f4"), shoot[:, None].astype("<i4"))])
+            for row, lane in enumerate(step.ended):
+                assert step.final_observations is not None and step.metrics is not None
+                houses = step.final_observations[2][row, 0]
+                accuracy, left = step.metrics[row].tolist()
+                ends[lane].append((bool(step.truncated[lane]), float(houses), accuracy, left))
+    ((cut, houses, accuracy, left),) = ends[0]
+    assert cut and houses == 1 and left == 3 and accuracy > 0.9
+    assert len(ends[1]) == 3
+    assert set(ends[1]) == {(False, 0.0, 0.0, 0.0)}
+
+
+def test_a_policy_learns_the_game(address, tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "joybridge",
+        "train",
+        str(CONFIG),
+        "--simulator",
+        address,
+        "--run",
+        str(tmp_path / "r"),
+    ]
+    done = run(*command, "seed=0", "stop=80000")
+    assert done.returncode == 0, done.stderr
+    rewards = [row["reward"] for row in read_rows(tmp_path / "r" / "metrics-gunner.csv")]
+    assert rewards[0] < 0  # most of the town is lost and most shots miss
+    assert rewards[-1] > 10
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_order(number, built):
+    with serving(built) as (process, bound), Stream(bound) as stream:
+        stream.ask(start("meteors"))
+        process.send_signal(number)
+        assert stream.end() == (grpc.StatusCode.UNAVAILABLE, "the server is shutting down")
+        assert process.wait(60) == 0
+        assert process.communicate() == ("", "")
+
+
+def test_more_sessions_than_it_takes_are_refused_until_one_ends(built):
+    with serving(built, "--sessions", "1") as (_, bound):
+        for _ in range(3):
+            with Stream(bound) as stream:
+                stream.ask(start("meteors"))
+                code, text = refused(bound, start("meteors"))
+                assert (code, text.split(";")[0]) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "1 sessions are open already")
+                stream.requests.put(None)
+                assert list(stream.responses) == []
+
+
+def test_an_address_that_is_taken_is_an_error_in_one_sentence(built, address):
+    done = run("node", "dist/main.js", "--address", address, folder=built)
+    assert done.returncode == 2
+    assert f"error: cannot listen on {address}: " in done.stderr
