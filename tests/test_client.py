@@ -1,6 +1,8 @@
 """Sessions from the client's side: all kinds of callers, interrupts, lost simulators."""
 
 import asyncio
+import gc
+import os
 import signal
 import subprocess
 import sys
@@ -31,6 +33,7 @@ from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import AnswersTwice, BrokenServer, Gauntlet, Honest, serving
 from tests.support.instructions import run_with
 from tests.support.servers import answering_methods
+from tools.chaos.process import open_files, wait_until
 from tools.chaos.proxy import Proxy
 
 TIMESTEPS = 20
@@ -54,6 +57,19 @@ def test_a_session_opens_beside_one_whose_connection_swallows_every_byte(address
     with Session(proxy.address, "marble", arenas=3, seed=0, transport="grpc"):
         proxy.swallow()
         assert played(proxy.address, 0, 5.0, "grpc") == played(address, 0)
+
+
+@pytest.mark.parametrize("transport", ["grpc", "local"])
+def test_a_closed_session_leaves_no_connection(address, transport):
+    played(address, 0)  # whatever is made once
+    gc.disable()  # which would end what only a cycle of references keeps
+    try:
+        before = open_files(os.getpid())
+        for _ in range(5):
+            played(address, 0, transport=transport)
+        assert wait_until(lambda: open_files(os.getpid()) <= before)
+    finally:
+        gc.enable()
 
 
 def test_it_works_inside_a_running_event_loop_as_in_a_notebook(address):

@@ -65,21 +65,21 @@ def list_games(address: str) -> list[str]:
     """Return the names of a simulator's games. Raises SimulatorError."""
     try:
         request = pb.ListGamesRequest(version=own_version())
-        response = EVENT_LOOP.run(_call, address, "ListGames", request, pb.ListGamesResponse, CALL_SECONDS)
+        response = EVENT_LOOP.run(_call, address, "ListGames", request, pb.ListGamesResponse)
     except grpc.RpcError as error:
         raise from_grpc(error, address) from error
     return [game.name for game in response.games]
 
 
-def describe(address: str, game: str, options: Mapping[str, str], timeout: float = CALL_SECONDS) -> pb.GameSpec:
-    """Return the spec of a game with some options. timeout: seconds to wait for the answer.
+def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec:
+    """Return the spec of a game with some options.
 
     Raises SimulatorError if the simulator refuses, sends a spec that breaks the contract, or has an older revision of
     the contract than this client.
     """
     request = pb.DescribeGameRequest(game=game, options=options, version=own_version())
     try:
-        response = EVENT_LOOP.run(_call, address, "DescribeGame", request, pb.DescribeGameResponse, timeout)
+        response = EVENT_LOOP.run(_call, address, "DescribeGame", request, pb.DescribeGameResponse)
         if text := mismatch(own_version(), response.version):
             raise SimulatorError(f"{address}: {text}")
         spec = response.spec
@@ -121,7 +121,7 @@ class Session:
         """
         self.address = address
         self.arenas = arenas
-        self.spec = describe(address, game, options or {}, timeout)
+        self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
         self._failure: SimulatorError | None = None  # why the session has ended
         self._log: FaultLog | DemonstrationLog | None = None
@@ -278,10 +278,10 @@ async def _connect(address: str, seconds: float) -> None:
         await asyncio.wait_for(channel.channel_ready(), seconds)
 
 
-async def _call(address: str, method: str, request: Message, response: type[M], timeout: float) -> M:
-    """Call a method and return its response within so many seconds. Raises grpc.RpcError and SimulatorError."""
+async def _call(address: str, method: str, request: Message, response: type[M]) -> M:
+    """Call a method and return its response. Raises grpc.RpcError and SimulatorError."""
     credentials = credentials_of(address)
     async with credentials.aio_channel(address) as channel:
         call = channel.unary_unary(f"/{SERVICE}/{method}", type(request).SerializeToString)
-        data = await call(request, timeout=timeout, metadata=credentials.metadata)
+        data = await call(request, timeout=CALL_SECONDS, metadata=credentials.metadata)
     return parse(response, data, address)

@@ -14,7 +14,7 @@ from joybridge.trainer.wire.errors import SimulatorLost
 __all__ = ["simulator_process"]
 
 ENDING_SECONDS = 5.0
-LOST_SECONDS = 1.0  # the same after an error or an interrupt: perhaps it no longer listens to anything
+LOST_SECONDS = 0.5  # the same after an error or an interrupt: perhaps it no longer listens to anything
 # -P: a folder joybridge/ or a file tools.py in the current folder is not imported in place of the installed modules.
 # -u: what games print appears at once.
 COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge", "serve"]

@@ -125,6 +125,8 @@ class Stream:
         if self._channel is not None:
             self._call.cancel()
             await self._channel.close()
+            # The connection lives as long as something refers to these.
+            self._channel = self._call = self._listening = None
 
     async def _prepare(self) -> None:
         """Get ready for a request.
