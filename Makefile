@@ -2,7 +2,7 @@
 # make demo      train Shooting Birds for a few minutes; ends with scores, a plot and a video
 # make check     style, types and the quick tests, in about two minutes
 # make test      style, types and all tests, with the coverage of the quick ones
-# make docs      the site with all pages and the reference, into site/
+# make docs      the site with all pages and the reference, into site/; needs no PyTorch
 # make bench     how fast it is on this machine
 
 PYTHON ?= python3
@@ -30,11 +30,12 @@ check: install
 test: install
 	$(BIN)/python -m tools.check
 
-docs: .venv/installed-docs
-	$(BIN)/python -m tools.docs
+docs: .venv-docs/installed
+	.venv-docs/bin/python -m tools.docs
 
-.venv/installed-docs: .venv/installed
-	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[docs]"
+.venv-docs/installed: pyproject.toml constraints.txt
+	test -x .venv-docs/bin/python || $(PYTHON) -m venv .venv-docs
+	.venv-docs/bin/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[docs]"
 	touch $@
 
 bench: install

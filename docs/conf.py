@@ -12,7 +12,7 @@ extensions = ["myst_parser"]
 root_doc = "docs/index"
 include_patterns = [
     "*.md", "docs/*.md", "docs/reference/*.md", "trainer/*.md", "simulator/*.md", "proto/examples/*.md",
-    "proto/examples/*/README.md", "results/*.md",
+    "proto/examples/*/README.md", "results/*.md", "results/*/README.md",
 ]  # fmt: skip
 exclude_patterns = [
     "README.md",

@@ -4,6 +4,7 @@ import importlib.util
 import itertools
 import json
 import re
+import runpy
 from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -20,7 +21,7 @@ from tests.test_public_api import PROMISED
 from tools.docs import errors, reference
 from tools.docs.api import api, exported
 from tools.docs.contract import contract
-from tools.docs.pages import filled, readme_sections
+from tools.docs.pages import INSTEAD, filled, readme_sections
 from tools.docs.schema import schema
 
 ROOT = Path(__file__).parents[1]
@@ -59,7 +60,9 @@ def test_there_are_documents():
 @pytest.mark.parametrize("path", DOCUMENTS)
 def test_every_relative_link_leads_to_a_file(path):
     links = [link.split("#")[0] for link in LINK.findall(path.read_text()) if "://" not in link]
-    assert [link for link in links if not (path.parent / link).exists()] == []
+    found = [(path.parent / link).resolve() for link in links if link]
+    shown = {ROOT / name for name in INSTEAD}  # the site has a page for them
+    assert [str(target) for target in found if not target.is_file() and target not in shown] == []
 
 
 @pytest.mark.parametrize("path", DOCUMENTS)
@@ -186,6 +189,12 @@ def test_the_navigation_of_the_site_leaves_no_page_out():
     listed = re.findall(r"^(?:.* <)?/([\w./-]+\.md)>?$", "\n".join(blocks), re.MULTILINE)
     pages = {str(path.relative_to(ROOT)) for path in PATHS} - {"README.md", "PYPI.md", "docs/index.md"}
     assert len(listed) == len(set(listed)) and set(listed) == pages, "list every page in docs/index.md"
+
+
+def test_sphinx_reads_every_page_of_the_navigation():
+    patterns = runpy.run_path(str(ROOT / "docs/conf.py"))["include_patterns"]
+    read = re.compile("|".join(re.escape(pattern).replace(r"\*", "[^/]*") for pattern in patterns))
+    assert [page for page in map(str, (path.relative_to(ROOT) for path in PATHS)) if not read.fullmatch(page)] == []
 
 
 def test_the_site_shows_every_section_of_the_readme_once():
