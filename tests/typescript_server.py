@@ -21,6 +21,7 @@ from joybridge.contract.codec import ActArrays
 from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.wire.client import Session
 from joybridge.v1 import bridge_pb2 as pb
+from tests.support.chromium import PROGRAM, chromium
 from tests.support.wire import Stream, refused, start
 
 ROOT = Path(__file__).parents[1]
@@ -38,6 +39,7 @@ def built(tmp_path_factory) -> Path:
     proto = tmp_path_factory.mktemp("typescript") / "proto"
     folder = proto / "examples" / "typescript"
     shutil.copytree(SOURCE, folder, ignore=shutil.ignore_patterns("node_modules", "dist", "types"))
+    shutil.copytree(SOURCE.parent / "javascript", folder.parent / "javascript")
     contract = Path("joybridge") / "v1" / "bridge.proto"
     (proto / contract).parent.mkdir(parents=True)
     shutil.copy(SOURCE.parents[1] / contract, proto / contract)
@@ -143,23 +145,72 @@ def test_a_town_that_is_defended_stands_until_the_time_is_up_and_another_falls(s
     assert set(ends[1]) == {(False, 0.0, 0.0, 0.0)}
 
 
-def test_a_policy_learns_the_game(address, tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "joybridge",
-        "train",
-        str(CONFIG),
-        "--simulator",
-        address,
-        "--run",
-        str(tmp_path / "r"),
-    ]
+@pytest.fixture(scope="module")
+def trained(address, tmp_path_factory) -> Path:
+    """Return a run that has learned the game."""
+    folder = tmp_path_factory.mktemp("trained") / "run"
+    command = [sys.executable, "-m", "joybridge", "train", str(CONFIG), "--simulator", address, "--run", str(folder)]
     done = run(*command, "seed=0", "stop=80000")
     assert done.returncode == 0, done.stderr
-    rewards = [row["reward"] for row in read_rows(tmp_path / "r" / "metrics-gunner.csv")]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def policy(trained, address) -> str:
+    """Return the exported policy of that run."""
+    file = str(trained / "policy.json")
+    done = run(sys.executable, "-m", "joybridge", "export", str(trained), file, "--simulator", address)
+    assert done.returncode == 0, done.stderr
+    return file
+
+
+def test_a_policy_learns_the_game(trained):
+    rewards = [row["reward"] for row in read_rows(trained / "metrics-gunner.csv")]
     assert rewards[0] < 0  # most of the town is lost and most shots miss
     assert rewards[-1] > 10
+
+
+def test_an_exported_policy_plays_without_a_trainer_and_without_grpc(built, policy, tmp_path):
+    shutil.copytree(built.parent, tmp_path / "examples", ignore=shutil.ignore_patterns("node_modules"))
+    command = ["node", "dist/main.js", "--policy", policy, "--episodes", "20"]
+    first, second, other = (
+        run(*command, "--seed", seed, folder=tmp_path / "examples" / "typescript") for seed in ("1", "1", "2")
+    )
+    assert first.returncode == 0, first.stderr
+    assert first.stdout.startswith("20 episodes, mean and 95 % confidence\n  reward ")
+    assert float(first.stdout.splitlines()[1].split()[1]) > 10
+    assert first.stdout == second.stdout != other.stdout
+
+
+def test_a_policy_of_another_game_is_refused(built, policy, tmp_path):
+    document = json.loads(Path(policy).read_text()) | {"game": "paddle"}
+    (tmp_path / "policy.json").write_text(json.dumps(document))
+    done = run("node", "dist/main.js", "--policy", str(tmp_path / "policy.json"), folder=built)
+    assert done.returncode == 2
+    assert done.stderr == "error: the policy plays paddle, expected meteors; export a run of meteors\n"
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="needs Chromium: apt-get install chromium")
+def test_the_page_plays_the_policy_in_a_browser(built, policy, tmp_path):
+    for given in ((), ("--", policy)):
+        done = run("npm", "run", "page", *given, folder=built)
+        assert done.returncode == 0, done.stdout + done.stderr
+        shutil.copy(built / "dist" / "meteors.html", tmp_path / f"{len(given)}.html")
+    with chromium(tmp_path / "profile") as browser:
+        tab = browser.tab()
+        tab.go((tmp_path / "0.html").as_uri())
+        tab.wait("document.querySelector('#prompt')?.textContent.startsWith('Choose a policy.json')")
+        tab.choose("#file", str(tmp_path / "0.html"))
+        tab.wait("document.querySelector('#prompt').textContent.startsWith('this is no joybridge.policy')")
+        for page, file in (("0.html", policy), ("2.html", None)):
+            tab.go((tmp_path / page).as_uri())
+            tab.wait(f"location.pathname.endsWith('{page}') && document.querySelector('#speed')")
+            if file:
+                tab.choose("#file", file)
+            tab.value("document.querySelector('#speed').value = '20'")
+            tab.wait("document.querySelector('#nights').textContent === '1'")
+            assert float(tab.text("#mean")) > 0
+        assert tab.errors == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

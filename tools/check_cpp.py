@@ -37,6 +37,7 @@ PROGRAMS = {  # and the packages of Debian 12 that have them
 LIBRARIES = {"grpc++": "libgrpc++-dev", "protobuf": "libprotobuf-dev"}
 UNTRAINED = ("stop=4000", "policy.learning_rate=1e-9")  # a run that learns nothing
 GAIN = 25.0  # reward of a trained policy above an untrained one's; three seeds gained 36
+MOST_APART = 1.0  # of mean rewards; over so many episodes, the standard error of the difference is about 0.15
 ENDING_SECONDS = 10.0
 
 
@@ -57,7 +58,8 @@ def main() -> int:
         with server() as (process, address):
             run(sys.executable, "-m", "joybridge", "check", address, "--json")
             with tempfile.TemporaryDirectory() as folder:
-                check_learning(address, Path(folder))
+                reward = check_learning(address, Path(folder))
+                check_export(address, Path(folder), reward)
             check_ending(process, address)
         with tempfile.TemporaryDirectory() as folder:
             token = Path(folder) / "token"
@@ -112,13 +114,23 @@ def server(*more: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
             process.kill()
 
 
-def check_learning(address: str, folder: Path) -> None:
-    """Raise Failed unless a policy gets clearly better by training, seeds being fixed."""
+def check_learning(address: str, folder: Path) -> float:
+    """Return the reward of a trained policy. Raise Failed unless training made it clearly better, seeds being fixed."""
     rewards = [learn(address, folder / name, overrides) for name, overrides in
                (("untrained", UNTRAINED), ("trained", ()))]  # fmt: skip
     print(f"reward {rewards[0]:.1f} untrained, {rewards[1]:.1f} trained")
     if not rewards[1] >= rewards[0] + GAIN:
         raise Failed(f"training gained {rewards[1] - rewards[0]:.1f}, expected at least {GAIN:g}")
+    return rewards[1]
+
+
+def check_export(address: str, folder: Path, reward: float) -> None:
+    """Raise Failed unless the exported policy, played by the server itself, scores as the trainer does."""
+    policy = str(folder / "policy.json")
+    run(sys.executable, "-m", "joybridge", "export", str(folder / "trained"), policy, "--simulator", address)
+    alone = float(run(str(BUILD / "paddle"), "--policy", policy, "--episodes", "200")[1].split()[1])
+    if not abs(alone - reward) <= MOST_APART:
+        raise Failed(f"alone, the policy scores {alone:.1f}, with the trainer {reward:.1f}")
 
 
 def learn(address: str, folder: Path, overrides: Sequence[str]) -> float:

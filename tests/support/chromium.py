@@ -80,6 +80,12 @@ class Tab:
         if up:
             self.call("Input.dispatchKeyEvent", type="keyUp", code=code, key=key)
 
+    def choose(self, selector, path):
+        """Choose a file for an input."""
+        root = self.call("DOM.getDocument")["root"]["nodeId"]
+        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+        self.call("DOM.setFileInputFiles", nodeId=node, files=[path])
+
     def close(self):
         self.call("Page.close")
         self._socket.close()

@@ -1,6 +1,6 @@
 /**
  * Play a policy that `joybridge export RUN policy.json` wrote. Copy this file into your program; it needs nothing else,
- * in Node.js or in a browser.
+ * in Node.js or in a browser. TypeScript finds its types in policy.d.mts.
  *
  *   const policy = new Policy(await (await fetch("policy.json")).json());
  *   let state = policy.begin();
@@ -20,11 +20,10 @@ const ACTIVATIONS = {
   elu: (x) => (x > 0 ? x : Math.expm1(x)),
 };
 
-/** Where a policy that is not deterministic takes its noise: uniform in [0, 1), and standard normal. */
-const NOISE = {
-  uniform: Math.random,
-  normal: () => Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random()),
-};
+/** Return where a policy that is not deterministic takes its noise: uniform in [0, 1), and standard normal. */
+export function noiseFrom(uniform) {
+  return { uniform, normal: () => Math.sqrt(-2 * Math.log(1 - uniform())) * Math.cos(2 * Math.PI * uniform()) };
+}
 
 export class Policy {
   /** @param {object} document the parsed file. Throws an Error if it is no policy of this format. */
@@ -32,6 +31,8 @@ export class Policy {
     if (!FORMATS.includes(document?.format)) {
       throw new Error(`this is no ${FORMATS.join(" or ")}; write it with \`joybridge export RUN policy.json\``);
     }
+    this.game = document.game;
+    this.options = document.options; // of the game, a choice for each
     this.sensors = document.sensors; // name, dtype and shape of each
     this.axes = document.axes; // name, low and high of each, in the order of Action.axes
     this.branches = document.branches; // name and choices of each, in the order of Action.choices
@@ -59,9 +60,9 @@ export class Policy {
    * @param {Float32Array[]} state of `begin`, or of the last decision
    * @param {Object<string, ArrayLike<number | boolean>>} masks by name of a branch, true: allowed; those that are left
    *   out allow all choices
-   * @param {typeof NOISE} noise
+   * @param {{ uniform: () => number, normal: () => number }} noise
    */
-  act(sensors, state, masks = {}, noise = NOISE) {
+  act(sensors, state, masks = {}, noise = noiseFrom(Math.random)) {
     const allowed = this.branches.map(({ name, choices }) => masks[name] ?? choices.map(() => true));
     const axes = new Float32Array(this.axes.length);
     const choices = new Int32Array(this.branches.length);

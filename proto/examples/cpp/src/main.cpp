@@ -1,4 +1,4 @@
-/// The command line: serve until SIGINT or SIGTERM.
+/// The command line: serve until SIGINT or SIGTERM, or let a policy play.
 
 #include <charconv>
 #include <iostream>
@@ -6,18 +6,23 @@
 
 #include "paddle.hpp"
 #include "refusal.hpp"
+#include "scores.hpp"
 #include "server.hpp"
 
 namespace {
 
 constexpr char USAGE[] =
     "usage: paddle [--address HOST:PORT] [--sessions MOST] [--tls-cert FILE --tls-key FILE] [--token-file FILE]\n"
+    "       paddle --policy FILE [--episodes COUNT] [--seed SEED]\n"
     "  --address     where to listen, port 0 being any free one; default 127.0.0.1:5005. An address that other\n"
     "                machines can reach needs --tls-cert, --tls-key and --token-file\n"
     "  --sessions    the most sessions at once; default 64\n"
     "  --tls-cert    encrypt with this certificate (PEM, with chain)\n"
     "  --tls-key     the private key of the certificate (PEM)\n"
-    "  --token-file  accept only clients that send the token in this file\n";
+    "  --token-file  accept only clients that send the token in this file\n"
+    "  --policy      let a policy play that `joybridge export RUN policy.json` wrote, and serve nothing\n"
+    "  --episodes    how many it plays; default 20\n"
+    "  --seed        of what it plays; default 0\n";
 
 /// Returns a number of the command line. Throws std::invalid_argument if it is not a number in low .. high.
 int number(const std::string& what, const std::string& text, int low, int high) {
@@ -31,7 +36,8 @@ int number(const std::string& what, const std::string& text, int low, int high) 
 
 int main(int count, char** words) {
   std::string address = "127.0.0.1:5005";
-  int sessions = 64;
+  std::string policy;
+  int sessions = 64, episodes = 20, seed = 0;
   simulator::Files files;
   try {
     for (int place = 1; place < count; place += 2) {
@@ -47,6 +53,12 @@ int main(int count, char** words) {
         files.key = value;
       } else if (name == "--token-file") {
         files.token = value;
+      } else if (name == "--policy") {
+        policy = value;
+      } else if (name == "--episodes") {
+        episodes = number(name, value, 1, 1'000'000);
+      } else if (name == "--seed") {
+        seed = number(name, value, 0, 1'000'000'000);
       } else if (name == "--help") {
         std::cout << USAGE;
         return 0;
@@ -58,7 +70,11 @@ int main(int count, char** words) {
     auto paddle = std::make_unique<simulator::Paddle>();
     const std::string name = paddle->describe({}).name();
     games[name] = std::move(paddle);  // add your own game here
-    simulator::serve(games, address, static_cast<std::size_t>(sessions), files);
+    if (policy.empty()) {
+      simulator::serve(games, address, static_cast<std::size_t>(sessions), files);
+    } else {
+      std::cout << simulator::scores(games, policy, episodes, static_cast<std::uint64_t>(seed)) << std::endl;
+    }
   } catch (const std::exception& error) {
     std::cerr << "error: " << error.what() << std::endl;
     return 2;
