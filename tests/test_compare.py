@@ -15,10 +15,10 @@ from joybridge.experiments.job import Job
 from joybridge.experiments.page import Setting, page_html, page_text
 from joybridge.experiments.scores import Point, Run, read_run
 from joybridge.experiments.variants import differences, kept_spec, make_variants, read_values
-from joybridge.trainer.__main__ import main as trainer
 from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.errors import CheckpointError, ConfigError
 from tests.support.command_line import Done, joybridge
+from tests.support.jobs import train_here
 
 pytestmark = pytest.mark.usefixtures("signals")
 
@@ -32,29 +32,6 @@ policy: {frame_stack: 1, hidden_sizes: [16], rollout_steps: 20, time_horizon: 20
 """
 OUT = Path("out")
 Compare = Callable[..., Done]
-
-
-class Ended:
-    """A run that was trained in this process."""
-
-    def __init__(self, status: int) -> None:
-        self.status = status
-
-    def poll(self) -> int:
-        return self.status
-
-    def terminate(self) -> None:
-        raise AssertionError("it has ended")
-
-    def wait(self) -> int:
-        return self.status
-
-
-def train_here(job: Job) -> Ended:
-    """Train a job with the command that a grid would start."""
-    _, _, _, *arguments = job.command(job.config, job.run)
-    arguments.remove("--with-parent")
-    return Ended(trainer(arguments))
 
 
 def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done:

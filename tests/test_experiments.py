@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,8 @@ from joybridge.experiments.grid import keep_results
 from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.errors import RunLockedError
 from joybridge.trainer.run_lock import locked
-from tools.paper.__main__ import main as paper
+from tests.support.jobs import Ended, train_here
+from tools.paper import __main__ as paper
 
 pytestmark = pytest.mark.slow
 
@@ -95,27 +97,64 @@ class Whole:
 
 
 @pytest.fixture(scope="module")
-def whole(configs, tmp_path_factory) -> Whole:
+def whole(simulator, configs, tmp_path_factory) -> Whole:
+    """Return the results of two processes, and of a run that is trained here because starting a third one is slow."""
     folder = tmp_path_factory.mktemp("whole")
-    jobs = [
-        make_job(configs, folder, "survive", 0),
-        make_job(configs, folder, "fail", 0),
-        make_job(configs, folder, "survive", 1),
-    ]
-    return Whole(folder / "results", run_grid(jobs, 3, folder / "results"))
+    here = replace(make_job(configs, folder, "survive", 1), arguments=("--simulator", simulator))
+    jobs = [make_job(configs, folder, "survive", 0), make_job(configs, folder, "fail", 0), here]
+
+    def begin(chosen: Job) -> Process:
+        return train_here(chosen) if chosen is here else start(chosen)
+
+    return Whole(folder / "results", run_grid(jobs, 3, folder / "results", begin))
+
+
+@pytest.fixture
+def resume(simulator) -> Callable[[Job], Ended]:
+    """Return what resumes a job here, at the simulator that the tests share."""
+    return lambda chosen: train_here(replace(chosen, arguments=("--simulator", simulator)))
+
+
+@dataclass
+class Killed:
+    """What a grid has left that was killed: its folder of runs, and where its simulator would be in /proc."""
+
+    runs: Path
+    simulator: Path
+
+
+def child(process: int) -> int:
+    """Return the only child of a process."""
+    (number,) = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return int(number)
 
 
 @pytest.fixture(scope="module")
-def killed(configs, tmp_path_factory) -> Path:
-    """Return the folder of a grid of one run that was killed in the middle with all its processes."""
+def killed(configs, tmp_path_factory) -> Killed:
+    """Return what a grid of one run has left that was killed in the middle together with its trainer."""
     runs = tmp_path_factory.mktemp("killed")
     process = start_grid(configs, runs, start_new_session=True)
     only = make_job(configs, runs)
     wait_for_checkpoint(process, only)
+    simulator = Path(f"/proc/{child(child(process.pid))}")
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert not only.finished()
-    return runs
+    return Killed(runs, simulator)
+
+
+def test_a_killed_trainer_takes_its_simulator_with_it(killed):
+    deadline = time.monotonic() + DEADLINE_SECONDS
+    while not has_ended(killed.simulator):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def has_ended(process: Path) -> bool:
+    try:
+        return "\nState:\tZ" in (process / "status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return True
 
 
 def test_one_failing_run_is_reported_with_its_reason_and_does_not_stop_the_others(whole):
@@ -125,13 +164,13 @@ def test_one_failing_run_is_reported_with_its_reason_and_does_not_stop_the_other
     assert list(figures(whole.results)) == ["survive-s0.csv", "survive-s1.csv"]
 
 
-def test_the_trainers_of_a_killed_grid_save_and_end_and_the_grid_resumes_them(whole, configs, tmp_path):
+def test_the_trainers_of_a_killed_grid_save_and_end_and_the_grid_resumes_them(whole, configs, resume, tmp_path):
     process = start_grid(configs, tmp_path)
     only = make_job(configs, tmp_path)
     wait_for_checkpoint(process, only)
     process.kill()  # it alone, not its trainers
     process.wait()
-    assert run_grid([only], 1, tmp_path / "results") == {}
+    assert run_grid([only], 1, tmp_path / "results", resume) == {}
     assert "interrupted" in (only.run / "log.txt").read_text()
     name = "survive-s0.csv"
     assert figures(tmp_path / "results") == {name: figures(whole.results)[name]}
@@ -156,9 +195,12 @@ def test_every_finished_run_keeps_all_rows_and_different_seeds_differ(whole):
     assert rows != tables["survive-s1.csv"]
 
 
-def test_a_grid_that_is_killed_and_repeated_ends_with_the_same_results(whole, killed, configs, tmp_path, signals):
-    runs = shutil.copytree(killed, tmp_path / "runs")
-    assert paper(command_line(configs, runs, "--experiments", "survive", "--jobs", "2")) == 0
+def test_a_grid_that_is_killed_and_repeated_ends_with_the_same_results(
+    whole, killed, configs, resume, tmp_path, monkeypatch, signals
+):
+    runs = shutil.copytree(killed.runs, tmp_path / "runs")
+    monkeypatch.setattr(paper, "start", resume)
+    assert paper.main(command_line(configs, runs, "--experiments", "survive", "--jobs", "2")) == 0
     name = "survive-s0.csv"
     assert figures(runs / "results") == {name: figures(whole.results)[name]}
     assert run_grid([make_job(configs, runs)], 2, runs / "once more", begin=refuse) == {}
@@ -170,7 +212,7 @@ def refuse(finished: Job) -> Process:
 
 
 def test_a_ray_cluster_resumes_killed_runs_to_the_same_results_and_reports_failures(whole, killed, configs, tmp_path):
-    runs = shutil.copytree(killed, tmp_path / "runs")
+    runs = shutil.copytree(killed.runs, tmp_path / "runs")
     arguments = command_line(configs, runs, "--experiments", "fail", "survive", "--backend", "ray", "--jobs", "1")
     result = subprocess.run(
         [sys.executable, "-m", "tools.paper", *arguments], cwd=ROOT, capture_output=True, text=True, check=False

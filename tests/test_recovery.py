@@ -52,7 +52,7 @@ def children() -> set[int]:
 
 
 @pytest.fixture
-def simulator() -> Iterator[Simulator]:
+def mortal() -> Iterator[Simulator]:
     with ExitStack() as running:
         yield Simulator(running)
 
@@ -77,26 +77,26 @@ def outcome(run: Path) -> tuple[dict[str, bytes], list[dict[str, float]]]:
     )
 
 
-def test_a_run_whose_simulator_is_killed_at_any_moment_ends_like_one_that_is_left_alone(simulator, tmp_path, caplog):
-    quiet = killing(simulator, signal.SIGKILL, [])
-    train(CONFIG, tmp_path / "quiet", simulator.start(), resume=False, report=quiet)
+def test_a_run_whose_simulator_is_killed_at_any_moment_ends_like_one_that_is_left_alone(
+    mortal, simulator, tmp_path, caplog
+):
+    train(CONFIG, tmp_path / "quiet", [simulator], resume=False, report=lambda *_: None)
     moments = [LANES, LANES * ROLLOUT, LANES * ROLLOUT * 3 + LANES * 5, CONFIG.end - LANES * 3]
-    report = killing(simulator, signal.SIGKILL, moments)
-    simulator.starts = 0
-    train(CONFIG, tmp_path / "run", simulator.start(), resume=False, report=report, revive=simulator.start)
-    assert simulator.starts == 1 + len(moments)
+    report = killing(mortal, signal.SIGKILL, moments)
+    train(CONFIG, tmp_path / "run", mortal.start(), resume=False, report=report, revive=mortal.start)
+    assert mortal.starts == 1 + len(moments)
     assert outcome(tmp_path / "run") == outcome(tmp_path / "quiet")
     assert len(outcome(tmp_path / "run")[1]) == ROLLOUT * ROLLOUTS
     assert "lost the simulator at " in caplog.text
     assert "training goes on from 192 timesteps (restart 3 of 5)" in caplog.text
 
 
-def test_a_run_that_has_used_up_its_restarts_saves_and_ends(simulator, tmp_path):
-    report = killing(simulator, signal.SIGKILL, [LANES * (ROLLOUT + 1), LANES * (ROLLOUT * 2 + 1)])
+def test_a_run_that_has_used_up_its_restarts_saves_and_ends(mortal, tmp_path):
+    report = killing(mortal, signal.SIGKILL, [LANES * (ROLLOUT + 1), LANES * (ROLLOUT * 2 + 1)])
     config = CONFIG.model_copy(update={"restarts": 1})
     with pytest.raises(SimulatorLost):
-        train(config, tmp_path, simulator.start(), resume=False, report=report, revive=simulator.start)
-    assert simulator.starts == 2
+        train(config, tmp_path, mortal.start(), resume=False, report=report, revive=mortal.start)
+    assert mortal.starts == 2
     assert load_checkpoint(tmp_path)[1].timesteps == LANES * ROLLOUT * 2
 
 

@@ -41,6 +41,8 @@ from tools.paper.statistics import (
 )
 from tools.paper.tables import agreement, last_ten, place
 
+pytestmark = pytest.mark.no_cover  # of tools, which are not measured
+
 EARLY = 10 * MARK  # 3 M
 
 

@@ -296,10 +296,10 @@ def test_how_a_game_ended_stays_in_sight_until_the_next_move():
 @pytest.mark.parametrize(
     ("game", "metric", "timesteps", "untrained", "trained"),
     [
-        ("orchard", "caught", 40_000, 0.15, 0.5),
-        ("marble", "inside", 60_000, 0.1, 0.4),
-        ("archer", "accuracy", 75_000, 0.3, 0.65),
-        ("noughts", "sound", 60_000, 0.65, 0.75),
+        ("orchard", "caught", 30_000, 0.15, 0.5),
+        ("marble", "inside", 40_000, 0.1, 0.3),
+        ("archer", "accuracy", 50_000, 0.3, 0.45),
+        ("noughts", "sound", 40_000, 0.65, 0.75),
     ],
 )
 def test_each_is_learned_as_configured(game, metric, timesteps, untrained, trained, simulator, tmp_path):

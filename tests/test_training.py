@@ -203,16 +203,6 @@ def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly_as_ofte
     resume_and_compare(run, tmp_path, address)
 
 
-def test_a_killed_trainer_takes_its_simulator_with_it(tmp_path):
-    run = tmp_path / "run"
-    with trainer_with_a_row(run, *arguments(run, *SMALL)) as (_, simulator):
-        pass
-    deadline = time.monotonic() + DEADLINE_SECONDS
-    while simulator.exists() and "Z" not in (simulator / "stat").read_text().split()[2]:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):
     address = f"unix:{tmp_path}/simulator.sock"
     servers = []
