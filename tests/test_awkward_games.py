@@ -96,12 +96,15 @@ def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, m
     assert set(lengths) == {LENGTH}  # no two halves of episodes were taken for one
 
 
-def test_an_odd_picture_can_be_recorded(talked, awkward, tmp_path):
+@pytest.mark.parametrize(("inputs", "height"), [(False, 74), (True, 134)])
+def test_an_odd_picture_can_be_recorded(inputs, height, talked, awkward, tmp_path):
     output = tmp_path / "play.mp4"
-    frames = record(talked, awkward, output, seconds=1.0, seed=0, deterministic=False, say=lambda _: None)
+    frames = record(
+        talked, awkward, output, seconds=1.0, seed=0, deterministic=False, say=lambda _: None, inputs=inputs
+    )
     with av.open(str(output)) as video:
         assert [picture.to_ndarray(format="rgb24").shape for picture in video.decode(video=0)] == [
-            (74, 100, 3)
+            (height, 100, 3)
         ] * frames
 
 

@@ -113,6 +113,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     records.set_defaults(function=_record)
     records.add_argument("output", type=Path, help="e.g. play.mp4 or play.gif")
     records.add_argument("--seconds", type=seconds, default=40.0, help="length of the video; default %(default)g")
+    records.add_argument("--inputs", action="store_true", help="below the picture, draw what the policy presses")
 
     exports = commands.add_parser(
         "export", parents=[plays, shared], help="write a run's policy as a file that plays without the trainer"
@@ -248,7 +249,7 @@ def _record(options: argparse.Namespace) -> None:
         frames = record(
             options.run, simulator, options.output, seconds=options.seconds, seed=options.seed,
             deterministic=options.deterministic, say=say, overrides=options.overrides,
-            checkpoint=options.checkpoint,
+            checkpoint=options.checkpoint, inputs=options.inputs,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
     say_next("export", str(options.run), "policy.onnx")
