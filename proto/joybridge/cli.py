@@ -14,6 +14,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
+INTERRUPTED = 128 + signal.SIGINT  # exit status, as of a shell
+
 
 class Command(NamedTuple):
     """Where a command lives and what it does."""
@@ -64,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             module = import_module(command.module)
         return int(module.main([name, *rest], prog="joybridge"))
     except KeyboardInterrupt:  # a command that has something to end handles its interrupts
-        return 128 + signal.SIGINT
+        return INTERRUPTED
     except ModuleNotFoundError as error:  # some modules are imported only when the command runs
         if (error.name or "").startswith("joybridge") or not command.extra:
             raise
@@ -103,7 +105,7 @@ def run() -> NoReturn:
     if sys.argv[1:2] not in (["serve"], ["train"]) and hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # ends quietly once the reader of its output has, as in `| head`
     status = main()
-    if sys.argv[1:2] in (["check"], ["doctor"]):
+    if sys.argv[1:2] in (["check"], ["doctor"]) or status == INTERRUPTED:
         from joybridge.conformance.process import leave
 
         leave(status)

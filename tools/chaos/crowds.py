@@ -11,6 +11,7 @@ import grpc
 
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import Simulator, mebibytes, open_files, threads, wait_until
 
@@ -72,10 +73,10 @@ def crowds(folder: Path, faults: int) -> Outcome:
         with Session(simulator.address, "orchard", arenas=2, seed=1) as session:
             acts = make_acts(session.spec, 2)
             open_sessions(simulator.address)
-            asyncio.run(crowd(simulator.address, 0, min(faults, AT_ONCE)))  # pools grow, modules are imported
+            EVENT_LOOP.run(crowd, simulator.address, 0, min(faults, AT_ONCE))  # pools grow, modules are imported
             files, workers, memory = open_files(process), threads(process), mebibytes(process)
             for first in range(0, faults, AT_ONCE):
-                if left := asyncio.run(crowd(simulator.address, first, min(faults, first + AT_ONCE))):
+                if left := EVENT_LOOP.run(crowd, simulator.address, first, min(faults, first + AT_ONCE)):
                     problems.append(f"{left} streams from {first} on were not ended")
                 session.step(acts)
             open_sessions(simulator.address)

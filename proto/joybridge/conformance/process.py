@@ -1,7 +1,8 @@
-"""The end of the processes of `joybridge check` and `joybridge doctor`."""
+"""The end of a process in which nothing is left to do."""
 
 import atexit
 import os
+import signal
 import sys
 from contextlib import suppress
 from typing import NoReturn
@@ -10,9 +11,11 @@ from typing import NoReturn
 def leave(status: int) -> NoReturn:
     """Exit with a status at once, after the exit handlers of Python have run and all output is flushed.
 
-    A normal exit also destroys the global objects of gRPC's C++ library, which waits for its threads and has been seen
-    to wait forever. Nothing is lost without it: when the checks are done, their connections and files are closed.
+    A normal exit also destroys the global objects of libraries: PyTorch's take a second, and gRPC waits for its threads
+    and has been seen to wait forever. Nothing is lost without it if connections and files are closed. An interrupt ends
+    the process at once.
     """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # nobody reads the output any more
