@@ -354,6 +354,23 @@ def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
         np.testing.assert_allclose(played, wanted, rtol=0, atol=1e-5, err_msg=language)
 
 
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        ('{"format": "joybridge.policy.v0"}', "write it with `joybridge export RUN policy.json`"),
+        ('{"format": "joybridge.policy.v1", "policies": [{"layers": [', ""),
+        ('{"format": ]', ""),
+    ],
+)
+def test_the_runtimes_in_other_languages_refuse_what_is_no_policy(file, message, players, tmp_path):
+    (tmp_path / "policy.json").write_text(file)
+    (tmp_path / "decisions.json").write_text("[]")
+    for command in players.values():
+        files = [str(tmp_path / "policy.json"), str(tmp_path / "decisions.json")]
+        result = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
+        assert result.returncode == 1 and result.stderr and message in result.stderr
+
+
 def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
     (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v0"}')
     with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v1' or 'joybridge\.policy\.v2'; write"):

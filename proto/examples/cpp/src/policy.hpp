@@ -11,7 +11,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <functional>
 #include <map>
 #include <memory>
@@ -41,7 +40,7 @@ struct Noise {
 };
 
 /// Returns the noise of a seed.
-inline Noise seeded(std::uint64_t seed) {
+inline Noise seeded(std::mt19937_64::result_type seed) {
   const auto random = std::make_shared<std::mt19937_64>(seed);
   return {[random] { return ((*random)() >> 11) * 0x1p-53; }, [random] { return std::normal_distribution()(*random); }};
 }
@@ -139,6 +138,7 @@ class Policy {
       for (std::size_t layer = 0; layer < biases.size(); ++layer) {
         for (float& value : values) value = layer ? activate(value) : value;
         std::vector<float> sums = biases[layer];
+        if (weights[layer].size() != sums.size() * values.size()) throw std::invalid_argument("the policy is damaged");
         for (std::size_t row = 0; row < sums.size(); ++row) {
           const auto weight = weights[layer].begin() + row * values.size();
           sums[row] = float(std::inner_product(values.begin(), values.end(), weight, double(sums[row])));
