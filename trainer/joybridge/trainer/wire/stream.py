@@ -77,6 +77,8 @@ class Stream:
         that the request could not be sent. In the second case, try again.
         """
         credentials = credentials_of(self.address)
+        request = pb.PlayRequest(start=start)
+        self._waits.note(request)
         for _ in range(ATTEMPTS):
             self._channel = credentials.aio_channel(self.address, self._options)
             play = self._channel.stream_stream(f"/{SERVICE}/Play", pb.PlayRequest.SerializeToString)
@@ -84,7 +86,7 @@ class Stream:
             self._ended = None
             self._listening = asyncio.create_task(self._listen(self._call))
             try:
-                return await self._wait(self._exchange(pb.PlayRequest(start=start)))
+                return await self._wait(self._exchange(request))
             except _NotSent:
                 await self._close()
         raise SimulatorLost(
@@ -93,6 +95,7 @@ class Stream:
 
     async def _send(self, request: pb.PlayRequest) -> None:
         await self._prepare()
+        self._waits.note(request)
         self._pending = asyncio.create_task(self._exchange(request))
         await asyncio.sleep(0)  # lets the task begin to send
 
@@ -104,6 +107,7 @@ class Stream:
 
     async def _ask(self, request: pb.PlayRequest) -> pb.PlayResponse:
         await self._prepare()
+        self._waits.note(request)
         return await self._wait(self._exchange(request))
 
     async def _reason(self) -> SimulatorError:
@@ -163,7 +167,6 @@ class Stream:
         task.cancel()
 
     async def _exchange(self, request: pb.PlayRequest) -> pb.PlayResponse:
-        self._waits.note(request)
         if self._ended is not None:
             raise self._ended
         self._awaited = awaited = asyncio.get_running_loop().create_future()
