@@ -46,12 +46,12 @@ def learn(address: str, run: Path, game: str, layout: str, timesteps: int, **mor
 @pytest.mark.parametrize(
     ("game", "layout", "timesteps", "wanted"),
     [  # hybrid with branches only and with axes only: orchard and marble in test_small_games.py
-        ("identity_discrete", "bucket-3", 12_000, 0.75),  # its one branch cannot press two buttons at once
-        ("identity_continuous", "bucket-9", 16_000, 0.8),  # its nine values reach 0.94 at best
-        ("identity_hybrid", "hybrid", 16_000, 0.9),
-        ("identity_hybrid", "bucket-11", 24_000, 0.9),
-        ("identity_hybrid", "multiagent", 12_000, 0.9),
-        ("identity_hybrid", "threshold-0.0", 24_000, 0.9),
+        ("identity_discrete", "bucket-3", 8_000, 0.75),  # its one branch cannot press two buttons at once
+        ("identity_continuous", "bucket-9", 12_000, 0.78),  # its nine values reach 0.94 at best
+        ("identity_hybrid", "hybrid", 11_000, 0.88),
+        ("identity_hybrid", "bucket-11", 16_000, 0.86),
+        ("identity_hybrid", "multiagent", 8_000, 0.88),
+        ("identity_hybrid", "threshold-0.0", 16_000, 0.88),
     ],
 )
 def test_the_identity_game_is_learned(game, layout, timesteps, wanted, address, tmp_path):
@@ -59,18 +59,18 @@ def test_the_identity_game_is_learned(game, layout, timesteps, wanted, address, 
 
 
 def test_plain_autograd_learns_it_too(address, tmp_path):
-    assert learn(address, tmp_path / "run", "identity_hybrid", "hybrid", 16_000, autograd=True) > 0.9
+    assert learn(address, tmp_path / "run", "identity_hybrid", "hybrid", 11_000, autograd=True) > 0.88
 
 
 @pytest.mark.parametrize("kind", ["bounds", "running"])
 def test_sensors_far_from_0_are_learned_scaled(kind, address, tmp_path):
     settings = {"scale_observations": kind, "scale_rewards": True, "max_grad_norm": 0.5, "target_kl": 0.1}
-    assert learn(address, tmp_path / "run", "identity_far", "hybrid", 16_000, **settings) > 0.9
+    assert learn(address, tmp_path / "run", "identity_far", "hybrid", 11_000, **settings) > 0.88
 
 
 def test_a_picture_and_a_number_are_learned_through_convolutions(address, tmp_path):
     settings = {"image_encoder": "simple", "activation": "relu"}
-    assert learn(address, tmp_path / "run", "identity_shown", "hybrid", 12_000, **settings) > 0.9
+    assert learn(address, tmp_path / "run", "identity_shown", "hybrid", 8_000, **settings) > 0.9
 
 
 def test_an_untrained_policy_does_not_reach_it(address, tmp_path):

@@ -1,8 +1,8 @@
 """Check style, types and tests.
 
-Wrong style ends the check at once. Types are checked while the tests run, in one process per core, at most four. With
---quick, tests marked `slow` are left out. Without it, all tests run, and the quick ones are measured: the line
-coverage of proto, simulator and trainer has a lower limit, see pyproject.toml.
+Wrong style ends the check at once. Types are checked while modules and kernels are compiled and the tests run, in one
+process per core, at most four. With --quick, tests marked `slow` are left out. Without it, all tests run, and the quick
+ones are measured: the line coverage of proto, simulator and trainer has a lower limit, see pyproject.toml.
 """
 
 import argparse
@@ -11,6 +11,7 @@ import sys
 
 STYLE = (("ruff", "format", "--check", "."), ("ruff", "check", "."))
 TYPES = ("mypy",)
+COMPILING = ("tests.support.compiled",)
 # A file is run by one process, so what its tests share is made once; see conftest.py for the order of files.
 TESTS = (
     "pytest", "--numprocesses=auto", "--maxprocesses=4", "--dist=loadfile", "--no-loadscope-reorder",
@@ -30,6 +31,7 @@ def main() -> int:
             return status
     tests = TESTS + (QUICK if options.quick else ALL)
     with subprocess.Popen(module(TYPES), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as types:
+        subprocess.run(module(COMPILING), check=False)  # the tests say what is wrong if it fails
         show(tests)
         failed_tests = subprocess.run(module(tests), check=False).returncode
         show(TYPES)
