@@ -24,6 +24,15 @@ def go_on(run, simulator, *, resume=True, **more):
     train(CONFIG.model_copy(update=more), run, [simulator], resume=resume, report=lambda *_: None)
 
 
+def first_of(page, *kinds):
+    """Return the first message of each of these types, which come in any order."""
+    messages = {}
+    while len(messages) < len(kinds):
+        message = page.take(*kinds)
+        messages.setdefault(message["type"], message)
+    return [messages[kind] for kind in kinds]
+
+
 def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(simulator, tmp_path, monkeypatch):
     monkeypatch.setattr(watched, "LOOK_SECONDS", 0.05)
     run = tmp_path / "run"
@@ -32,9 +41,9 @@ def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(sim
         assert "is not the folder of a run" in page.take("lost")["text"]
         go_on(run, simulator, resume=False)
         before = files(run)
-        ((time, reward),) = page.take("curves")["policies"]["player"]["reward"]
+        curves, game, turn = first_of(page, "curves", "game", "turn")
+        ((time, reward),) = curves["policies"]["player"]["reward"]
         assert time == 64 and reward < 100
-        game, turn = page.begin()
         assert game["name"] == "hybrid" and turn["timesteps"] == 64
         (mind,) = turn["minds"]
         (lane,) = mind["lanes"]
