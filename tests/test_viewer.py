@@ -26,7 +26,7 @@ from joybridge.trainer.wire.client import Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
-from joybridge.viewer.rival import open_rival, rival_settings
+from joybridge.viewer.rival import load_others, open_rival, run_settings
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.tab import play
 from joybridge.viewer.web import open_website
@@ -83,8 +83,8 @@ class Page:
 
 
 @contextmanager
-def website(source, game, settings=SETTINGS, against=None):
-    with open_website(0, lambda page: play(page, source, game, settings, SECONDS, against)) as url:
+def website(source, game, settings=SETTINGS, against=None, others=None):
+    with open_website(0, lambda page: play(page, source, game, settings, SECONDS, against, others=others)) as url:
         yield url
 
 
@@ -274,19 +274,47 @@ def test_whoever_holds_one_seat_leaves_the_others_to_chance(simulator):
     assert everything[0]["axes"] == [[0.5]] and everything[1]["choices"] == [[1], [1]]
 
 
-@pytest.fixture(scope="module")
-def run(simulator, tmp_path_factory):
-    """Return a run of the game `hybrid` that has hardly begun."""
-    folder = tmp_path_factory.mktemp("viewer") / "run"
+def begun(simulator, folder, game, options):
+    """Return a run that has hardly begun."""
     policy = PolicyConfig(hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
-    options = {"masks": "off"}
-    config = Config(game="hybrid", arenas=4, total_timesteps=64, log_interval=64, policy=policy, options=options)
+    config = Config(game=game, arenas=4, total_timesteps=64, log_interval=64, policy=policy, options=options)
     train(config, folder, [simulator], resume=False, report=lambda *_: None)
     return folder
 
 
+@pytest.fixture(scope="module")
+def run(simulator, tmp_path_factory):
+    """Return a run of the game `hybrid` that has hardly begun."""
+    return begun(simulator, tmp_path_factory.mktemp("viewer") / "run", "hybrid", {"masks": "off"})
+
+
+def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
+    run = begun(simulator, tmp_path / "run", "ferry", {})
+    pressed = ([[0.5], []], [[], [1]])
+    with (
+        website(Simulator(simulator, ()), "ferry", others=partial(load_others, run)) as url,
+        Session(simulator, "ferry", arenas=1, seed=3) as session,
+    ):
+        page, policies = Page(url), load_others(run, session.spec, SETTINGS)
+        assert page.begin()[0]["seat"] == 0
+        policies.begin(session.steps)
+        for number in range(30):
+            seat = number // 10  # the person takes another one
+            turn = page.act(*pressed, seat=seat)["behaviors"]
+            acts = policies.act(session.steps)
+            if seat == 0:
+                acts[0].axes[0] = 0.5
+            else:
+                acts[1].choices[seat - 1] = 1
+            policies.store(session.step(acts))
+            assert [one["axes"] for one in turn] == [act.axes.tolist() for act in acts]
+            assert [one["choices"] for one in turn] == [act.choices.tolist() for act in acts]
+            assert [one["channels"] for one in turn] == [step.rewards.tolist() for step in session.steps]
+        page.close()
+
+
 def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):
-    settings = rival_settings(run, "hybrid", SETTINGS)
+    settings = run_settings("--against", run, "hybrid", SETTINGS)
     assert settings == Settings(3, {"masks": "off"}, {})
     with (
         website(Simulator(simulator, ()), "hybrid", settings, partial(open_rival, run)) as url,
@@ -312,6 +340,12 @@ def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):
 def test_a_run_of_another_game_is_no_rival(simulator, run, capsys):
     assert main(["play", "archer", "--against", str(run), "--simulator", simulator, "--no-browser"]) == 1
     assert "plays hybrid, expected archer; name a run of this game" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("signals")
+def test_a_game_of_one_seat_has_no_others(simulator, run, capsys):
+    assert main(["play", "hybrid", "--others", str(run), "--simulator", simulator, "--no-browser"]) == 1
+    assert "--others: hybrid has one seat, and you hold it; leave --others out" in capsys.readouterr().err
 
 
 def test_a_game_without_a_picture_is_played(simulator):

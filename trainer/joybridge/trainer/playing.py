@@ -19,7 +19,7 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor, make_actors
 from joybridge.trainer.config import Config, play_config, play_settings, run_config
 from joybridge.trainer.config_fit import fitting_spec
-from joybridge.trainer.hand import Hand, make_hands, rest_hands, use_hands
+from joybridge.trainer.hand import make_hands, rest_hands, use_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
@@ -92,23 +92,61 @@ class Player:
         return self.actor.encoder.rewards(step)
 
 
+class Policies:
+    """The policies of a run, with their hands, in all lanes of a number of arenas.
+
+    timesteps: how long they have trained.
+    """
+
+    def __init__(
+        self, run: Path, config: Config, spec: pb.GameSpec, arenas: int, seed: int, *, deterministic: bool = False,
+        checkpoint: str = "",
+    ) -> None:  # fmt: skip
+        """Load a checkpoint of a run; see `open_play`. Raises CheckpointError and ConfigError."""
+        torch.set_num_threads(1)  # networks this small are slower with more
+        state = load_state(run, checkpoint)
+        self.timesteps = state.timesteps
+        self.players = []
+        for actor in make_actors(config, spec):
+            actor.load(policy_state(state.arrays, actor.name))
+            lanes = lane_count(spec.behaviors[actor.behavior], arenas)
+            self.players.append(Player(actor, lanes, seed, deterministic=deterministic))
+        self._hands = make_hands(config, spec, 0, arenas, seed)
+        self._acts = make_acts(spec, arenas)
+
+    def begin(self, steps: Sequence[StepArrays]) -> None:
+        """Take the first steps of a session; entries are behaviors."""
+        for player in self.players:
+            player.begin(steps[player.actor.behavior])
+
+    def act(self, steps: Sequence[StepArrays]) -> list[ActArrays]:
+        """Return what the devices get for the present steps; overwritten by the next call."""
+        for player in self.players:
+            behavior = player.actor.behavior
+            player.act(steps[behavior], self._acts[behavior])
+        use_hands(self._hands, steps, self._acts)
+        return self._acts
+
+    def store(self, steps: Sequence[StepArrays]) -> list[Array]:
+        """Take the steps that followed the acts; return the rewards [lanes] of each policy."""
+        rewards = [player.store(steps[player.actor.behavior]) for player in self.players]
+        rest_hands(self._hands, steps)
+        return rewards
+
+
 class Play:
     """The policies of a run in an open session."""
 
     def __init__(
-        self, config: Config, changed: dict[str, Change], timesteps: int, choices: Sequence[str], arenas: int,
-        session: Session | ShardedSession, players: list[Player], hands: list[Hand],
+        self, config: Config, changed: dict[str, Change], choices: Sequence[str], arenas: int,
+        session: Session | ShardedSession, policies: Policies,
     ) -> None:  # fmt: skip
-        """Play `arenas` arenas.
-
-        changed: what differs from the training. timesteps: how long the policies have trained. choices: see
-        `balanced_options`.
-        """
-        self.config, self.changed, self.timesteps, self.choices = config, changed, timesteps, choices
-        self.session, self.players, self.hands = session, players, hands
+        """Play `arenas` arenas. changed: what differs from the training. choices: see `balanced_options`."""
+        self.config, self.changed, self.choices = config, changed, choices
+        self.session, self._policies = session, policies
+        self.players, self.timesteps = policies.players, policies.timesteps
         self.spec = session.spec
         self.arenas = arenas
-        self._acts = make_acts(self.spec, arenas)
 
     def heading(self) -> str:
         """Return what plays, and what differs from its training."""
@@ -127,19 +165,14 @@ class Play:
         while True:
             number += 1
             before = session.steps
-            for player in self.players:
-                behavior = player.actor.behavior
-                player.act(before[behavior], self._acts[behavior])
-            use_hands(self.hands, before, self._acts)
+            acts = self._policies.act(before)
             pictures: list[Array] = []
             if draw_every and number % draw_every == 0:
                 assert isinstance(session, Session)
-                after, pictures = session.step_and_draw(self._acts, [0])
+                after, pictures = session.step_and_draw(acts, [0])
             else:
-                after = session.step(self._acts)
-            rewards = [player.store(after[player.actor.behavior]) for player in self.players]
-            rest_hands(self.hands, after)
-            yield Played(before, self._acts, after, rewards, pictures)
+                after = session.step(acts)
+            yield Played(before, acts, after, self._policies.store(after), pictures)
 
 
 @contextmanager
@@ -155,28 +188,20 @@ def open_play(
     are side by side.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
-    torch.set_num_threads(1)  # networks this small are slower with more
     config = play_config(run, overrides)
     spec = fitting_spec(address, config)
     options = balanced_options(config, spec) if episodes else {"": config.options}
     arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
-    state = load_state(run, checkpoint)
-    players = []
-    for actor in make_actors(config, spec):
-        actor.load(policy_state(state.arrays, actor.name))
-        lanes = lane_count(spec.behaviors[actor.behavior], arenas)
-        players.append(Player(actor, lanes, seed, deterministic=deterministic))
+    policies = Policies(run, config, spec, arenas, seed, deterministic=deterministic, checkpoint=checkpoint)
     session = open_session(
         [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
         parameters=config.parameters, timeout=config.timeout_seconds,
         transport=config.transport,
     )  # fmt: skip
     with closing(session):
-        for player in players:
-            player.begin(session.steps[player.actor.behavior])
+        policies.begin(session.steps)
         changed = changed_settings(run_config(run), config, spec)
-        hands = make_hands(config, spec, 0, arenas, seed)
-        yield Play(config, changed, state.timesteps, list(options), arenas, session, players, hands)
+        yield Play(config, changed, list(options), arenas, session, policies)
 
 
 def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:

@@ -5,9 +5,9 @@ Playing works with any server, from the spec alone, and needs no torch.
 play.py       the command line
 web.py        the local web server: the files of the page, and who may have them
 tab.py        plays with one page: its messages, the clock of the game, what happens if the simulator is lost
-arena.py      one arena, and the seats that nobody holds
+arena.py      one arena, and who holds its seats
 scores.py     the scores of an arena, and its episodes that have ended
-rival.py      a policy that plays beside the person; needs torch
+rival.py      policies that play beside the person or hold the other seats; needs torch
 messages.py   what a page and this program send each other
 controls.py   which keys, pointer and gamepad act on which axes and branches
 simulator.py  where sessions are opened

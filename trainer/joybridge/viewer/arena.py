@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from joybridge.trainer.look import obey_masks, press_at_random
 from joybridge.trainer.wire.client import Session, describe
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.scores import Scores
+
+if TYPE_CHECKING:  # it needs torch
+    from joybridge.trainer.playing import Policies
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class Arena:
     """An arena, from its first episode until it is closed.
 
     turn: number of decisions so far. acts: what was played last, per behavior. picture: uint8 [height, width, 3], or
-    None.
+    None. others: policies that hold the seats that the person does not; None: chance does.
     """
 
     def __init__(self, address: str, game: str, settings: Settings, timeout: float, demos: Path | None = None) -> None:
@@ -58,6 +61,7 @@ class Arena:
         self.acts = make_acts(spec, 1)
         self.turn = 0
         self.picture: Array | None = None
+        self.others: Policies | None = None
         self._drawn = [0] if spec.HasField("picture") else []
         self._rng = np.random.default_rng(settings.seed)
 
@@ -66,15 +70,23 @@ class Arena:
         """The present observations, masks and who decides."""
         return self.session.steps
 
+    def seat(self, others: "Policies") -> None:
+        """Let policies hold the seats that the person does not. Call this before the first decision."""
+        others.begin(self.steps)
+        self.others = others
+
     def play(self, pressed: Pressed, seat: int | None, *, draw: bool = True) -> None:
-        """Play one decision. seat: the one that the person holds, None: all; random decisions are played in the others.
+        """Play one decision. seat: the one that the person holds, None: all; `others` or chance play in the rest.
 
         draw: make a picture, if the game can be drawn. Where a choice is forbidden, an allowed one is played. Raises
         SimulatorError.
         """
         held = None if seat is None else self.scores.seats[seat]
+        decided = self.others.act(self.steps) if self.others else None  # for all seats: the person may take another one
         for index, (behavior, act, step) in enumerate(zip(self.spec.behaviors, self.acts, self.steps, strict=True)):
-            if held is not None:
+            if decided:
+                act.axes[:], act.choices[:] = decided[index].axes, decided[index].choices
+            elif held is not None:
                 press_at_random(behavior.device, act, self._rng)
             if held is None or held.behavior == index:
                 lanes = slice(None) if held is None else held.agent
@@ -84,6 +96,8 @@ class Arena:
         if self._demonstration:
             self._demonstration.hold(self._lanes(seat))
         steps, pictures = self.session.step_and_draw(self.acts, self._drawn if draw else [])
+        if self.others:
+            self.others.store(steps)
         self.turn += 1
         self.picture = pictures[0] if pictures else None
         self.scores.take(steps)

@@ -150,8 +150,8 @@ def _number(value: object, name: str) -> float:
     raise MessageError(f"{name}: got {str(value)[:40]!r}, expected a number")
 
 
-def game_message(arena: Shown) -> str:
-    """Return the message `game`."""
+def game_message(arena: Shown, seat: int | None = None) -> str:
+    """Return the message `game`. seat: the one that the person holds at first, None: all."""
     spec, settings = arena.spec, arena.settings
     chosen = choose_options(spec.options, settings.options, spec.name)
     return _write(
@@ -174,7 +174,8 @@ def game_message(arena: Shown) -> str:
         behaviors=[
             _behavior(behavior, act.axes[0]) for behavior, act in zip(spec.behaviors, make_acts(spec, 1), strict=True)
         ],
-        seats=[seat._asdict() for seat in arena.scores.seats],
+        seats=[one._asdict() for one in arena.scores.seats],
+        seat=seat,
         controls=[asdict(control) for control in make_controls(spec)],
     )  # fmt: skip
 

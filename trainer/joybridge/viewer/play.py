@@ -10,6 +10,7 @@ from threading import Event
 from typing import TYPE_CHECKING
 
 from joybridge.contract.address import address
+from joybridge.contract.codec import lane_count
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.trainer.errors import ConfigError
@@ -21,7 +22,7 @@ from joybridge.trainer.wire.client import describe
 
 if TYPE_CHECKING:
     from joybridge.viewer.arena import Settings
-    from joybridge.viewer.tab import Against
+    from joybridge.viewer.tab import Against, Others
 
 # What serves the page is imported by the command that needs it: help and errors need no further package.
 
@@ -44,11 +45,14 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
         game, games = choose_game(options.what, options.game, place)
         with Simulator(place, games) as simulator:
-            against, settings = _rival(options.against, game, settings)
-            check_settings(settings.options, settings.parameters, describe(simulator.reach(), game, settings.options))
+            against, others, settings = _policies(options.against, options.others, game, settings)
+            spec = describe(simulator.reach(), game, settings.options)
+            check_settings(settings.options, settings.parameters, spec)
+            if others and sum(lane_count(behavior, 1) for behavior in spec.behaviors) < 2:
+                raise ConfigError(f"--others: {game} has one seat, and you hold it; leave --others out")
             with open_website(
                 options.port,
-                lambda page: play(page, simulator, game, settings, options.timeout, against, options.demos),
+                lambda page: play(page, simulator, game, settings, options.timeout, against, options.demos, others),
             ) as url:
                 recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
                 print(f"play {game} at {url}\n{recorded}Ctrl-C ends it", flush=True)
@@ -95,6 +99,11 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         help="let the policy of a run play beside you, on the same seed; its options and parameters are the defaults",
     )  # fmt: skip
     play.add_argument(
+        "--others", type=Path, metavar="RUN",
+        help="let the policies of a run hold the seats that you do not hold, in a game of several agents; its options "
+        "and parameters are the defaults; without it these seats play random decisions",
+    )  # fmt: skip
+    play.add_argument(
         "--demos", type=Path, metavar="DIR",
         help="record what you play in new files of this folder, as demonstrations for `joybridge train --demos`",
     )  # fmt: skip
@@ -112,14 +121,20 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     return options
 
 
-def _rival(run: Path | None, game: str, settings: "Settings") -> "tuple[Against | None, Settings]":
-    """Return what opens the rival of a session, and the settings to begin with. Raises ConfigError."""
-    if run is None:
-        return None, settings
+def _policies(
+    against: Path | None, others: Path | None, game: str, settings: "Settings"
+) -> "tuple[Against | None, Others | None, Settings]":
+    """Return what opens the rival, what loads the other seats, and the settings to begin with. Raises ConfigError."""
+    runs = {argument: run for argument, run in (("--against", against), ("--others", others)) if run}
+    if not runs:
+        return None, None, settings
     try:
-        from joybridge.viewer.rival import open_rival, rival_settings
+        from joybridge.viewer.rival import load_others, open_rival, run_settings
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"--against needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
+            f"{' and '.join(runs)}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
         ) from None
-    return partial(open_rival, run), rival_settings(run, game, settings)
+    for argument, run in runs.items():
+        settings = run_settings(argument, run, game, settings)
+    rival = partial(open_rival, against) if against else None
+    return rival, partial(load_others, others) if others else None, settings

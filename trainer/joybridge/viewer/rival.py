@@ -1,4 +1,4 @@
-"""A policy that plays beside the person, in an arena of the same seed and settings. Needs what trains (torch)."""
+"""Policies of a run that play beside the person, in an arena of their own, or in the person's. Needs torch."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,7 +7,8 @@ from pathlib import Path
 from joybridge.contract.tensors import Array
 from joybridge.trainer.config import play_config
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.playing import Play, open_play
+from joybridge.trainer.playing import Play, Policies, open_play
+from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.scores import Scores
 
@@ -39,11 +40,22 @@ def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
         yield Rival(play)
 
 
-def rival_settings(run: Path, game: str, settings: Settings) -> Settings:
-    """Return settings with the options and parameters of a run where they set none. Raises ConfigError."""
+def load_others(run: Path, spec: pb.GameSpec, settings: Settings) -> Policies:
+    """Return the policies of a run, for the seats that the person does not hold.
+
+    spec: of the game under these settings. Raises CheckpointError and ConfigError.
+    """
+    return Policies(run, play_config(run, _overrides(settings)), spec, 1, settings.seed)
+
+
+def run_settings(argument: str, run: Path, game: str, settings: Settings) -> Settings:
+    """Return settings with the options and parameters of a run where they set none. Raises ConfigError.
+
+    argument: that names the run, for the error.
+    """
     config = play_config(run, _overrides(settings))
     if config.game != game:
-        raise ConfigError(f"--against: {run} plays {config.game}, expected {game}; name a run of this game")
+        raise ConfigError(f"{argument}: {run} plays {config.game}, expected {game}; name a run of this game")
     return Settings(settings.seed, dict(config.options), dict(config.parameters))
 
 

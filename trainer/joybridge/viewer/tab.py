@@ -10,6 +10,7 @@ from websockets.sync.server import ServerConnection
 
 from joybridge.contract.errors import JoybridgeError
 from joybridge.trainer.wire.errors import SimulatorLost
+from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Arena, Settings
 from joybridge.viewer.messages import (
     Act,
@@ -24,9 +25,11 @@ from joybridge.viewer.messages import (
 from joybridge.viewer.simulator import Simulator
 
 if TYPE_CHECKING:  # it needs torch
+    from joybridge.trainer.playing import Policies
     from joybridge.viewer.rival import Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
+Others = Callable[[pb.GameSpec, Settings], "Policies"]
 
 LATE = 2  # decisions that are made up for, after a delay
 RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
@@ -34,13 +37,13 @@ RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
 
 def play(
     page: ServerConnection, simulator: Simulator, game: str, settings: Settings, timeout: float,
-    against: Against | None = None, demos: Path | None = None,
+    against: Against | None = None, demos: Path | None = None, others: Others | None = None,
 ) -> None:  # fmt: skip
     """Play a game with a page until the page goes away, which raises ConnectionClosed.
 
     Begin under `settings`, and again with those that the page asks for. A simulator that is lost is tried again until
     it answers. timeout: seconds to wait for an answer of the simulator. against: opens the rival of each session.
-    demos: the folder in which each session is recorded.
+    demos: the folder in which each session is recorded. others: loads the policies that hold the other seats.
     """
     while True:
         try:
@@ -49,6 +52,8 @@ def play(
                 closing(Arena(address, game, settings, timeout, demos)) as arena,
                 against(address, settings) if against else nullcontext() as rival,
             ):
+                if others:
+                    arena.seat(others(arena.spec, settings))
                 settings = _play_arena(page, arena, rival)
         except SimulatorLost as error:
             page.send(error_message("lost", error))
@@ -79,7 +84,7 @@ def _play_arena(page: ServerConnection, arena: Arena, rival: "Rival | None") -> 
     interval = arena.spec.tick_seconds * arena.spec.decision_interval
     act: Act | None = None
     running, due, drew = False, 0.0, False
-    page.send(game_message(arena))
+    page.send(game_message(arena, 0 if arena.others else None))
     page.send(turn_message(arena, None, rival))
     while True:
         now = time.monotonic()

@@ -35,6 +35,7 @@ export class Panel {
     this.names = names;
     $("seat").replaceChildren(element("option", { value: "" }, "all seats"),
       ...names.map((name, index) => element("option", { value: index }, name)));
+    $("seat").value = this.state.seat ?? "";
     $("seat-label").hidden = names.length < 2;
     this.channels = game.seats.map((seat) => game.behaviors[seat.behavior].channels.map(() => 0));
     this.ended = [];

@@ -67,7 +67,7 @@ function begin(game) {
     state.wanted = null;
     return;
   }
-  Object.assign(state, { game, controls: loadControls(game), running: false, turn: null, seat: null });
+  Object.assign(state, { game, controls: loadControls(game), running: false, turn: null, seat: game.seat });
   state.chosen.clear();
   forget();
   document.title = `${game.name} · Joybridge`;
