@@ -26,6 +26,7 @@ exclude_patterns = [
     "proto/examples/*/build",
 ]
 myst_heading_anchors = 4
+smartquotes_action = "qe"  # not D: --flag stays as it is typed
 html_theme = "furo"
 html_theme_options = {"navigation_with_keys": True}
 html_extra_path = ["start"]  # the page that leads from the site's root to this folder

@@ -1,5 +1,7 @@
 """`joybridge watch`: a page sees the curves and the newest policy of a run, and the run does not notice."""
 
+from typing import Any
+
 import pytest
 
 from joybridge.cli import main
@@ -26,7 +28,7 @@ def go_on(run, simulator, *, resume=True, **more):
 
 def first_of(page, *kinds):
     """Return the first message of each of these types, which come in any order."""
-    messages = {}
+    messages: dict[str, Any] = {}
     while len(messages) < len(kinds):
         message = page.take(*kinds)
         messages.setdefault(message["type"], message)
