@@ -4,6 +4,7 @@ import ast
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import tokenize
@@ -23,6 +24,7 @@ from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.wire.client import describe
 from tests.support.command_line import joybridge
 
+ROOT = Path(__file__).parents[1]
 TYPED = [
     "joybridge serve --game my_pond:MyPond",
     "joybridge check 127.0.0.1:5005 --game my_pond",
@@ -106,6 +108,12 @@ def test_what_it_writes_learns_and_can_be_watched(written):
     result = json.loads(run(f"{evaluate} --episodes 32 --json", folder).splitlines()[-1])
     assert result["player"]["means"]["caught"] > 15
     assert run(f"{record} --seconds 2", folder).strip() == "my_pond.mp4: 20 frames"
+    run("joybridge export runs/my_pond policy.json", folder)
+    shutil.copy(ROOT / "proto/examples/python/policy.py", folder)
+    page = (ROOT / "proto/examples/POLICIES.md").read_text()
+    program = page.split("```python\n")[1].split("```")[0].replace("my_game", "my_pond").replace("MyGame", "MyPond")
+    (folder / "product.py").write_text(program)
+    assert json.loads(shell("python product.py", folder).replace("'", '"'))["caught"] > 10
 
 
 def test_an_author_has_written_at_most_sixty_lines():

@@ -53,7 +53,7 @@ MEANT = {
 }
 RUN_BY = {  # Python that is not run here: by what a test of its own says about it
     "my_layouts.py": "test_layouts.py",
-    'Policy("policy.json")': "test_export.py",
+    'Policy("policy.json")': "test_new.py",
     "MaskablePPO(": "test_gym_learners.py",
 }
 READERS = {"NAME.yaml", "birds.yaml", "config.yaml", "my_layouts.py", "ppo.py", "reflection.proto"}  # or of others
