@@ -203,6 +203,12 @@ def test_the_site_shows_every_section_of_the_readme_once():
     assert sorted([*shown, *replaced]) == sorted(readme_sections())
 
 
+def test_the_comments_of_a_block_are_in_one_column_after_the_programs_have_lost_their_folder():
+    block = "```sh\n.venv/bin/joybridge serve         # one\n.venv/bin/joybridge list --json   # two\nmake\n```\n"
+    shown = "```sh\njoybridge serve        # one\njoybridge list --json  # two\nmake\n```\n"
+    assert filled("docs/page.md", block + "No   # comment\n") == shown + "No   # comment\n"
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "docs").rglob("*.md")), ids=lambda path: path.stem)
 def test_every_part_of_a_page_is_filled_and_every_link_in_it_leads_to_a_file(path):
     page = str(path.relative_to(ROOT))

@@ -28,6 +28,8 @@ INSTEAD = {  # of a file, the page that shows it
 }
 PART = re.compile(r"^<!-- (README|generated): (.*?) -->$", re.MULTILINE)
 PROGRAM = re.compile(r"\.venv/bin/(?=joybridge|python |tensorboard)")  # readers of the site need no checkout
+SHELL = re.compile(r"(?<=^```sh\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
+COMMENTED = re.compile(r"^(.*\S)  +(# .*)$", re.MULTILINE)
 LINK = re.compile(r"\]\((?!\w+:|#)([^)\s#]+)")
 
 
@@ -45,7 +47,7 @@ def filled(page: str, text: str) -> str:
         return GENERATED[name](*arguments)
 
     text = PART.sub(part, _moved(text, page, page))
-    return text if page == "CONTRIBUTING.md" else PROGRAM.sub("", text)
+    return text if page == "CONTRIBUTING.md" else SHELL.sub(_aligned, PROGRAM.sub("", text))
 
 
 def readme_sections() -> dict[str, str]:
@@ -53,6 +55,12 @@ def readme_sections() -> dict[str, str]:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     parts = re.split(r"^##? (.*)\n", text, flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _aligned(block: re.Match[str]) -> str:
+    """Return the commands of a block with their comments in one column, two characters after the longest command."""
+    width = max((len(command) for command, _ in COMMENTED.findall(block[0])), default=0)
+    return COMMENTED.sub(lambda line: f"{line[1]:<{width}}  {line[2]}", block[0])
 
 
 def _moved(text: str, source: str, page: str) -> str:
