@@ -137,9 +137,9 @@ def _soft_disc(radius: int, color: Color, inner: int, outer: int, clear: float) 
     distance = np.hypot(axis[:, None], axis) / radius
     share = np.clip((distance - clear) / (1.0 - clear), 0.0, 1.0)
     pixels = np.empty((2 * radius, 2 * radius, 4), np.uint8)
-    pixels[:, :, :3] = color
+    pixels[:, :, 2::-1] = color  # the order of the canvas, in which it is painted faster
     pixels[:, :, 3] = np.where(distance <= 1.0, inner + (outer - inner) * share * share * (3.0 - 2.0 * share), 0.0)
-    return pygame.image.frombuffer(pixels.tobytes(), (2 * radius, 2 * radius), "RGBA")
+    return pygame.image.frombuffer(pixels.tobytes(), (2 * radius, 2 * radius), "BGRA")
 
 
 def _sphere(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
