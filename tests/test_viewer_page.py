@@ -145,5 +145,13 @@ def test_a_training_is_watched(browser, simulator, tmp_path):
         assert tab.value(f"{pixels}.some((value) => value > 0)")
         tab.value("document.querySelector('#pause').click()")
         tab.wait("document.querySelector('#pause').textContent === 'Continue'")
+        tab.value("document.querySelector('#pause').click()")
+        other = browser.tab()  # in front, so the page is hidden: nothing is played for it
+        still = f"(async (turn) => (await new Promise((f) => setTimeout(f, 200)), {TURN} === turn))({TURN})"
+        tab.wait(f"document.hidden && {still}")
+        turn = tab.value(TURN)
+        other.close()
+        tab.call("Page.bringToFront")
+        tab.wait(f"{TURN} > {turn}")
         assert tab.errors == []
         tab.close()

@@ -15,7 +15,7 @@ function connect() {
   const socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));
   socket.binaryType = "blob";
   state.socket = socket;
-  socket.onopen = () => { running = true; $("pause").textContent = "Pause"; };
+  socket.onopen = clock;
   socket.onmessage = (event) => (typeof event.data === "string" ? take(JSON.parse(event.data)) : draw(event.data));
   socket.onclose = () => {
     curtain("Not connected", "Trying again. If you have started joybridge watch again, open the URL that it printed.");
@@ -135,11 +135,18 @@ function curtain(title, text) {
   $("curtain-text").textContent = text;
 }
 
+// Lets the game run, unless nobody sees it: the processor belongs to the training.
+function clock() {
+  $("pause").textContent = running ? "Pause" : "Continue";
+  if (state.socket?.readyState !== WebSocket.OPEN) return;
+  state.socket.send(JSON.stringify({ type: "clock", running: running && !document.hidden }));
+}
+
 $("pause").addEventListener("click", () => {
   running = !running;
-  $("pause").textContent = running ? "Pause" : "Continue";
-  if (state.socket?.readyState === WebSocket.OPEN) state.socket.send(JSON.stringify({ type: "clock", running }));
+  clock();
 });
+document.addEventListener("visibilitychange", clock);
 $("metric").addEventListener("change", showCurves);
 $("seat").addEventListener("change", () => {
   state.seat = $("seat").value === "" ? null : Number($("seat").value);
