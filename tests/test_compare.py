@@ -48,7 +48,10 @@ def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done
 
 @pytest.fixture(scope="module")
 def whole(simulator, tmp_path_factory) -> Path:
-    """Return a folder with a comparison that was not interrupted."""
+    """Return a folder with a comparison that was not interrupted.
+
+    It reaches most lines of a comparison. Tests that repeat much of it are not measured, which takes twice the time.
+    """
     folder = tmp_path_factory.mktemp("whole")
     done = run_in(folder, simulator, draw=True)
     assert done.status == 0, done.errors
@@ -86,6 +89,7 @@ def assert_same(one: Path, other: Path) -> None:
 # ------------------------------------------------------------------------------------------------- the whole command
 
 
+@pytest.mark.no_cover  # see `whole`
 def test_a_comparison_that_was_killed_and_is_repeated_ends_in_the_same_figures(whole, copied, simulator):
     # As a kill leaves it: a finished run, one that was interrupted after a checkpoint, two that have not begun.
     for name in ("hybrid-s1", "bucket-3-s0", "bucket-3-s1"):
@@ -105,6 +109,7 @@ def test_a_finished_comparison_is_repeated_without_a_simulator(whole, copied):
         assert (copied / OUT / name).read_bytes() == (whole / OUT / name).read_bytes()
 
 
+@pytest.mark.no_cover  # see `whole`
 def test_another_metric_and_score_need_no_training(copied):
     done = run_in(copied, "127.0.0.1:1", "--metric", "accuracy", "--score", "0.25")
     assert done.status == 0
@@ -142,6 +147,7 @@ def test_a_game_that_has_changed_is_refused_by_name(copied, simulator):
     )
 
 
+@pytest.mark.no_cover  # see `whole`
 def test_damaged_metrics_are_named_and_nothing_else_is_lost(whole, copied):
     damaged = OUT / "runs/hybrid-s1/metrics-archer.csv"
     damaged.write_text("timesteps,reward\n320,half\n")

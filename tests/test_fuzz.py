@@ -23,6 +23,8 @@ from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import PLACES
 from tests.support.wire import ANY_LENGTH, PLAY, SAVE, SECONDS, Player, act, encode, reset, start
 
+pytestmark = pytest.mark.no_cover  # what is tested is the server, another process, which is not measured
+
 INVALID, EARLY = StatusCode.INVALID_ARGUMENT, StatusCode.FAILED_PRECONDITION
 EXPECTED = {INVALID, EARLY, StatusCode.NOT_FOUND, StatusCode.RESOURCE_EXHAUSTED}
 ARENAS = 3
