@@ -1,6 +1,6 @@
 """Shooting Birds from demonstrations: a trained policy plays, each layout clones it, and PPO trains the clone further.
 
-python -m tools.paper.cloning RUN runs/cloning                  20 episodes of RUN; prints a row per layout
+python -m tools.paper.cloning RUN runs/cloning                  RUN demonstrates; prints a row per layout
 python -m tools.paper.cloning RUN runs/cloning --layouts hybrid bucket-3
 
 Finished runs are skipped and interrupted runs are resumed, so the command may be repeated with the same arguments.
@@ -17,7 +17,7 @@ from joybridge.trainer.evaluate import evaluate
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.launch import simulator_process
 
-DEMONSTRATED = 20  # episodes
+DEMONSTRATED = 20  # episodes at least: each level is played equally often
 EPISODES = 210  # that a score is the mean of
 CLONING, LATER = 300_000, 600_000  # timesteps of cloning, and of PPO after it
 LAYOUTS = ("hybrid", "bucket-3", "bucket-11", "bucket-41", "threshold-0.0", "multiagent")
