@@ -82,7 +82,8 @@ class LocalSocket:
 
     async def _wait_for_client(self) -> None:
         try:
-            await asyncio.wait_for(self._connected, self._seconds)
+            async with asyncio.timeout(self._seconds):  # wait_for would lose a cancellation that comes with the client
+                await self._connected
         except TimeoutError:
             text = f"no connection to the socket (see --start-seconds) for {self._seconds:g} s; open a new stream"
             raise Refusal(pb.REASON_IDLE, text) from None
