@@ -224,9 +224,11 @@ class Session:
         problem = "the simulator does not offer it"
         if path:
             try:
-                local = LocalStream(stream, self._wait, path, self._largest)
-                self._end_stream.detach()
+                # On the event loop, which holds back interrupts: one that came meanwhile would lose an open socket.
+                local = EVENT_LOOP.run(_open_local, stream, self._wait, path, self._largest)
+                end_stream = self._end_stream
                 self._use(local)
+                end_stream.detach()  # last: an interrupt before it leaves somebody who ends the stream
                 return response
             except OSError as error:
                 problem = str(error)
@@ -271,6 +273,10 @@ class Session:
         except KeyboardInterrupt:
             self._failure = SimulatorLost(f"the session at {self.address} was interrupted")
             raise
+
+
+async def _open_local(stream: Stream, wait: Wait, path: str, largest: int) -> LocalStream:
+    return LocalStream(stream, wait, path, largest)
 
 
 async def _connect(address: str, seconds: float) -> None:
