@@ -215,6 +215,16 @@ def test_a_socket_whose_folder_is_open_to_others_is_not_used(tmp_path):
         LocalSocket(str(tmp_path / "socket"), 1)
 
 
+def test_a_server_that_takes_no_connection_is_not_waited_for(tmp_path):
+    tmp_path.chmod(0o700)
+    with socket.socket(socket.AF_UNIX) as server, socket.socket(socket.AF_UNIX) as other:
+        server.bind(str(tmp_path / "session"))
+        server.listen(0)
+        other.connect(str(tmp_path / "session"))  # its queue is full
+        with pytest.raises(BlockingIOError):
+            LocalSocket(str(tmp_path / "session"), 100)
+
+
 def test_a_message_may_come_in_pieces_and_several_at_once():
     with socket_that_sends(b"".join(LENGTH.pack(n) + bytes(n) for n in (1, 200_000, 3))) as path:
         connection = LocalSocket(path, 1 << 20)

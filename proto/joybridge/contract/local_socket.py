@@ -34,6 +34,7 @@ class LocalSocket:
         self._received = bytearray()
         self._socket = socket.socket(socket.AF_UNIX)
         weakref.finalize(self, self._socket.close)
+        self._socket.setblocking(False)  # a server that takes no connection is an OSError, no wait
         self._socket.connect(path)
 
     def send(self, message: bytes, seconds: float) -> None:
