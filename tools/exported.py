@@ -15,13 +15,14 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.games import BUILT_IN
-from joybridge.trainer.config import load_config
+from joybridge.trainer.config import load_config, play_config
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.episodes import Episodes
-from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.evaluate import CONFIDENCE
 from joybridge.trainer.export import Exported, export
 from joybridge.trainer.playing import open_play
 from joybridge.trainer.train import train
+from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -29,8 +30,7 @@ RUNTIME = Path(__file__).parents[1] / "proto/examples/python/policy.py"
 LAYOUTS = ("hybrid", "bucket-11", "bucket-11-mu", "ordinal-11", "joint-3", "auto-11", "squashed", "threshold-0.0",
            "multiagent")  # fmt: skip
 BEHAVIORS = {"ferry": ("helmsman", "lookout")}  # other games have one
-SHORT = ("total_timesteps=1", "arenas=8", "policy.rollout_steps=64", "policy.time_horizon=64", "policy.epochs=1",
-         "policies={}")  # fmt: skip
+SHORT = ("total_timesteps=1", "arenas=8", "policy.rollout_steps=64", "policy.time_horizon=64", "policy.epochs=1")
 LANES = (1, 75)  # whose decisions are timed
 CALLS = 1000
 
@@ -103,14 +103,11 @@ def answers(folder: Path, games: Sequence[str], layouts: Sequence[str]) -> None:
             for layout in layouts:
                 run = folder / game / layout
                 config = load_config(find_config(f"{game}/hybrid"), [*SHORT, f"layout={layout}"])
-                try:
-                    train(config, run, [address], resume=False, report=lambda *_: None, say=lambda text: None)
-                except ConfigError as error:  # a layout that the game's device does not have
-                    print(f"{game}, {layout}: {error}")
-                    continue
+                config = config.model_copy(update={"policies": {}})  # settings by names that `multiagent` changes
+                train(config, run, [address], resume=False, report=lambda *_: None, say=lambda text: None)
                 for behavior in BEHAVIORS.get(game, (None,)):
-                    print(export(run, address, folder / f"{game}-{layout}.onnx", behavior=behavior, seed=1,
-                                 deterministic=False), flush=True)  # fmt: skip
+                    file = run / f"{behavior or 'policy'}.onnx"
+                    print(export(run, address, file, behavior=behavior, seed=1, deterministic=False), flush=True)
 
 
 def scores(run: Path, episodes: int) -> None:
@@ -146,24 +143,20 @@ def score(run: Path, address: str, file: Path | None, episodes: int) -> str:
             done[after[0].ended] = True
     first = np.unique(table.finished[:, 0], return_index=True)[1]  # in the order in which they ended
     rewards = table.finished[first, 1]
-    return f"{rewards.mean():.2f} ± {1.96 * rewards.std(ddof=1) / len(rewards) ** 0.5:.2f} ({len(rewards)} episodes)"
+    width = CONFIDENCE * rewards.std(ddof=1) / len(rewards) ** 0.5
+    return f"{rewards.mean():.2f} ± {width:.2f} ({len(rewards)} episodes)"
 
 
 def latency(run: Path, address: str, file: Path, lanes: int) -> float:
     """Return the median time of a decision of so many lanes at once, in µs."""
-    with open_play(run, address, seed=7, episodes=0) as play:
-        behavior, step = play.spec.behaviors[0], play.session.steps[0]
-        model = player_of(file, behavior, lanes)
-        many = StepArrays(
-            observations=[np.repeat(sensor[:1], lanes, axis=0) for sensor in step.observations],
-            rewards=np.repeat(step.rewards[:1], lanes, axis=0), terminated=np.zeros(lanes, bool),
-            truncated=np.zeros(lanes, bool),
-            masks=None if step.masks is None else [np.repeat(mask[:1], lanes, axis=0) for mask in step.masks],
-        )  # fmt: skip
+    config = play_config(run, ())
+    with Session(address, config.game, arenas=lanes, seed=7, options=config.options) as session:
+        (behavior,), (step,) = session.spec.behaviors, session.steps
+    model = player_of(file, behavior, lanes)
     times = []
     for _ in range(CALLS):
         begin = time.perf_counter()
-        model.act(many)
+        model.act(step)
         times.append(time.perf_counter() - begin)
     return float(np.median(times)) * 1e6
 

@@ -48,18 +48,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def trained(run: Path, address: str, layout: str, timesteps: int, *keys: str) -> float:
     """Train a layout in the folder `run`, unless that is done; return its score."""
-    config = load_config(
-        find_config("shooting_birds/bucket-11"), [f"layout={layout}", f"total_timesteps={timesteps}", *keys]
-    )
+    overrides = [f"layout={layout}", f"total_timesteps={timesteps}", *keys]
+    config = load_config(find_config("shooting_birds/bucket-11"), overrides)
     train(config, run, [address], resume=has_checkpoint(run), report=lambda *_: None)
     return score(run, address)
 
 
 def score(run: Path, address: str, *, episodes: int = EPISODES, demos: Path | None = None) -> float:
     """Return the mean reward of a run's policy, of the one with the buttons if there are two."""
-    results = evaluate(
-        run, address, episodes=episodes, seed=2, deterministic=False, say=lambda text: None, demos=demos
-    )  # fmt: skip
+    results = evaluate(run, address, episodes=episodes, seed=2, deterministic=False, say=lambda text: None, demos=demos)
     return list(results.values())[-1].means["reward"]
 
 
