@@ -109,6 +109,17 @@ def test_a_finished_comparison_is_repeated_without_a_simulator(whole, copied):
         assert (copied / OUT / name).read_bytes() == (whole / OUT / name).read_bytes()
 
 
+def test_finished_runs_may_be_deleted_and_the_rest_is_trained(whole, copied, simulator):
+    shutil.rmtree(OUT / "runs" / "hybrid-s0")
+    finished = run_in(copied, "127.0.0.1:1", "--wait", "0.1")
+    assert finished.status == 0
+    shutil.rmtree(OUT / "runs")
+    next(OUT.glob("metrics/*/bucket-3-s1.csv")).unlink()
+    done = run_in(copied, simulator)
+    assert done.status == 0 and done.output.count(": done") == 1 and "1 runs, 0 of them" in done.output
+    assert_same(copied, whole)
+
+
 @pytest.mark.no_cover  # see `whole`
 def test_another_metric_and_score_need_no_training(copied):
     done = run_in(copied, "127.0.0.1:1", "--metric", "accuracy", "--score", "0.25")
@@ -139,6 +150,7 @@ def test_a_game_that_has_changed_is_refused_by_name(copied, simulator):
     spec["behaviors"][0]["sensors"][0]["shape"] = [77]
     path.write_text(json.dumps(spec))
     shutil.rmtree(OUT / "runs/bucket-3-s1")
+    next(OUT.glob("metrics/*/bucket-3-s1.csv")).unlink()
     done = run_in(copied, simulator)
     assert done.status == 1
     assert (

@@ -2,7 +2,7 @@
 
 The folder of a comparison holds everything that a repetition needs: the configurations of the variants and the specs of
 their games (`configs`), the runs (`runs`), the metrics of finished runs (`metrics`), and the page. The command may be
-killed at any time. Repeated, it skips finished runs, and ends with the same figures.
+killed at any time. Repeated, it skips finished runs, and ends with the same figures. Finished runs may be deleted.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 from joybridge.contract.errors import JoybridgeError
 from joybridge.experiments.analysis import Analysis, analyze
 from joybridge.experiments.cluster import Cluster
-from joybridge.experiments.grid import run_grid
+from joybridge.experiments.grid import kept_results, run_grid
 from joybridge.experiments.job import Job, start
 from joybridge.experiments.names import ResultName
 from joybridge.experiments.page import Setting, final_scores, write_page
@@ -127,7 +127,8 @@ def compare(options: argparse.Namespace) -> int:
     setting = Setting(variants[0].config.game, [job.timesteps for job in jobs], policies, repetition(options), missing)
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis.results), "", *paths, sep="\n")
-    say_next("evaluate", str(best_run(analysis, jobs)))
+    if (best := best_run(analysis, jobs)).exists():
+        say_next("evaluate", str(best))
     return 1 if missing else 0
 
 
@@ -139,7 +140,7 @@ def find_specs(variants: Sequence[Variant], options: argparse.Namespace) -> list
     kept = [kept_spec(variant, options.output) for variant in variants]
     known = [(variant, spec) for variant, spec in zip(variants, kept, strict=True) if spec]
     jobs = [make_job(*one, seed, options) for one in known for seed in range(options.seeds)]
-    if len(known) == len(variants) and all(job.finished() for job in jobs):
+    if len(known) == len(variants) and all(is_finished(job, options) for job in jobs):
         return [spec for _, spec in known]
     with open_simulators(wanted_simulators(options), options.wait, say) as connect:
         address = connect()[0]
@@ -170,6 +171,7 @@ def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.N
 
 def train(jobs: Sequence[Job], options: argparse.Namespace) -> dict[Job, str]:
     """Train what is not finished. Return the failed runs with the reasons."""
+    jobs = [job for job in jobs if not is_deleted(job, options)]
     parallel, begin = options.jobs or 1, start
     if options.backend == "ray" and not all(job.finished() for job in jobs):
         cluster = Cluster(options.cluster, parallel)
@@ -179,6 +181,16 @@ def train(jobs: Sequence[Job], options: argparse.Namespace) -> dict[Job, str]:
     except KeyboardInterrupt:
         say("finished runs are kept; repeat the same command to continue")
         raise
+
+
+def is_finished(job: Job, options: argparse.Namespace) -> bool:
+    """Return whether nothing of a run is left to train."""
+    return is_deleted(job, options) or job.finished()
+
+
+def is_deleted(job: Job, options: argparse.Namespace) -> bool:
+    """Return whether a finished run was deleted, or is on another machine; its metrics are all that the page needs."""
+    return not job.run.exists() and bool(kept_results(job, options.output / "metrics"))
 
 
 def scored_policy(variant: Variant, spec: pb.GameSpec, behavior: str | None) -> str:
