@@ -1,10 +1,12 @@
 """A client that sends any request, valid or not, and reports how each call ended. Every call has a deadline."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from queue import SimpleQueue
-from threading import Event, Timer
+from threading import Event, Thread
+from time import monotonic
 from types import TracebackType
 from typing import Any, Literal, Self, TypeAlias
 
@@ -22,6 +24,7 @@ _OPTIONS = [
     ("grpc.use_local_subchannel_pool", 1),  # closing a channel must close its connection
 ]
 Request = pb.PlayRequest | bytes  # bytes are sent as they are
+SHORTEST_WAIT = 0.1  # seconds; a shorter wait may last this long
 Transport: TypeAlias = Literal["grpc", "local"]
 OPEN = Credentials()  # no TLS and no token
 
@@ -98,10 +101,10 @@ class Client:
 
     def play(self, requests: Sequence[Any], **fields: Any) -> Exchange:
         """Send all requests of a stream at once. `fields` are those of `stream`. Raises TimedOut."""
-        stream = self.stream(iter(requests), **fields)
         responses: list[Any] = []
-        while not isinstance(response := _next(stream, self.seconds), Status):
-            responses.append(response)
+        with _Receiver(self.stream(iter(requests), **fields), self.seconds) as receiver:
+            while not isinstance(response := receiver.receive(), Status):
+                responses.append(response)
         return Exchange(responses, response)
 
     def stream(
@@ -132,9 +135,9 @@ class Stream:
 
     def __init__(self, client: Client) -> None:
         """Open a stream."""
-        self.seconds = client.seconds
         self.requests: SimpleQueue[Request | None] = SimpleQueue()
         self.responses = client.stream(iter(self.requests.get, None))
+        self.receiver = _Receiver(self.responses, client.seconds)
 
     def ask(self, request: Request) -> pb.PlayResponse | Status:
         """Send a request and return its response, or the status if the stream ended. Raises TimedOut."""
@@ -143,7 +146,7 @@ class Stream:
 
     def receive(self) -> pb.PlayResponse | Status:
         """Return the next response, or the status if the stream ended. Raises TimedOut."""
-        response: pb.PlayResponse | Status = _next(self.responses, self.seconds)
+        response: pb.PlayResponse | Status = self.receiver.receive()
         return response
 
     def half_close(self) -> pb.PlayResponse | Status:
@@ -153,6 +156,7 @@ class Stream:
 
     def cancel(self) -> None:
         """Cancel the stream."""
+        self.receiver.end()
         self.responses.cancel()  # first: the end of the requests alone would close the stream in order
         self.requests.put(None)  # ends gRPC's thread that waits for the next request
 
@@ -165,35 +169,59 @@ class Stream:
         self.cancel()
 
 
+class _Receiver:
+    """Receives the responses of a call, and cancels the call if one of them takes too long.
+
+    A deadline of gRPC would be one of the whole stream, which a slow server may exceed with many quick responses. One
+    thread watches all waits of a call, because a timer for each response takes longer than most servers do to answer.
+    """
+
+    def __init__(self, responses: Any, seconds: float) -> None:
+        """Watch a call. `seconds` is the longest wait for a response."""
+        self.responses, self.seconds = responses, seconds
+        self.limit = math.inf  # of the current wait, on the clock `monotonic`
+        self.late = False
+        self.ended = Event()
+        Thread(target=self._watch, daemon=True).start()
+
+    def receive(self) -> Any:
+        """Return the next response of the call, or its status if it ended. Raises TimedOut."""
+        self.limit = monotonic() + self.seconds
+        try:
+            return next(self.responses)
+        except StopIteration:
+            return OK
+        except grpc.RpcError as error:
+            if self.late:
+                raise TimedOut(self.seconds) from error
+            return _status(error, self.seconds)
+        finally:
+            self.limit = math.inf
+
+    def end(self) -> None:
+        """End the thread."""
+        self.ended.set()
+
+    def _watch(self) -> None:
+        # A wait that begins while this thread sleeps is longer than this sleep, so its limit is seen in time.
+        while not self.ended.wait(min(SHORTEST_WAIT, self.limit - monotonic())):
+            if self.limit <= monotonic():
+                self.late = True
+                self.responses.cancel()
+                return
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
+
 def encode(request: Any) -> bytes:
     """Return the bytes of a request; bytes are returned unchanged."""
     return request if isinstance(request, bytes) else request.SerializeToString()
-
-
-def _next(responses: Any, seconds: float) -> Any:
-    """Return the next response of a stream, or its status if it ended. Raises TimedOut after so many seconds.
-
-    A deadline of gRPC would be one of the whole stream, which a slow server may exceed with many quick responses.
-    """
-    late = Event()
-
-    def give_up() -> None:
-        late.set()
-        responses.cancel()
-
-    timer = Timer(seconds, give_up)
-    timer.daemon = True
-    timer.start()
-    try:
-        return next(responses)
-    except StopIteration:
-        return OK
-    except grpc.RpcError as error:
-        if late.is_set():
-            raise TimedOut(seconds) from error
-        return _status(error, seconds)
-    finally:
-        timer.cancel()
 
 
 def _status(error: Any, seconds: float) -> Status:

@@ -13,7 +13,7 @@ import grpc
 import numpy as np
 from grpc_health.v1 import health_pb2
 
-from joybridge.conformance.client import OPEN, SERVICE, Client, Status, Stream
+from joybridge.conformance.client import OPEN, SERVICE, SHORTEST_WAIT, Client, Status, Stream
 from joybridge.conformance.expectations import TimedOut, Violation, expect
 from joybridge.conformance.recording import Player, Recording, act_request, valid_act
 from joybridge.conformance.step_expectations import expect_valid
@@ -194,10 +194,10 @@ def _steps(subject: Subject, settings: Settings, stream: Stream, played: list[Pl
         expect(len(views) == len(subject.spec.behaviors), f"{len(views)} behaviors in a Step", "all of the spec")
         for view in views:
             expect_valid(view)
-        if (left := until - time.monotonic()) < 0.1 and index:
+        if (left := until - time.monotonic()) < SHORTEST_WAIT and index:
             return f"{index} steps of {arenas} arenas are valid; they are slow, so there was no time for more"
         if index < CHECKED:
-            stream.seconds = round(max(left, 0.1), 1)
+            stream.receiver.seconds = round(max(left, SHORTEST_WAIT), 1)
             player.decide()
     return f"{CHECKED} steps of {arenas} arenas are valid"
 
