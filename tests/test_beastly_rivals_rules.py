@@ -36,7 +36,7 @@ class Scene:
         rewards = np.zeros((1, len(CHANNELS)))
         for _ in range(count):
             reserve(self.streams, r.MOST_DRAWS)
-            action = np.array([velocity], float), np.array([move]), np.array([blink])
+            action = np.array([velocity], float), np.array([move], np.int32), np.array([blink], np.int32)
             r.tick(self.arenas, self.streams, self.rules, self.number % r.DECISION_TICKS, *action, rewards)
             self.number += 1
         return rewards[0]

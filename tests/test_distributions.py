@@ -13,7 +13,7 @@ from joybridge.trainer.ppo.distributions import (
     fill_masks,
     gaussian_log_probs,
 )
-from joybridge.trainer.ppo.fast.kernels import Action, Head, Noise, sample
+from joybridge.trainer.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
 from joybridge.trainer.ppo.networks import Network
 
 SIZES = (5, 3, 2)
@@ -57,7 +57,7 @@ def sampled(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=Fa
     discrete, continuous = np.zeros((lanes, len(sizes)), np.int64), np.zeros((lanes, dimensions), np.float32)
     log_probs = np.zeros(lanes, np.float32)
     head = Head(np.zeros(dimensions, np.float32), np.array(log_variance, np.float32), np.array(sizes, np.int64))
-    masks = None if masks is None else masks.numpy()
+    masks = NO_MASKS if masks is None else masks.numpy()
     sample(outputs.numpy(), head, masks, Noise(normal, uniform), likeliest, Action(continuous, discrete, log_probs))
     return torch.from_numpy(discrete), torch.from_numpy(continuous), torch.from_numpy(log_probs)
 

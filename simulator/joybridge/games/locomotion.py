@@ -43,7 +43,7 @@ def _polar(angle: Array, speed: Array) -> Array:
 
 def _unit_circle(act: ActArrays, heading: Array) -> Array:
     axes = act.axes.astype(np.float64)
-    return _polar(axes[:, 0] * (0.5 * np.pi), axes[:, 1])
+    return _polar(axes[:, 0] * (0.5 * np.pi), axes[:, 1].copy())
 
 
 def _axes(act: ActArrays, heading: Array) -> Array:
@@ -54,12 +54,12 @@ def _steer(act: ActArrays, heading: Array) -> Array:
     axes = act.axes.astype(np.float64)
     heading += axes[:, 0] * TURN
     heading -= 2 * np.pi * np.round(heading / (2 * np.pi))
-    return _polar(heading, axes[:, 1])
+    return _polar(heading.copy(), axes[:, 1].copy())
 
 
 def observe_heading(heading: Array) -> Array:
     """Return the values of the sensor "heading" of `steer`, float32 [lanes, 2], for headings in rad [lanes]."""
-    return _polar(heading, np.ones(len(heading))).astype(np.float32)
+    return _polar(heading.copy(), np.ones(len(heading))).astype(np.float32)
 
 
 _STEPS = np.arange(GRID) - GRID // 2

@@ -15,7 +15,11 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """Return the function, compiled at its first call. Numba caches the machine code on disk where it can."""
+    """Return the function, compiled at its first call. Numba caches the machine code on disk where it can.
+
+    It is compiled anew, for seconds, for arrays of another dtype, and for those that are not contiguous or cannot be
+    written. A slice of an array of one arena may be contiguous where that of an array of several is not; copy slices.
+    """
     try:
         return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
     except RuntimeError:  # neither the installation nor the user's cache folder can be written

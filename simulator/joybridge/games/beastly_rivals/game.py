@@ -155,7 +155,7 @@ class BeastlyRivals(PointerGame):
         (act,) = acts
         arenas = self.arenas
         velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
-        move, blink = np.ascontiguousarray(act.choices[:, -2:].T)
+        move, blink = act.choices[:, -2:].T.copy()
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.decide(arenas, self.streams, self.rules, velocity, move, blink, rewards)

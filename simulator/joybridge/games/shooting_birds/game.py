@@ -140,7 +140,7 @@ class ShootingBirds(PointerGame):
         (act,) = acts
         arenas = self.arenas
         velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
-        shoot, reload = np.ascontiguousarray(act.choices[:, -2:].T)
+        shoot, reload = act.choices[:, -2:].T.copy()
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.tick(arenas, self.streams, self.rules, OBSTACLES, velocity, shoot, reload, rewards)

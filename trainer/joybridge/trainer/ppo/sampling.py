@@ -8,7 +8,7 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts import ActionSpace
 from joybridge.trainer.ppo.continuous import log_probs_of_each, sample_each
 from joybridge.trainer.ppo.distributions import FORBIDDEN
-from joybridge.trainer.ppo.fast.kernels import Action, Head, Noise, sample
+from joybridge.trainer.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
 from joybridge.trainer.ppo.networks import Network
 
 NOTHING = np.zeros(0, np.float32)
@@ -29,7 +29,7 @@ def sample_actions(
     else:
         means, log_variance = network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True)
         head = Head(means, log_variance, np.array(space.branches, np.int64))
-    sample(outputs.numpy(force=True), head, masks, noise, deterministic, action)
+    sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic, action)
     if space.given:
         assert masks is not None
         leave_one_choice(space, action.discrete, masks)

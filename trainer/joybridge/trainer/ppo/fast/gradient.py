@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.ppo.fast.kernels import Action, Gradient, Head, Target, loss_gradient
+from joybridge.trainer.ppo.fast.kernels import NO_MASKS, Action, Gradient, Head, Target, loss_gradient
 from joybridge.trainer.ppo.loss import Batch
 from joybridge.trainer.ppo.networks import Network, Tower
 from joybridge.trainer.ppo.schedule import Coefficients
@@ -34,18 +34,19 @@ class ClosedFormGradient:
         values = (outputs if self.critic is None else self.critic.forward(batch.observations))[:, -1]
         if network.sums is not None:
             outputs = torch.mm(outputs, network.sums)
-        d_outputs = torch.empty_like(outputs)
-        d_values = d_outputs[:, -1] if self.critic is None else torch.empty_like(values)
+        d_outputs, d_values = torch.empty_like(outputs), torch.empty(len(outputs))
         action = Action(batch.continuous.numpy(), batch.discrete.numpy(), batch.log_probs.numpy())
         statistics = loss_gradient(
             outputs.numpy(), (values + network.value_bias).numpy(), self.head,
-            None if batch.masks is None else batch.masks.numpy(),
+            NO_MASKS if batch.masks is None else batch.masks.numpy(),
             Target(action, batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy()),
             coefficients.clip_range, coefficients.entropy_coef,
             Gradient(
                 d_outputs.numpy(), d_values.numpy(), _gradient(network.mean_bias), _gradient(network.log_variance)
             ),
         )  # fmt: skip
+        if self.critic is None:
+            d_values = d_outputs[:, -1].copy_(d_values)
         _into(network.value_bias, d_values.sum())
         if self.critic is not None:
             self.critic.backward(d_values.unsqueeze(-1))

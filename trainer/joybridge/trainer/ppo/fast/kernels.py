@@ -19,6 +19,7 @@ from joybridge.trainer.metrics import STATISTICS
 
 LOG_2_PI = math.log(2 * math.pi)
 COUNT = len(STATISTICS)
+NO_MASKS = np.zeros((0, 0, 0), np.float32)  # an array, because each type of an argument is compiled anew, for seconds
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -73,23 +74,23 @@ class Gradient(NamedTuple):
     """Where the derivatives of the loss are written."""
 
     outputs: Array  # [n, columns]
-    values: Array  # [n]; may be a column of `outputs`
+    values: Array  # [n]
     mean_bias: Array  # [continuous]
     log_variance: Array  # [continuous]
 
 
 @compiled
 def softmax(
-    outputs: Array, masks: Array | None, row: int, branch: int, widest: int, choices: int, p: Array, log_p: Array
+    outputs: Array, masks: Array, row: int, branch: int, widest: int, choices: int, p: Array, log_p: Array
 ) -> float:
     """Write the probabilities of one branch's choices into `p` and their logarithms into `log_p`, both [widest].
 
-    Return the branch's entropy. masks: [n, branches, widest] of 0 or FORBIDDEN, or None.
+    Return the branch's entropy. masks: [n, branches, widest] of 0 or FORBIDDEN, or NO_MASKS.
     """
     highest = -np.inf
     for j in range(choices):
         log_p[j] = outputs[row, branch * widest + j]
-        if masks is not None:
+        if len(masks):
             log_p[j] += masks[row, branch, j]
         highest = max(highest, log_p[j])
     total = 0.0
@@ -106,8 +107,11 @@ def softmax(
 
 
 @compiled
-def sample(outputs: Array, head: Head, masks: Array | None, noise: Noise, likeliest: bool, action: Action) -> None:
-    """Sample an action per row and write it into `action`; likeliest: take the likeliest action instead."""
+def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bool, action: Action) -> None:
+    """Sample an action per row and write it into `action`; likeliest: take the likeliest action instead.
+
+    masks: see `softmax`.
+    """
     mean_bias, log_variance, sizes = head
     continuous, discrete, log_probs = action
     branches, dimensions = len(sizes), len(mean_bias)
@@ -139,7 +143,7 @@ def sample(outputs: Array, head: Head, masks: Array | None, noise: Noise, likeli
 
 @compiled
 def loss_gradient(
-    outputs: Array, values: Array, head: Head, masks: Array | None, target: Target, clip: float, entropy_coef: float,
+    outputs: Array, values: Array, head: Head, masks: Array, target: Target, clip: float, entropy_coef: float,
     gradient: Gradient,
 ) -> Array:  # fmt: skip
     """Differentiate the branched PPO loss (`ppo_loss` in `ppo/loss.py`) by the outputs of a network.
@@ -152,7 +156,7 @@ def loss_gradient(
         d log-probability / d mean  = (a - mean) / variance
         d loss / d value            = (V - R) / n, or 0 where the clipped value is the worse
 
-    Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
+    masks: see `softmax`. Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
     """
     mean_bias, log_variance, sizes = head
     continuous, discrete, old_log_probs = target.action
