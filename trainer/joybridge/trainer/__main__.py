@@ -108,6 +108,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--demos", type=Path, metavar="DIR",
         help="record what is played in new files of this folder, as demonstrations for `joybridge train --demos`",
     )  # fmt: skip
+    evaluates.add_argument(
+        "--inputs", action="store_true",
+        help="also measure what is pressed and moved: clicks, paths of pointers, reversals of axes",
+    )  # fmt: skip
     evaluates.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     records = commands.add_parser("record", parents=[plays, shared], help="record a video of a run's policy")
     records.set_defaults(function=_record)
@@ -215,7 +219,7 @@ def _evaluate(options: argparse.Namespace) -> None:
         play_config(run, overrides)
     with _player(options) as simulator:
         from joybridge.trainer.config_fit import fitting_spec
-        from joybridge.trainer.evaluate import evaluate, summary
+        from joybridge.trainer.evaluate import evaluate, inputs_table, summary
 
         for overrides in plays.values():  # all of them before the first is played
             fitting_spec(simulator, play_config(run, overrides))
@@ -223,6 +227,7 @@ def _evaluate(options: argparse.Namespace) -> None:
             setting: evaluate(
                 run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
                 say=say, overrides=overrides, checkpoint=options.checkpoint, demos=options.demos,
+                inputs=options.inputs,
             )
             for setting, overrides in plays.items()
         }  # fmt: skip
@@ -235,6 +240,8 @@ def _evaluate(options: argparse.Namespace) -> None:
         else:
             plot(sweep, results, sweep.picture(run))
             print(sweep.picture(run))
+    if options.inputs:
+        print(inputs_table(results))
     say_next("record", str(run), "play.mp4")
     if options.json:
         objects = {s: {name: asdict(result) for name, result in found.items()} for s, found in results.items()}

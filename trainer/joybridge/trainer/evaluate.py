@@ -9,6 +9,7 @@ import numpy as np
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.episodes import Episodes
+from joybridge.trainer.input_measures import InputMeasures, Inputs
 from joybridge.trainer.metrics import Row
 from joybridge.trainer.playing import Change, Play, open_play
 from joybridge.trainer.wire.sharded_session import single_sessions
@@ -26,16 +27,19 @@ class Evaluation:
     half_widths: Row
     by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
     changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
+    behavior: str  # which the policy plays, or a part of
+    inputs: Inputs | None  # what the agents of this behavior did with their devices; None: not measured
 
 
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
-    overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None,
+    overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
 ) -> dict[str, Evaluation]:  # fmt: skip
     """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
 
     overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
-    its timesteps, or "" for the newest. demos: record what is played in this folder.
+    its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
+    with their devices.
 
     Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
     often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
@@ -53,11 +57,22 @@ def evaluate(
         rounds = math.ceil(episodes / play.arenas)
         balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
         say(f"{play.arenas} arenas × {rounds} rounds{balanced}")
-        tables = _play(play, rounds, say)
-    return {name: _summarize(table, play) for name, table in tables.items()}
+        spec, behaviors = play.spec, {player.actor.behavior: player.lanes for player in play.players}
+        seconds = spec.tick_seconds * spec.decision_interval
+        measured = [
+            (index, InputMeasures(spec.behaviors[index], seconds, lanes))
+            for index, lanes in behaviors.items()
+            if inputs
+        ]
+        tables = _play(play, rounds, say, measured)
+    results = {index: measures.result() for index, measures in measured}
+    return {
+        player.actor.name: _summarize(tables[player.actor.name], play, player.actor.behavior, results)
+        for player in play.players
+    }
 
 
-def _summarize(table: Episodes, play: Play) -> Evaluation:
+def _summarize(table: Episodes, play: Play, behavior: int, inputs: Mapping[int, Inputs]) -> Evaluation:
     """Return means in which every choice weighs the same, however many episodes it took."""
     choices = play.choices
     choice_of = table.finished[:, 0].astype(int) * len(choices) // len(table.reward)
@@ -73,6 +88,8 @@ def _summarize(table: Episodes, play: Play) -> Evaluation:
         half_widths=dict(zip(names, errors.tolist(), strict=True)),
         by_choice={choice: float(g[:, 0].mean()) for choice, g in zip(choices, groups, strict=True) if choice},
         changed=play.changed,
+        behavior=play.spec.behaviors[behavior].name,
+        inputs=inputs.get(behavior),
     )
 
 
@@ -91,13 +108,46 @@ def summary(evaluations: Mapping[str, Evaluation]) -> str:
     return "\n".join(lines)
 
 
-def _play(play: Play, rounds: int, say: Callable[[str], None]) -> dict[str, Episodes]:
+def inputs_table(results: Mapping[str, Mapping[str, Evaluation]]) -> str:
+    """Return the measures of inputs as lines to read: a column per key of `results`, each of which has all policies."""
+    behaviors: dict[str, dict[str, Inputs]] = {}
+    for key, evaluations in results.items():
+        for result in evaluations.values():
+            if result.inputs:
+                behaviors.setdefault(result.behavior, {})[key] = result.inputs
+    lines = []
+    for behavior, played in behaviors.items():
+        first = next(iter(played.values()))
+        fewest = min(inputs.decisions for inputs in played.values())
+        clock = f"{first.decision_seconds:g} s" if first.decision_seconds else "no fixed length"
+        pointers = "".join(f", {name} as {sets}" for name, sets in first.pointers.items())
+        lines.append(f"inputs of {behavior}: at least {fewest:,} decisions of {clock}{pointers}")
+        names = list(dict.fromkeys(name for inputs in played.values() for name in inputs.measures))
+        rows = [[name, *(_cell(inputs.measures.get(name)) for inputs in played.values())] for name in names]
+        if len(played) > 1:
+            rows.insert(0, ["", *played])
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for name, *cells in rows:
+            aligned = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
+            lines.append("  ".join(["", f"{name:<{widths[0]}}", *aligned]))
+    return "\n".join(lines)
+
+
+def _cell(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _play(
+    play: Play, rounds: int, say: Callable[[str], None], measured: Sequence[tuple[int, InputMeasures]]
+) -> dict[str, Episodes]:
     """Play `rounds` time limits, or where there is none until every lane has finished `rounds` episodes."""
     tables = {player.actor.name: Episodes(player.lanes, player.actor.metrics) for player in play.players}
     limit = play.spec.max_episode_decisions
     for number, decision in enumerate(play.decisions(), 1):
         for player, rewards in zip(play.players, decision.rewards, strict=True):
             tables[player.actor.name].add(decision.after[player.actor.behavior], rewards)
+        for index, measures in measured:
+            measures.add(decision.before[index], decision.acts[index], decision.after[index])
         if number % 1000 == 0:
             say(f"{number} decisions")
         if number >= limit * rounds if limit else all(_episodes(t).min() >= rounds for t in tables.values()):
