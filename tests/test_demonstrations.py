@@ -19,7 +19,8 @@ from joybridge.trainer.actor import Actor
 from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.cloning import targets
 from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.demonstrations import Demonstration, Stretch, load_demonstration
+from joybridge.trainer.demonstration_files import load_demonstration
+from joybridge.trainer.demonstrations import Demonstration, Stretch
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import list_roles, make_acts, make_layouts
 from joybridge.trainer.look import obey_masks, press_at_random
@@ -279,7 +280,7 @@ def test_a_folder_without_demonstrations_is_refused_before_a_simulator_is_waited
     command = ["train", str(tmp_path / "hybrid.yaml"), "--demos", str(tmp_path), "--simulator", "127.0.0.1:1"]
     assert main(command) == 1
     errors = capsys.readouterr().err
-    assert f"error: demonstrations: {tmp_path} holds no file *.demo; record some with" in errors
+    assert f"error: demonstrations: {tmp_path} holds no file *.demo, nor a dataset of Minari; record" in errors
     assert "waiting" not in errors
 
 

@@ -55,6 +55,7 @@ RUN_BY = {  # Python that is not run here: by what a test of its own says about 
     "my_layouts.py": "test_layouts.py",
     'Policy("policy.json")': "test_new.py",
     "MaskablePPO(": "test_gym_learners.py",
+    "minari.load_dataset(": "test_minari.py",
 }
 READERS = {"NAME.yaml", "birds.yaml", "config.yaml", "my_layouts.py", "ppo.py", "reflection.proto"}  # or of others
 CHECKOUT = re.compile(r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S")

@@ -271,6 +271,13 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     trainer.expect("compared/page.html", "joybridge", "compare", "archer/hybrid", *variants, *small)
     done("joybridge[compare]")
 
+    trainer.expect("pip install 'joybridge[minari]'", "joybridge", "minari", "demos", "datasets", status=2)
+    trainer.install(wheel, "minari")
+    trainer.run("joybridge", "evaluate", "run", "--episodes", "8", "--demos", "demos")
+    trainer.expect("archer-v0: ", "joybridge", "minari", "demos", "datasets")
+    trainer.run("joybridge", "train", "archer/hybrid", "--run", "clone", "--demos", "datasets", "arenas=8", "stop=960")
+    done("joybridge[minari]")
+
     trainer.expect("pip install 'joybridge[export]'", "joybridge", "export", "run", "policy.onnx", status=2)
     trainer.install(wheel, "export")
     trainer.expect("policy.onnx: ", "joybridge", "export", "run", "policy.onnx")

@@ -31,6 +31,9 @@ COMMANDS = {
     "look": Command("joybridge.trainer.look", "simulator", "draw random play of a game, beside what was pressed"),
     "play": Command("joybridge.viewer.play", "viewer", "play a game in the browser"),
     "watch": Command("joybridge.viewer.watch", "train,viewer", "watch a training that runs, in the browser"),
+    "minari": Command(
+        "joybridge.trainer.formats.minari_export", "minari", "write demonstrations as datasets of Minari"
+    ),
     "mlagents": Command(
         "joybridge.trainer.mlagents.command", "simulator", "let a trainer of Unity ML-Agents train a game"
     ),

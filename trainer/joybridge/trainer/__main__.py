@@ -27,7 +27,7 @@ from joybridge.trainer.command_line import (
 )
 from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config, run_name
 from joybridge.trainer.config_files import find_config
-from joybridge.trainer.demonstrations import find_demonstrations
+from joybridge.trainer.demonstration_files import find_demonstrations
 from joybridge.trainer.errors import StorageError
 from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked

@@ -10,7 +10,8 @@ from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor
 from joybridge.trainer.config import Config
-from joybridge.trainer.demonstrations import Demonstration, chosen_demonstrations, load_demonstration
+from joybridge.trainer.demonstration_files import chosen_demonstrations, load_demonstration
+from joybridge.trainer.demonstrations import Demonstration
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import Layout
 from joybridge.trainer.layouts.parts import covers
@@ -90,6 +91,8 @@ def _decisions(
     index = actor.behavior
     for stretch in demonstration.stretches:
         ends, first = stretch.ends(index), stretch.steps[0][index]
+        if not len(ends):  # a dataset is of another behavior
+            continue
         stack = FrameStack(len(ends), actor.encoder.size, actor.config.frame_stack)
         stack.begin(actor.frames(first.observations))
         for number, act in enumerate(stretch.acts):

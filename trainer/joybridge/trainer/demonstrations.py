@@ -4,7 +4,6 @@ A file may hold many lanes and many episodes. What a lane did after its last fin
 that was killed, or a person who left, did not play that episode to its end.
 """
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,14 +13,8 @@ import numpy as np
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, lane_count
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array, TensorError
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import read_file, write_atomically
-from joybridge.trainer.wire.demonstration_log import SUFFIX
-from joybridge.trainer.wire.recording import LARGEST_FILE, Recording, RecordingError, load_recording
+from joybridge.trainer.wire.recording import Recording, RecordingError, load_recording
 from joybridge.v1 import bridge_pb2 as pb
-
-SUMS = "demonstrations.sha256"  # in the folder of a run: the files that it learns from, as `sha256sum` writes them
-LONGEST_SUMS = 2**24  # bytes of it
 
 
 class Stretch(NamedTuple):
@@ -38,15 +31,27 @@ class Stretch(NamedTuple):
             last[step[behavior].ended] = number
         return last
 
+    def begun(self, behavior: int) -> Array:
+        """Return which lanes of a behavior decide after their last finished episode, bool [lanes]."""
+        ends = self.ends(behavior)
+        late = np.zeros(len(ends), bool)
+        for number in range(len(self.acts)):
+            late |= self._decides(number, behavior) & (number > ends)
+        return late
+
     def demonstrated(self, number: int, behavior: int) -> Array:
         """Return which lanes of a behavior are demonstrated in a decision, bool [lanes]."""
-        step, held = self.steps[number][behavior], self.held[number]
-        decides = np.ones(len(step.terminated), bool) if step.deciding is None else step.deciding.copy()
+        decides, held = self._decides(number, behavior), self.held[number]
         if held is not None:
             own = np.zeros(len(decides), bool)
             own[held[behavior]] = True
             decides &= own
         return decides
+
+    def _decides(self, number: int, behavior: int) -> Array:
+        """Return which lanes of a behavior decide, bool [lanes]."""
+        step = self.steps[number][behavior]
+        return np.ones(len(step.terminated), bool) if step.deciding is None else step.deciding.copy()
 
 
 class Demonstration(NamedTuple):
@@ -60,7 +65,7 @@ class Demonstration(NamedTuple):
     def episodes(self, behavior: int) -> tuple[int, int]:
         """Return how many episodes of a behavior are finished, and in how many more a decision was made."""
         finished = sum(len(step[behavior].ended) for part in self.stretches for step in part.steps[1:])
-        begun = sum(int((part.ends(behavior) < len(part.acts) - 1).sum()) for part in self.stretches if part.acts)
+        begun = sum(int(part.begun(behavior).sum()) for part in self.stretches)
         return finished, begun
 
     def remark(self) -> str:
@@ -72,53 +77,18 @@ class Demonstration(NamedTuple):
         return f"{self.path}: left out: {' and '.join(parts)}" if parts else ""
 
 
-def find_demonstrations(folder: Path) -> list[Path]:
-    """Return the files of a folder in the order of their names. Raises ConfigError if there are none."""
-    files = sorted(folder.glob(f"*{SUFFIX}"))
-    if not files:
-        raise ConfigError(
-            f"demonstrations: {folder} holds no file *{SUFFIX}; record some with `joybridge play GAME "
-            f"--demos {folder}` or `joybridge evaluate RUN --demos {folder}`"
-        )
-    return files
+def load_recorded(path: Path, spec: pb.GameSpec | None) -> Demonstration:
+    """Return what a file of Joybridge holds.
 
-
-def chosen_demonstrations(folder: Path, run: Path, *, resumed: bool) -> tuple[list[Path], list[str]]:
-    """Return the files that a run learns from, and remarks. A new run takes all, and notes their checksums.
-
-    A resumed run takes the same ones. Raises ConfigError if one is missing or has changed, and StorageError.
+    spec: that of the game; None: any. Raises RecordingError unless it was recorded in a game with this spec.
     """
-    note = run / SUMS
-    files = find_demonstrations(folder)
-    try:
-        if not resumed:
-            lines = [f"{_sum(file)}  {file.name}\n" for file in files]
-            run.mkdir(parents=True, exist_ok=True)
-            write_atomically(note, "".join(lines).encode())
-            return files, []
-        pairs = [line.split("  ", 1) for line in read_file(note, LONGEST_SUMS).decode().splitlines()]
-        known = [(wanted, folder / name) for wanted, name in pairs]
-        for wanted, file in known:
-            if not file.exists() or _sum(file) != wanted:
-                raise ConfigError(f"demonstrations: {file} is not as it was when the run began; put it back as it was")
-    except (OSError, ValueError) as error:
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError(f"demonstrations: {note} cannot be read ({error}); train a new run") from error
-    own = [file for _, file in known]
-    new = [file.name for file in files if file not in own]
-    return own, [f"{', '.join(new)}: not learned from, because the run began without"] if new else []
-
-
-def load_demonstration(path: Path, spec: pb.GameSpec) -> Demonstration:
-    """Return what a file holds. Raises RecordingError unless it was recorded in a game with this spec."""
     recording = load_recording(path)
     recorded = recording.spec
     if recorded is None:
         raise RecordingError(f"{path} holds a fault, expected a demonstration; only `joybridge replay` reads it")
     try:
         check_spec(recorded)
-        _check_alike(path, recorded, spec)
+        _check_alike(path, recorded, spec or recorded)
         return Demonstration(path, recorded, list(_stretches(recording, recorded)), recording.cut)
     except (SpecError, TensorError, ValueError, IndexError, TypeError) as error:
         raise RecordingError(f"{path} breaks the contract ({error}); record it again") from error
@@ -183,7 +153,3 @@ def _axes(behavior: pb.Behavior) -> Sequence[str]:
 
 def _branches(behavior: pb.Behavior) -> Sequence[str]:
     return [f"{branch.name} ({'/'.join(branch.choices)})" for branch in behavior.device.branches] or ["none"]
-
-
-def _sum(file: Path) -> str:
-    return hashlib.sha256(read_file(file, LARGEST_FILE)).hexdigest()

@@ -14,10 +14,11 @@ from joybridge.trainer.command_line import (
     say,
     wanted_simulators,
 )
+from joybridge.trainer.demonstration_files import foreign_kind
 from joybridge.trainer.simulators import open_simulators
 from joybridge.trainer.wire.client import CALL_SECONDS, Session
 from joybridge.trainer.wire.errors import SimulatorError
-from joybridge.trainer.wire.recording import Recording, digest, load_recording
+from joybridge.trainer.wire.recording import Recording, RecordingError, digest, load_recording
 
 
 class FaultFound(SimulatorError):
@@ -40,6 +41,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 
 
 def _replay(options: argparse.Namespace) -> None:
+    if kind := foreign_kind(options.file):
+        raise RecordingError(
+            f"{options.file} is {kind}, which cannot be repeated, because it does not hold the session; name a file "
+            "that Joybridge recorded"
+        )
     recording = load_recording(options.file)
     if recording.error:
         say(f"the fault was: {recording.error}")
