@@ -34,7 +34,7 @@ MAY_IMPORT = {  # of ours; each package may import itself as well
     "joybridge.conformance": CONTRACT,
     "joybridge.simulator": SIMULATOR,
     "joybridge.games": SIMULATOR,
-    "joybridge.adapters": SIMULATOR,
+    "joybridge.adapters": SIMULATOR | {"joybridge.mlagents"},
     "joybridge.trainer": CONTRACT | {"joybridge.mlagents"},
     "joybridge.gym": CONTRACT | {"joybridge.trainer"},
     "joybridge.viewer": CONTRACT | {"joybridge.trainer"},

@@ -115,7 +115,7 @@ def test_metrics_of_ended_episodes_are_statistics(simulator):
         sent = [player.answer(actions([0, 0], [0, 1])).step.side_channels for _ in range(9)]
         assert sent[:8] == [b""] * 8
         payloads = [side_channels.read_statistic(one.data) for one in side_channels.split(sent[8])]
-        assert payloads == [("player/length", 9.0), ("player/presses", 9.0)]
+        assert payloads == [("player/length", 9.0, 0), ("player/presses", 9.0, 0)]
 
 
 def parameters(name="drift", value=0.3, **step):

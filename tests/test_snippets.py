@@ -57,7 +57,15 @@ RUN_BY = {  # Python that is not run here: by what a test of its own says about 
     "MaskablePPO(": "test_gym_learners.py",
     "minari.load_dataset(": "test_minari.py",
 }
-READERS = {"NAME.yaml", "birds.yaml", "config.yaml", "my_layouts.py", "ppo.py", "reflection.proto"}  # or of others
+READERS = {
+    "NAME.yaml",
+    "birds.yaml",
+    "config.yaml",
+    "my_layouts.py",
+    "ppo.py",
+    "reflection.proto",
+    "walker.yaml",
+}  # or of others
 CHECKOUT = re.compile(r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S")
 
 

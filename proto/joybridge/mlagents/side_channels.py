@@ -16,8 +16,8 @@ from joybridge.mlagents.wire import CommunicatorError
 ENGINE = UUID("e951342c-4f7e-11ea-b238-784f4387d1f7")  # resolution, quality and speed, from the trainer
 PARAMETERS = UUID("534c891e-810f-11ea-a9d0-822485860400")  # environment parameters, from the trainer
 STATISTICS = UUID("a1d8f7b7-cec8-50f9-b78b-d3e165a78520")  # numbers with names, from the player
-TIME_SCALE = 2  # kind of a setting of the engine
-AVERAGE = 0  # how a trainer summarizes a statistic
+RESOLUTION, QUALITY, TIME_SCALE, TARGET_FRAME_RATE, CAPTURE_FRAME_RATE = range(5)  # settings of the engine
+AVERAGE, MOST_RECENT, SUM = range(3)  # how a trainer summarizes a statistic
 _HEAD = struct.Struct("<16si")
 
 
@@ -51,6 +51,16 @@ def time_scale(value: float) -> Payload:
     return Payload(ENGINE, struct.pack("<if", TIME_SCALE, value))
 
 
+def resolution(width: int, height: int) -> Payload:
+    """Return the setting of the window's size in pixels."""
+    return Payload(ENGINE, struct.pack("<iii", RESOLUTION, width, height))
+
+
+def engine(kind: int, value: int) -> Payload:
+    """Return a setting of the engine that is a whole number: QUALITY, TARGET_FRAME_RATE or CAPTURE_FRAME_RATE."""
+    return Payload(ENGINE, struct.pack("<ii", kind, value))
+
+
 def parameter(name: str, value: float) -> Payload:
     """Return the new value of an environment parameter."""
     return Payload(PARAMETERS, _text(name) + struct.pack("<if", 0, value))
@@ -73,11 +83,11 @@ def statistic(name: str, value: float) -> Payload:
     return Payload(STATISTICS, _text(name) + struct.pack("<fi", value, AVERAGE))
 
 
-def read_statistic(data: bytes) -> tuple[str, float]:
-    """Return the name and the value of a statistic. Raises CommunicatorError."""
+def read_statistic(data: bytes) -> tuple[str, float, int]:
+    """Return the name and the value of a statistic, and how it is summarized. Raises CommunicatorError."""
     name, rest = _read_text(data)
-    value, _ = _unpack("<fi", rest)
-    return name, value
+    value, kind = _unpack("<fi", rest)
+    return name, value, kind
 
 
 def _text(text: str) -> bytes:

@@ -62,7 +62,9 @@ def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
     if options.simulator is None:
         return [next(specs(game)) for game in load_games(options.game).values()]
     if options.game:
-        raise ServerError("--game, --gym and --pettingzoo are not for a running simulator, which has its own games")
+        raise ServerError(
+            "--game, --gym, --pettingzoo and --unity are not for a running simulator, which has its own games"
+        )
     credentials = load_credentials(options.tls_ca, options.token_file)
     return describe_all(ProtectedAddress(options.simulator, credentials))
 
@@ -98,6 +100,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     for option, metavar, text in (
         ("gym", "ID", "add an environment of Gymnasium: its ID, or module:ID"),
         ("pettingzoo", "MODULE", "add an environment of PettingZoo: the module with its parallel_env or env"),
+        ("unity", "BUILD", "add a player of Unity ML-Agents: its executable file"),
+        ("unity-port", "PORT", "add a player of Unity ML-Agents that is started by hand and connects to this port"),
     ):
         games.add_argument(
             f"--{option}",

@@ -74,6 +74,10 @@ class BatchedGame(ABC):
         """
         raise NotImplementedError(f"{self.name} allows snapshots in its spec but has no restore method")
 
+    def close(self) -> None:
+        """Free what the garbage collection does not, such as processes. Called once, when the session has ended."""
+        return
+
 
 def quiet_step(observations: list[Array], channels: int) -> StepArrays:
     """Return a step with these observations (one [lanes, *shape] per sensor), zero rewards and no episode ends."""

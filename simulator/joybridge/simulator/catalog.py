@@ -1,8 +1,9 @@
 """Which games a server offers: the built-in ones, those of installed packages, and those given with `--game`.
 
 A game's place is "MODULE:CLASS"; the class is a `Game` or a `BatchedGame`. Installed packages register their places
-in the entry point group "joybridge.games". The places of environments of other libraries, which `--gym` and
-`--pettingzoo` give, are "gym:ID" and "pettingzoo:MODULE"; arguments may follow.
+in the entry point group "joybridge.games". The places of environments of other libraries, which `--gym`,
+`--pettingzoo`, `--unity` and `--unity-port` give, are "gym:ID", "pettingzoo:MODULE", "unity:BUILD" and
+"unity-port:PORT"; arguments may follow.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,12 @@ from joybridge.v1 import bridge_pb2 as pb
 
 Catalog = dict[str, type[BatchedGame]]  # by name
 
-ADAPTERS = {"gym": "joybridge.adapters.gymnasium", "pettingzoo": "joybridge.adapters.pettingzoo"}
+ADAPTERS = {  # the function that returns a game
+    "gym": "joybridge.adapters.gymnasium:adapt",
+    "pettingzoo": "joybridge.adapters.pettingzoo:adapt",
+    "unity": "joybridge.adapters.unity.adapter:adapt_build",
+    "unity-port": "joybridge.adapters.unity.adapter:adapt_port",
+}
 EXTRA = ("numba", "pygame")  # what `pip install 'joybridge[simulator]'` installs
 
 
@@ -56,16 +62,17 @@ def load_game(place: str) -> type[BatchedGame]:
     return served
 
 
-def _adapt(kind: str, environment: str) -> type[Game]:
+def _adapt(kind: str, environment: str) -> type[Game] | type[BatchedGame]:
     """Return the game that an environment of another library becomes. Raises CatalogError."""
+    module, _, function = ADAPTERS[kind].partition(":")
     try:
-        adapter = import_module(ADAPTERS[kind])
+        adapter = import_module(module)
     except ModuleNotFoundError as error:
         raise CatalogError(
             f"--{kind} needs the module {error.name}; install it with `pip install 'joybridge[gym]'`"
         ) from error
     try:
-        return adapter.adapt(environment)  # type: ignore[no-any-return]
+        return getattr(adapter, function)(environment)  # type: ignore[no-any-return]
     except JoybridgeError as error:
         raise CatalogError(f"--{kind} {environment!r}: {error}") from error
     except Exception as error:  # whatever an environment raises

@@ -68,8 +68,10 @@ class GameThread(threading.Thread):
             self.start()
         return await result
 
-    def end(self) -> None:
-        """Let the thread end after the functions that were given to it."""
+    def end(self, last: Callable[[], None] | None = None) -> None:
+        """Let the thread end after the functions that were given to it, and then `last` if it was given any."""
+        if last is not None and self.ident is not None:
+            self._jobs.put(last)
         self._jobs.put(None)
 
     def run(self) -> None:

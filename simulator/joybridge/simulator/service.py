@@ -151,7 +151,7 @@ class Service(rpc.SimulatorServiceServicer):
             await context.abort(*stream.ending.status())
         finally:
             self.streams.discard(stream)
-            stream.thread.end()
+            stream.thread.end(stream.session.close)
             if stream.local is not None:
                 stream.local.close()
             self.ended = True

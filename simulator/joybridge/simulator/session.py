@@ -139,6 +139,14 @@ class Session:
         except BaseException as error:  # whatever a game raises, exit() included, must not end the server
             raise failure(self.spec.name, f"step {self.steps}", error) from error
 
+    def close(self) -> None:
+        """Free what the game holds."""
+        if self.game is not None:
+            try:
+                self.game.close()
+            except BaseException:  # the session has ended, so nobody else hears of it
+                log.exception("game %s failed to close", self.spec.name)
+
     def _start(self, start: pb.Start) -> pb.PlayResponse:
         check_version(start.version)
         spec = describe(self.games, start.game, start.options, "start")

@@ -16,11 +16,12 @@ from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents import side_channels
+from joybridge.mlagents.records import FLOAT
 from joybridge.mlagents.side_channels import Payload
 from joybridge.mlagents.wire import LARGEST, CommunicatorError
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.mlagents.records import FLOAT, AgentRecords
+from joybridge.trainer.mlagents.records import AgentRecords
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.wire.client import Session
 from joybridge.v1 import bridge_pb2 as pb

@@ -5,21 +5,18 @@ columns: a NumPy record per agent, whose constant bytes are written once.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
+from joybridge.mlagents.records import FLOAT, Part, layout, length, packed, varint
 from joybridge.v1 import bridge_pb2 as pb
 
 ID_BYTES = 5  # an id as a varint, padded to this length
-FLOAT = np.dtype("<f4")
 _SHIFTS = 7 * np.arange(ID_BYTES)
 _MORE = np.array([0x80] * (ID_BYTES - 1) + [0])  # the bit of a varint's bytes that says that another one follows
 _IMAGE = (1, 2, 2)  # properties of the dimensions of an image: none, and equivariant to translations
-
-Part = bytes | tuple[str, Any]  # what is the same for all agents, or a column: its name and its dtype
 
 
 class AgentRecords:
@@ -32,20 +29,12 @@ class AgentRecords:
         parts: list[Part] = [b"\x3d", ("reward", FLOAT), b"\x40", ("done", "u1"), b"\x48", ("interrupted", "u1")]
         parts += [b"\x50", ("id", ("u1", (ID_BYTES,)))]
         if masked:
-            parts += [b"\x5a" + _varint(choices), ("mask", ("u1", (choices,)))]
+            parts += [b"\x5a" + varint(choices), ("mask", ("u1", (choices,)))]
         for index, sensor in enumerate(behavior.sensors):
             observation = list(_observation(f"sensor {index}", sensor))
-            parts += [b"\x6a" + _varint(_length(observation)), *observation]
-        parts = [b"\x0a" + _varint(_length(parts)), *parts]
-        names, formats, offsets, offset = [], [], [], 0
-        for part in parts:
-            if not isinstance(part, bytes):
-                names.append(part[0])
-                formats.append(np.dtype(part[1]))
-                offsets.append(offset)
-            offset += _length([part])
-        self.dtype: Any = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": offset})
-        self._template = b"".join(part if isinstance(part, bytes) else bytes(_length([part])) for part in parts)
+            parts += [b"\x6a" + varint(length(observation)), *observation]
+        parts = [b"\x0a" + varint(length(parts)), *parts]
+        self.dtype, self._template = layout(parts)
 
     def pack(
         self, observations: Sequence[Array], rewards: Array, ids: Array, masks: Sequence[Array] | None = None,
@@ -80,25 +69,8 @@ def _observation(column: str, sensor: pb.Sensor) -> Iterator[Part]:
     count = element_count(sensor)
     height, width, channels = sensor.shape if is_image(sensor) else (0, 0, 0)
     shape = (channels, height, width) if channels else (count,)
-    yield _packed(0x0A, shape)
-    yield b"\x22" + _varint(1 + len(_varint(4 * count)) + 4 * count) + b"\x0a" + _varint(4 * count)
+    yield packed(0x0A, shape)
+    yield b"\x22" + varint(1 + len(varint(4 * count)) + 4 * count) + b"\x0a" + varint(4 * count)
     yield column, (FLOAT, (count,))
     name = sensor.name.encode()
-    yield b"\x42" + _varint(len(name)) + name + _packed(0x32, _IMAGE if channels else (1,))
-
-
-def _packed(tag: int, numbers: Sequence[int]) -> bytes:
-    data = b"".join(map(_varint, numbers))
-    return bytes([tag]) + _varint(len(data)) + data
-
-
-def _varint(number: int) -> bytes:
-    data = bytearray()
-    while number > 0x7F:
-        data.append(number & 0x7F | 0x80)
-        number >>= 7
-    return bytes([*data, number])
-
-
-def _length(parts: Sequence[Part]) -> int:
-    return sum(len(part) if isinstance(part, bytes) else np.dtype(part[1]).itemsize for part in parts)
+    yield b"\x42" + varint(len(name)) + name + packed(0x32, _IMAGE if channels else (1,))
