@@ -37,6 +37,7 @@ LAYOUTS = [
     "joint-3-mu",
     "ordinal-4, x=hybrid",
     "auto-3",
+    "auto-axes-3",
     "squashed, x=hybrid",
 ]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
@@ -317,6 +318,7 @@ def players(tmp_path_factory):
     [
         ("threshold-0.5", True, {}), ("multiagent", False, {"activation": "tanh", "scale_observations": "running"}),
         ("joint-3", False, {"activation": "relu"}), ("auto-3", False, {"activation": "elu"}),
+        ("auto-axes-3", False, {}),
         ("squashed", False, {"scale_observations": "bounds"}),
     ],
 )  # fmt: skip

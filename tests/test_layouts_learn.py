@@ -66,7 +66,16 @@ class Identity:
 
 @pytest.mark.parametrize(
     "layout",
-    ["bucket-5-mu", "joint-3", "ordinal-7", "auto-5", "beta", "squashed", "bucket-7, y=hybrid, a=threshold-0.0"],
+    [
+        "bucket-5-mu",
+        "joint-3",
+        "ordinal-7",
+        "auto-5",
+        "auto-axes-5",
+        "beta",
+        "squashed",
+        "bucket-7, y=hybrid, a=threshold-0.0",
+    ],
 )
 def test_the_identity_game_is_learned(layout):
     game, scores = Identity(layout), []

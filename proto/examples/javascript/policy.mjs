@@ -77,7 +77,8 @@ export class Policy {
         const row = this.#choose(table, logits, allowed, noise);
         rows.push(row);
         begin += table.values.length;
-        if (table.given && rows[table.given[0]] !== table.given[1]) continue;
+        const given = table.given ?? [];
+        if (!given.every((wanted, index) => index % 2 === 0 || rows[given[index - 1]] === wanted)) continue;
         if (table.axis !== undefined) axes[table.axis] = table.values[row];
         else table.branches.forEach((branch, column) => (choices[branch] = table.values[row][column]));
         table.axes?.forEach((axis, column) => (axes[axis] = table.positions[row][column]));

@@ -73,15 +73,17 @@ class Policy:
                 row = logits.argmax(axis=1) if uniform is None else _sample(logits, uniform[:, column])
                 rows.append(row)
                 values = np.array(table["values"])[row]
-                if "given" in table:
-                    counts = rows[table["given"][0]] == table["given"][1]
-                    axes[counts, table["axis"]] = values[counts]
-                elif "axis" in table:
-                    axes[:, table["axis"]] = values
+                given = table.get("given", [])
+                counts = np.full(lanes, True)
+                for earlier, wanted in zip(given[::2], given[1::2], strict=True):
+                    counts &= rows[earlier] == wanted
+                where = np.flatnonzero(counts)
+                if "axis" in table:
+                    axes[where, table["axis"]] = values[where]
                 else:
-                    choices[:, table["branches"]] = values
+                    choices[np.ix_(where, table["branches"])] = values[where]
                 if "axes" in table:
-                    axes[:, table["axes"]] = np.array(table["positions"])[row]
+                    axes[np.ix_(where, table["axes"])] = np.array(table["positions"])[row[where]]
                 begin = end
             samples = outputs[:, begin:]
             if normal is not None:

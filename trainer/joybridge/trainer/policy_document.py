@@ -34,7 +34,7 @@ def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, determinist
     seen = {sensor.name for actor in actors for sensor in actor.encoder.sensors}
     policies = [_policy(actor) for actor in actors]
     return {
-        "format": FORMAT_2 if any(key in policy for policy in policies for key in KEYS_2) else FORMAT,
+        "format": FORMAT_2 if any(_needs_2(policy) for policy in policies) else FORMAT,
         **about,
         "behavior": behavior.name,
         "deterministic": deterministic,
@@ -105,19 +105,24 @@ def _policy(actor: Actor) -> Document:
     }
 
 
+def _needs_2(policy: Document) -> bool:
+    return any(key in policy for key in KEYS_2) or any(len(table.get("given", ())) > 2 for table in policy["discrete"])
+
+
 def _scaling(scaling: Scaling) -> Document:
     document = {"shift": scaling.shift, "scale": scaling.scale}
     return document if scaling.moments is None else document | {"limit": LIMIT}
 
 
 def _table(table: AxisTable | JointTable) -> Document:
+    document: Document = {"values": table.values.tolist()}
     if isinstance(table, AxisTable):
-        document: Document = {"axis": table.axis, "values": table.values.tolist()}
-        return document if table.given is None else document | {"given": list(table.given)}
-    document = {"branches": list(table.branches), "values": table.values.tolist()}
-    if table.positions is not None:
-        document |= {"axes": list(table.axes), "positions": table.positions.tolist()}
-    return document
+        document = {"axis": table.axis, **document}
+    else:
+        document = {"branches": list(table.branches), **document}
+        if table.positions is not None:
+            document |= {"axes": list(table.axes), "positions": table.positions.tolist()}
+    return document | {"given": [number for pair in table.given for number in pair]} if table.given else document
 
 
 def _target(target: AxisRange | Threshold | Split) -> Document:

@@ -86,7 +86,11 @@ class Policy {
         output += count;
         rows.push_back(row);
         const std::vector<Json>& given = table["given"].items;
-        if (!given.empty() && rows.at(given[0].number) != given[1].number) continue;
+        bool counts = true;
+        for (std::size_t k = 0; k + 1 < given.size(); k += 2) {
+          counts = counts && rows.at(given[k].number) == given[k + 1].number;
+        }
+        if (!counts) continue;
         if (table["axis"].there()) action.axes.at(table["axis"].number) = float(table["values"].items[row].number);
         set(action.choices, table["branches"], table["values"].items[row]);
         if (table["axes"].there()) set(action.axes, table["axes"], table["positions"].items.at(row));

@@ -1,6 +1,9 @@
 """Whether layouts set every axis and branch of a device once, and only to what it takes."""
 
+import math
 from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +19,9 @@ def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
     parts: list[Part] = [part for layout in layouts for part in (*layout.continuous, *layout.discrete)]
     for layout in layouts:
         _check_given(layout)
-    parts = [part for part in parts if not (isinstance(part, AxisTable) and part.given and part.given[1])]
+    parts = [
+        part for part in parts if not any(choice for _, choice in getattr(part, "given", ()))
+    ]  # the first of each set
     axes, branches = ([index for part in parts for index in covers(part)[kind]] for kind in (0, 1))
     _check_each_once("axis", [axis.name for axis in device.axes], axes)
     _check_each_once("branch", [branch.name for branch in device.branches], branches)
@@ -27,17 +32,22 @@ def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
 
 
 def _check_given(layout: Layout) -> None:
-    """Raise DeviceError unless a table that counts with one choice of a branch has one like it for all its choices."""
-    found: dict[tuple[int, int], list[int]] = {}
+    """Raise DeviceError unless tables that count with some choices of others are there for all these choices."""
+    found: dict[tuple[Any, tuple[int, ...]], list[tuple[int, ...]]] = {}
     for index, table in enumerate(layout.discrete):
-        if isinstance(table, AxisTable) and table.given is not None:
-            branch, choice = table.given
-            if not 0 <= branch < index or not isinstance(layout.discrete[branch], JointTable):
-                raise DeviceError(f"its branch {index} is given branch {branch}, which is no earlier joint table")
-            found.setdefault((table.axis, branch), []).append(choice)
-    for (axis, branch), choices in found.items():
-        if sorted(choices) != list(range(count := len(layout.discrete[branch].values))):
-            raise DeviceError(f"it sets axis {axis} given the choices {choices} of a branch, expected all {count} once")
+        if table.given:
+            branches, choices = zip(*table.given, strict=True)
+            for branch in branches:
+                if not 0 <= branch < index or layout.discrete[branch].given:
+                    raise DeviceError(
+                        f"its branch {index} is given branch {branch}, not an earlier one without conditions"
+                    )
+            found.setdefault((covers(table), branches), []).append(choices)
+    for ((axes, held), branches), made in found.items():
+        sizes = [len(layout.discrete[branch].values) for branch in branches]
+        if (count := math.prod(sizes)) != len(made) or sorted(made) != list(product(*map(range, sizes))):
+            what = " and ".join([*(f"axis {axis}" for axis in axes), *(f"branch {branch}" for branch in held)])
+            raise DeviceError(f"it sets {what} given {made[:9]} of other branches, expected all {count} choices once")
 
 
 def _check_each_once(kind: str, names: Sequence[str], held: Sequence[int]) -> None:

@@ -37,7 +37,7 @@ KINDS: dict[str, Maker] = {
 }  # fmt: skip
 FORMS = (
     "hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu", "ordinal-N",
-    "ordinal-N-mu", "beta", "squashed", "auto-N", "auto-N-mu",
+    "ordinal-N-mu", "beta", "squashed", "auto-N", "auto-N-mu", "auto-axes-N", "auto-axes-N-mu",
 )  # fmt: skip
 
 

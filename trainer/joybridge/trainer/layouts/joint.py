@@ -19,10 +19,9 @@ def joint(device: pb.Device, setting: str) -> Layout:
     space = Spacing("joint", setting)
     sizes = [*(space.values for _ in device.axes), *(len(branch.choices) for branch in device.branches)]
     if (count := math.prod(sizes)) > MOST:
-        found = f"{count:,}" if count < 10**12 else f"about 10^{math.log10(count):.0f}"
         raise DeviceError(
-            f"{found} joint choices, expected at most {MOST:,}; take a smaller N, or bucket-N, which chooses for each "
-            "axis by itself"
+            f"{in_words(count)} joint choices, expected at most {MOST:,}; take a smaller N, or bucket-N, which chooses "
+            "for each axis by itself"
         )
     rows = np.indices(sizes, np.int32).reshape(len(sizes), count).T
     axes = len(device.axes)
@@ -32,3 +31,8 @@ def joint(device: pb.Device, setting: str) -> Layout:
         np.stack(positions, axis=1) if positions else None,
     )  # fmt: skip
     return Layout(discrete=(table,))
+
+
+def in_words(count: int) -> str:
+    """Return a number of any size in a few characters."""
+    return f"{count:,}" if count < 10**12 else f"about 10^{math.log10(count):.0f}"

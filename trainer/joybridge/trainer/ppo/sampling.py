@@ -6,6 +6,7 @@ from torch import Tensor
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.layouts import ActionSpace
+from joybridge.trainer.layouts.layout import conditions_met
 from joybridge.trainer.ppo.continuous import log_probs_of_each, sample_each
 from joybridge.trainer.ppo.distributions import FORBIDDEN
 from joybridge.trainer.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
@@ -46,8 +47,14 @@ def sample_actions(
 def leave_one_choice(space: ActionSpace, discrete: Array, masks: Array) -> None:
     """Forbid all choices but the first of branches that do not count with what other branches have chosen.
 
-    Such a branch has the probability 1 and the entropy 0, so it adds nothing to the loss. discrete [n, branches]: what
-    was chosen. masks [n, branches, widest] are changed.
+    The first choice is allowed even where the game forbids it: nothing comes of it. Such a branch has the probability 1
+    and the entropy 0, so it adds nothing to the loss. discrete [n, branches]: what was chosen. masks [n, branches,
+    widest] are changed.
     """
-    for branch, other, choice in space.given:
-        masks[discrete[:, other] != choice, branch, 1 : space.branches[branch]] = FORBIDDEN
+    if not space.given:
+        return
+    branches, met = conditions_met(space.given, discrete)
+    one = np.full(space.widest, FORBIDDEN, np.float32)
+    one[0] = 0.0
+    lanes, columns = np.nonzero(~met)
+    masks[lanes, branches[columns]] = one
