@@ -128,7 +128,10 @@ def _compare(
 
 
 def _additions(layout: Layout, masks: Sequence[Array] | None, discrete: Array) -> Array | None:
-    """Return what to add to the logits, [rows, branches, widest]; None where all choices are allowed."""
+    """Return what to add to the logits, [rows, branches, widest]; None where all choices are allowed.
+
+    Branches that do not count get the choice that is left to them, in `discrete`.
+    """
     space = layout.space
     if masks is None and not space.given:
         return None

@@ -45,16 +45,17 @@ def sample_actions(
 
 
 def leave_one_choice(space: ActionSpace, discrete: Array, masks: Array) -> None:
-    """Forbid all choices but the first of branches that do not count with what other branches have chosen.
+    """Leave only the first allowed choice of branches that do not count with what others have chosen, and choose it.
 
-    The first choice is allowed even where the game forbids it: nothing comes of it. Such a branch has the probability 1
-    and the entropy 0, so it adds nothing to the loss. discrete [n, branches]: what was chosen. masks [n, branches,
-    widest] are changed.
+    Such a branch has the probability 1 and the entropy 0, so it adds nothing to the loss. discrete [n, branches]: what
+    was chosen. It and masks [n, branches, widest] are changed.
     """
     if not space.given:
         return
     branches, met = conditions_met(space.given, discrete)
-    one = np.full(space.widest, FORBIDDEN, np.float32)
-    one[0] = 0.0
     lanes, columns = np.nonzero(~met)
-    masks[lanes, branches[columns]] = one
+    columns = branches[columns]
+    first = masks[lanes, columns].argmax(axis=1)
+    masks[lanes, columns] = FORBIDDEN
+    masks[lanes, columns, first] = 0.0
+    discrete[lanes, columns] = first
