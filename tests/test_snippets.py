@@ -64,7 +64,7 @@ READERS = {
     "my_layouts.py",
     "ppo.py",
     "reflection.proto",
-    "walker.yaml",
+    "Walker.yaml",
 }  # or of others
 CHECKOUT = re.compile(r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S")
 

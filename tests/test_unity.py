@@ -20,6 +20,8 @@ from joybridge.trainer.mlagents.connection import connect
 from joybridge.trainer.mlagents.connection import play as play_for_a_trainer
 from joybridge.trainer.mlagents.player import Player
 from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.errors import SimulatorError
+from joybridge.trainer.wire.launch import simulator_process
 from tests.support.unity_player import DIES, HANGS, StandIn, agent, free_port, hybrid, says, vector
 
 QUICK = "wait=0.3"  # seconds, for players that say nothing
@@ -306,6 +308,21 @@ def test_our_own_player_plays_what_the_game_played_directly_does(simulator):
     assert not player.is_alive()
 
 
+def test_a_session_that_ends_gives_its_player_back():
+    port = free_port()
+    player = StandIn(port, [TWO] * 6)
+    with simulator_process([f"unity-port:{port} areas=2 any_seed=true"]) as server:
+        for transport in ("grpc", "local"):
+            with Session(server, "unity", arenas=2, seed=3, transport=transport) as session:
+                (step,) = session.step(make_acts(session.spec, 2))
+                assert step.observations[0].tolist() == [[0.5], [1.5]]
+                with pytest.raises(SimulatorError, match=r"player 0, .* is not free: another"):
+                    Session(server, "unity", arenas=2, seed=3)
+    player.join(10)  # it hears of the end of the server
+    assert player.heard[-1].header.status == END
+    assert [step.command for step in player.steps[:-1]] == [ml.RESET, ml.STEP, ml.RESET, ml.STEP]
+
+
 BUILD = """#!/bin/sh
 exec {} -P {} "$@"
 """
@@ -330,12 +347,16 @@ def test_a_build_is_started_for_every_player_and_seed(build):
     session.step(act([[0.5]] * 3))
     session.reset(7, {})
     assert session.observe()[0].observations[0].tobytes() == first.tobytes()
+    other = game({}, {}, 1, 1, 7)
     processes = [troupe.player.process._process for troupe in session._troupes]
     processes[1].kill()
     with pytest.raises(GameError, match=r"has ended with exit status -9|has gone"):
         session.step(act([[0.5]] * 3))
     session.close()
     assert [process.wait(10) for process in processes] == [0, -9]
+    (step,) = other.step(act([[0.5]]))  # another session is not affected
+    assert step.observations[0].tolist() == [[7, 1, 1]]
+    other.close()
 
 
 @pytest.mark.parametrize(

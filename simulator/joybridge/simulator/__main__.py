@@ -54,6 +54,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     except (JoybridgeError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:  # before anything is served, as while a player is waited for
+        print("interrupted", file=sys.stderr)
+        return 130
     return 0
 
 

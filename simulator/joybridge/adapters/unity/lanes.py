@@ -22,11 +22,12 @@ class Lanes:
     def clear(self) -> None:
         """Begin anew, without agents."""
         self._seen = [np.zeros(shape, one.dtype) for shape, one in zip(self._shapes, self.form.sensors, strict=True)]
+        self._every_lane = np.arange(self.count)
         self.begin()
 
     def begin(self) -> None:
         """Begin a step: nobody decides, and nothing was earned."""
-        self._seen = [one.copy() for one in self._seen]
+        self._copied = False  # what was seen before, which the last step has
         self._allowed = np.ones((self.count, sum(self.form.sizes)), bool)
         self._deciding = np.zeros(self.count, bool)
         self._rewards = np.zeros((self.count, 2), np.float32)
@@ -37,8 +38,7 @@ class Lanes:
         """Take agents whose episodes have ended. metrics: float32 [agents, metrics]."""
         self._rewards[lanes] = agents.rewards
         self._terminated[lanes], self._truncated[lanes] = ~agents.interrupted, agents.interrupted
-        for seen, values in zip(self._seen, agents.observations, strict=True):
-            seen[lanes] = values
+        self._see(lanes, agents.observations)
         self._ends.append((lanes, agents, metrics))
 
     def ask(self, lanes: Array, agents: Agents, known: Array) -> None:
@@ -49,7 +49,15 @@ class Lanes:
         self._deciding[lanes] = True
         self._rewards[lanes[known]] = agents.rewards[known]
         self._allowed[lanes] = agents.allowed
-        for seen, values in zip(self._seen, agents.observations, strict=True):
+        self._see(lanes, agents.observations)
+
+    def _see(self, lanes: Array, observations: list[Array]) -> None:
+        if np.array_equal(lanes, self._every_lane):
+            self._seen, self._copied = observations, False
+            return
+        if not self._copied:
+            self._seen, self._copied = [one.copy() for one in self._seen], True
+        for seen, values in zip(self._seen, observations, strict=True):
             seen[lanes] = values
 
     def step(self) -> StepArrays:

@@ -7,6 +7,7 @@ first of them, which is read by protobuf. All others are read one by one; so are
 from collections import defaultdict
 from collections.abc import Sequence
 from itertools import pairwise
+from math import isfinite
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -133,7 +134,8 @@ class AgentReader:
     def _check(self, agents: Agents) -> None:
         """Check the values. Raises GameError."""
         for where, values in (("a reward", agents.rewards), *self._floats(agents)):
-            if not np.isfinite(values).all():
+            # A finite sum of squares means that all values are finite. It is faster than testing each value.
+            if not isfinite(np.vdot(values, values)) and not np.isfinite(values).all():
                 row = np.argwhere(~np.isfinite(values))[0][0]
                 raise self._wrong(f"{where} of agent {agents.ids[row]} is not finite, expected finite numbers")
         for branch, (begin, end) in enumerate(self._bounds):

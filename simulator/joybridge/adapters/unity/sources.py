@@ -7,7 +7,7 @@ import atexit
 import hashlib
 import logging
 from collections.abc import Sequence
-from threading import Lock
+from threading import Condition
 
 from joybridge.adapters.settings import AdapterError
 from joybridge.adapters.unity.communicator import Communicator
@@ -18,6 +18,7 @@ from joybridge.simulator.batched_game import GameError
 
 log = logging.getLogger("simulator")
 SEEDS = 2**31  # a player's seed is an int32
+GIVE_BACK_SECONDS = 1.0  # for a session that has ended to give its players back
 
 
 class Builds:
@@ -66,14 +67,16 @@ class Ports:
         self._communicators = [Communicator(int(place) + number) for number in range(settings.players)]
         self._players: dict[int, UnityPlayer] = {}  # that are connected, by number
         self._taken: set[int] = set()
-        self._lock = Lock()
+        self._changed = Condition()  # what is taken
         for communicator in self._communicators:
             atexit.register(communicator.end)
 
     def open(self, numbers: Sequence[int], seed: int) -> list[UnityPlayer]:
         """Take these players, and wait for those that are not there. Raises GameError."""
         ports = [one.port for one in self._communicators]
-        with self._lock:
+        with self._changed:
+            # The session before this one may have ended a moment ago.
+            self._changed.wait_for(lambda: not self._taken.intersection(numbers), GIVE_BACK_SECONDS)
             for number in numbers:
                 if number >= len(ports) or number in self._taken:
                     why = "another session plays with it" if number < len(ports) else "nobody listens for it"
@@ -87,8 +90,9 @@ class Ports:
             for number in numbers:
                 players.append(self._player(number, player_seed(seed, number)))
         except BaseException:
-            with self._lock:
+            with self._changed:
                 self._taken.difference_update(numbers)
+                self._changed.notify_all()
             raise
         return players
 
@@ -100,13 +104,14 @@ class Ports:
 
     def release(self, players: Sequence[UnityPlayer]) -> None:
         """Keep players for another session, and dismiss those that cannot go on."""
-        with self._lock:
+        with self._changed:
             for number, player in list(self._players.items()):
                 if player in players:
                     self._taken.discard(number)
                     if not player.communicator.waiting:
                         player.end()
                         del self._players[number]
+            self._changed.notify_all()
 
     def _player(self, number: int, seed: int) -> UnityPlayer:
         player = self._players.get(number)
