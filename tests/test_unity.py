@@ -370,3 +370,16 @@ def test_a_build_is_started_for_every_player_and_seed(build):
 def test_a_build_that_does_not_start_is_named(place, text):
     with pytest.raises(CatalogError, match=text):
         load_game(f"unity:{place}")
+
+
+def test_after_a_player_has_failed_another_one_is_waited_for():
+    game, player = serve([TWO, HANGS], f"areas=2 {QUICK}")
+    session = game({}, {}, 2, 0, 0)
+    with pytest.raises(GameError, match="said nothing"):
+        session.step(act([[0.0], [0.0]]))
+    session.close()
+    second = StandIn(player.port, [TWO, HANGS])
+    game({}, {}, 2, 0, 9)
+    assert second.heard[0].from_trainer.hello.seed == 9  # it had not been greeted yet
+    player.over.set()
+    second.over.set()

@@ -21,6 +21,7 @@ from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.simulator.batched_game import GameError
 
 MAX_LAYOUTS = 8  # of agents of the same length
+MAX_LENGTHS = 256  # of which layouts are remembered
 
 
 class AgentReader:
@@ -90,6 +91,8 @@ class AgentReader:
 
     def _read_alike(self, rows: Array, index: Array | slice, agents: Agents) -> None:
         """Read agents of the same length. rows: uint8 [agents, length]; index: their numbers."""
+        if len(self._layouts) >= MAX_LENGTHS:
+            self._layouts.clear()
         layouts = self._layouts[rows.shape[1]]
         for layout in layouts:
             fits = layout.fits(rows)
