@@ -83,7 +83,7 @@ def test_a_number_that_ends_before_those_of_other_agents_do_is_not_read_with_the
     one = reader()
     long = ml.AgentList(agents=[agent(300, *FIRST.observations)]).SerializeToString()
     assert one.read(long).ids.tolist() == [300]
-    with pytest.raises(GameError, match="expected 2, as at first|no message of ML-Agents"):
+    with pytest.raises(GameError, match=r"expected 2, as at first|no message of ML-Agents"):
         one.read(long.replace(b"\x50\xac\x02", b"\x50\x05\x78"))
 
 
