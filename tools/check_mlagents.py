@@ -3,7 +3,7 @@
 Four games are driven over localhost: masks, hybrid actions, turns, two behaviors, ends of both kinds, side channels.
 Then the same actions are played through our own client, and everything is compared to the bit. At last it is timed,
 with 64 agents; and so is the player alone, under a trainer that does nothing, because most of that time is that of
-`mlagents_envs`.
+`mlagents_envs`. A file `.demo` that the real `mlagents` writes is read here as `mlagents` itself reads it.
 
 `mlagents_envs` needs Python 3.10. It is installed into `.venv-mlagents` once. Exit status: 0; 1 at the first failure;
 77 before it begins, where Python 3.10 or the package cannot be had.
@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -29,10 +29,15 @@ from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import ANY_LENGTH, END, FINE, METHOD, SERVICE, VERSION
+from joybridge.trainer.demonstration_files import load_demonstration
+from joybridge.trainer.demonstrations import load_recorded
+from joybridge.trainer.formats.episodes import Episode, finished_episodes
 from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.look import obey_masks, press_at_random
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
+from joybridge.v1 import bridge_pb2 as pb
 from tools.check_wheel import find_python
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,9 +48,10 @@ REQUIREMENTS = (
     "setuptools<81", "numpy==1.23.5", "protobuf==3.20.3", "grpcio==1.48.2",
     "Pillow", "pyyaml", "cloudpickle", "filelock",
 )  # fmt: skip
-PACKAGE = "mlagents-envs==1.1.0"
+PACKAGES = ("mlagents-envs==1.1.0", "mlagents==1.1.0")
 GAMES = ("archer", "noughts", "ferry", "shooting_birds")
 TIMED = "shooting_birds"
+DEMONSTRATED, DEMONSTRATED_STEPS = "archer", 300  # a game with an axis, a branch and masks
 SEED, ARENAS, RESET_AT, STEPS = 3, 4, 70, 120  # as in tools/mlagents/drive.py
 PARAMETERS: Mapping[str, tuple[str, tuple[float, float]]] = {"shooting_birds": ("bird_speed", (0.5, 1.5))}
 TIMED_ARENAS, TIMED_STEPS = 64, 400
@@ -71,6 +77,7 @@ def main() -> int:
                 with np.load(Path(folder) / f"{game}.npz") as archive:
                     steps = compare(simulator, game, dict(archive))
                 print(f"{game}: {steps} decisions and ends of agents are equal to the bit")
+            print(demonstrate(simulator, Path(folder)), "are the same to mlagents and here")
             print(f"{measure(simulator):.0f} agent-steps/s of the player alone, with {TIMED_ARENAS} agents")
     except Failed as failure:
         print(f"failed: {failure}", file=sys.stderr)
@@ -84,7 +91,9 @@ def install() -> str:
     python = ENVIRONMENT / "bin/python"
     if (
         python.exists()
-        and not subprocess.run([python, "-c", "import mlagents_envs.environment"], check=False).returncode
+        and not subprocess.run(
+            [python, "-c", "import mlagents_envs.environment, mlagents.trainers"], check=False
+        ).returncode
     ):
         return ""
     base = find_python("3.10")
@@ -95,14 +104,14 @@ def install() -> str:
     for command in (
         [str(base), "-m", "venv", str(ENVIRONMENT)],
         [*pip, *REQUIREMENTS],
-        [*pip, "--no-deps", "--ignore-requires-python", PACKAGE],
+        [*pip, "--no-deps", "--ignore-requires-python", *PACKAGES],
     ):
         try:
             subprocess.run(command, check=True, capture_output=True, text=True, timeout=INSTALL_SECONDS)
         except (subprocess.SubprocessError, OSError) as error:
             said = str(getattr(error, "stderr", "") or error).strip().splitlines()
             shutil.rmtree(ENVIRONMENT, ignore_errors=True)
-            return f"{PACKAGE} cannot be installed: {said[-1] if said else error}"
+            return f"{' and '.join(PACKAGES)} cannot be installed: {said[-1] if said else error}"
     return ""
 
 
@@ -194,6 +203,56 @@ def expected(step: StepArrays, asked: Array, rewards: Array) -> Iterator[tuple[s
             yield f"final{index}", step.final_observations[index].astype(np.float32)
     for index, mask in enumerate(step.masks or ()):
         yield f"mask{index}", ~mask[asked]
+
+
+def demonstrate(simulator: str, folder: Path) -> str:
+    """Let the real package write and read what a game was; return what was compared. Raises Failed."""
+    rng = np.random.default_rng(SEED)
+    with Session(simulator, DEMONSTRATED, arenas=ARENAS, seed=SEED) as session:
+        recorder = session.record_demonstration(folder / "demos")
+        acts, (part,) = make_acts(session.spec, ARENAS), session.spec.behaviors
+        for _ in range(DEMONSTRATED_STEPS):
+            press_at_random(part.device, acts[0], rng)
+            obey_masks(acts[0], session.steps[0], rng)
+            session.step(acts)
+    assert recorder.path
+    ours = load_recorded(recorder.path, None)
+    episodes = [one for stretch in ours.stretches for one in finished_episodes(stretch, 0)]
+    given, file, read = folder / "given.npz", folder / "theirs.demo", folder / "read.npz"
+    written = _rows(part, episodes)
+    np.savez(given, **written)
+    command = [str(ENVIRONMENT / "bin/python"), str(ROOT / "tools/mlagents/demonstration.py"), str(given), str(file)]
+    done = subprocess.run([*command, str(read)], capture_output=True, text=True, timeout=DEADLINE, check=False)
+    if done.returncode:
+        raise Failed(f"{' '.join(command)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+    stretches = load_demonstration(file, ours.spec).stretches
+    here = _rows(part, [one for stretch in stretches for one in finished_episodes(stretch, 0)])
+    ordered = _rows(part, sorted(episodes, key=len))  # as they are here
+    with np.load(read) as there:
+        for name, values in there.items():
+            if (values.reshape(written[name].shape) != written[name]).any() or (here[name] != ordered[name]).any():
+                raise Failed(f"{DEMONSTRATED}: {name} of a file .demo is not what was written")
+    return f"{DEMONSTRATED}: {sum(map(len, episodes))} decisions of {len(episodes)} episodes in a file .demo"
+
+
+def _rows(behavior: pb.Behavior, episodes: Sequence[Episode]) -> dict[str, Any]:
+    """Return episodes as a row per step of an agent, with the action that led to it."""
+    rows: dict[str, list[Any]] = {name: [] for name in ("reward", "done", "interrupted", "id", "mask")}
+    axes, choices = (np.zeros((1, len(part))) for part in (behavior.device.axes, behavior.device.branches))
+    for number, one in enumerate(episodes):
+        last = np.arange(len(one) + 1) == len(one)
+        rows["reward"].append(np.append(0, one.rewards[:, 0]))
+        rows["done"].append(last)
+        rows["interrupted"].append(last & one.truncated)
+        rows["id"].append(np.full(len(last), number))
+        rows["mask"].append(~np.concatenate(one.masks or [], axis=1))
+        for sensor, seen in zip(behavior.sensors, one.observations, strict=True):
+            rows.setdefault(f"sensor {sensor.name}", []).append(seen)
+        rows.setdefault("continuous", []).append(np.concatenate([axes, one.act.axes]))
+        rows.setdefault("discrete", []).append(np.concatenate([choices, one.act.choices]).astype(np.int32))
+    sizes = [len(branch.choices) for branch in behavior.device.branches]
+    joined = {name: np.concatenate(parts) for name, parts in rows.items()}
+    return joined | {"sizes": np.array(sizes), "behavior": np.array(behavior.name)}
 
 
 def measure(simulator: str) -> float:

@@ -215,3 +215,25 @@ class ActionSpec(_message.Message):
     discrete_actions: int
     branch_sizes: _containers.RepeatedScalarFieldContainer[int]
     def __init__(self, continuous_actions: _Optional[int] = ..., discrete_actions: _Optional[int] = ..., branch_sizes: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class DemonstrationHeading(_message.Message):
+    __slots__ = ("api_version", "name", "steps", "episodes", "mean_reward")
+    API_VERSION_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    STEPS_FIELD_NUMBER: _ClassVar[int]
+    EPISODES_FIELD_NUMBER: _ClassVar[int]
+    MEAN_REWARD_FIELD_NUMBER: _ClassVar[int]
+    api_version: int
+    name: str
+    steps: int
+    episodes: int
+    mean_reward: float
+    def __init__(self, api_version: _Optional[int] = ..., name: _Optional[str] = ..., steps: _Optional[int] = ..., episodes: _Optional[int] = ..., mean_reward: _Optional[float] = ...) -> None: ...
+
+class DemonstrationStep(_message.Message):
+    __slots__ = ("agent", "action")
+    AGENT_FIELD_NUMBER: _ClassVar[int]
+    ACTION_FIELD_NUMBER: _ClassVar[int]
+    agent: Agent
+    action: Action
+    def __init__(self, agent: _Optional[_Union[Agent, _Mapping]] = ..., action: _Optional[_Union[Action, _Mapping]] = ...) -> None: ...

@@ -7,6 +7,7 @@ from joybridge.trainer.demonstrations import Demonstration, load_recorded
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import read_file, write_atomically
 from joybridge.trainer.formats.minari_import import DATA, load_minari
+from joybridge.trainer.formats.mlagents_import import is_mlagents, load_mlagents
 from joybridge.trainer.wire.demonstration_log import SUFFIX
 from joybridge.trainer.wire.recording import LARGEST_FILE
 from joybridge.v1 import bridge_pb2 as pb
@@ -57,14 +58,16 @@ def chosen_demonstrations(folder: Path, run: Path, *, resumed: bool) -> tuple[li
 
 def load_demonstration(path: Path, spec: pb.GameSpec) -> Demonstration:
     """Return what a file holds. Raises RecordingError unless it fits a game with this spec, and ConfigError."""
-    return load_minari(path, spec) if path.name == DATA else load_recorded(path, spec)
+    if path.name == DATA:
+        return load_minari(path, spec)
+    return load_mlagents(path, spec) if is_mlagents(path) else load_recorded(path, spec)
 
 
 def foreign_kind(path: Path) -> str:
     """Return what a file or folder is in words if it is in the format of others, "" otherwise."""
     if any(place.exists() for place in (path / DATA, path / "data" / DATA)) or path.name == DATA:
         return "a dataset of Minari"
-    return ""
+    return "a demonstration of ML-Agents" if is_mlagents(path) else ""
 
 
 def _sum(file: Path) -> str:

@@ -61,6 +61,7 @@ class Demonstration(NamedTuple):
     spec: pb.GameSpec
     stretches: list[Stretch]
     cut: int  # bytes of a record at the end that was not written to its end
+    missing: int = 0  # steps that the file says it has
 
     def episodes(self, behavior: int) -> tuple[int, int]:
         """Return how many episodes of a behavior are finished, and in how many more a decision was made."""
@@ -74,6 +75,8 @@ class Demonstration(NamedTuple):
         parts = [f"{begun} unfinished episode{'s' if begun > 1 else ''}"] if begun else []
         if self.cut:
             parts.append(f"the last {self.cut} bytes, which were not written to their end")
+        if self.missing:
+            parts.append(f"{self.missing:,} steps, which are not in the file, though it counts them")
         return f"{self.path}: left out: {' and '.join(parts)}" if parts else ""
 
 

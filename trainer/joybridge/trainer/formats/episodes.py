@@ -1,7 +1,7 @@
 """Demonstrations as single episodes, which is what the formats of others hold, and episodes as demonstrations."""
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,6 +87,15 @@ def check_episode(episode: Episode, behavior: pb.Behavior) -> None:
         Codec(alone, decisions).unpack_act(pack_act(episode.act), step)  # decisions as lanes
     except TensorError as error:
         raise TensorError(str(error).replace(" in lane ", " in decision ")) from None
+
+
+def exact(values: Array, dtype: Any) -> Array:
+    """Return numbers in another type; only float32 may round them. Raises ValueError."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        cast = values.astype(dtype)
+    if cast.dtype.kind != "f" and not (cast == values).all():
+        raise ValueError(f"{values[cast != values][0]} is no {cast.dtype}")
+    return cast
 
 
 def join_episodes(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> Iterator[Stretch]:

@@ -14,6 +14,7 @@ from gymnasium import spaces
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.contract.text import printable
+from joybridge.trainer.formats.episodes import exact
 from joybridge.v1 import bridge_pb2 as pb
 
 MASK = "action_mask"
@@ -107,7 +108,7 @@ def act_reader(space: Any, device: pb.Device) -> Callable[[Any], ActArrays]:
         chosen = (chosen - starts)[:, branches] if others else np.zeros((rows, 0))
         inside = np.clip(values, low, high)
         near = np.where(np.abs(inside - values) <= span, inside, values)
-        return ActArrays(near.astype(np.float32), _exact(chosen, np.int32))
+        return ActArrays(near.astype(np.float32), exact(chosen, np.int32))
 
     return read
 
@@ -149,12 +150,12 @@ def _reader(part: Part, sensor: pb.Sensor) -> Read | None:
 
     def values(observations: Any) -> Array:
         array = _at(observations, part.path)
-        return _exact(array.reshape(len(array), *shape), dtype)
+        return exact(array.reshape(len(array), *shape), dtype)
 
     def one_hot(observations: Any) -> Array:
         counts, starts = _counts(part)
         array = _at(observations, part.path)
-        index = _exact(array.reshape(len(array), -1) - starts, np.int64)
+        index = exact(array.reshape(len(array), -1) - starts, np.int64)
         if index.shape[1] != len(counts) or not ((index >= 0) & (index < counts)).all():
             raise ValueError(f"{part.name} lies outside of its space {described(part.space)}")
         rows = np.zeros((len(array), *shape), np.float32)
@@ -195,12 +196,3 @@ def _columns(actions: Any, found: Sequence[Part]) -> Array:
 
 def _flat(arrays: Sequence[Any], dtype: Any) -> Array:
     return np.concatenate([np.ravel(one) for one in arrays]).astype(dtype) if len(arrays) else np.zeros(0, dtype)
-
-
-def _exact(values: Array, dtype: Any) -> Array:
-    """Return numbers in another type; only float32 may round them. Raises ValueError."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        cast = values.astype(dtype)
-    if cast.dtype.kind != "f" and not (cast == values).all():
-        raise ValueError(f"{values[cast != values][0]} is no {cast.dtype}")
-    return cast

@@ -21,7 +21,7 @@ from joybridge.mlagents.side_channels import Payload
 from joybridge.mlagents.wire import LARGEST, CommunicatorError
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.mlagents.records import AgentRecords
+from joybridge.trainer.mlagents.records import AgentRecords, scale_axes
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.wire.client import Session
 from joybridge.v1 import bridge_pb2 as pb
@@ -107,7 +107,6 @@ class Behavior:
         self._low, self._high = (
             np.array([getattr(axis, end) for axis in spec.device.axes], np.float32) for end in ("low", "high")
         )
-        self._unit = (self._low == -1.0) & (self._high == 1.0)
         self._counts = np.array([len(branch.choices) for branch in spec.device.branches], np.int64)
         self._metrics = [f"{spec.name}/{metric.name}" for metric in spec.metrics]
         self._told = False  # that a forbidden choice was replaced
@@ -166,7 +165,7 @@ class Behavior:
                 f"values together, expected {wanted[0]} with {wanted[1]} and {wanted[2]}: one per agent that asked"
             )
         act = ActArrays(self._rest.axes.copy(), self._rest.choices.copy())
-        act.axes[self.asked] = self._scale(axes.reshape(agents, -1))
+        act.axes[self.asked] = scale_axes(axes.reshape(agents, -1), self._low, self._high)
         act.choices[self.asked] = self._allowed(choices.reshape(agents, -1), last)
         return act
 
@@ -181,11 +180,6 @@ class Behavior:
         if self.announcement is not None:
             answer.hello.behaviors.append(self.announcement)
             self.announcement = None
-
-    def _scale(self, axes: Array) -> Array:
-        low, high = self._low.astype(np.float64), self._high.astype(np.float64)
-        scaled = np.where(self._unit, axes, low + (axes + np.float64(1.0)) * (high - low) / 2)
-        return np.clip(scaled.astype(np.float32), self._low, self._high)
 
     def _allowed(self, choices: Array, last: StepArrays) -> Array:
         if not ((choices >= 0) & (choices < self._counts)).all():

@@ -59,6 +59,14 @@ class AgentRecords:
         return records.tobytes()
 
 
+def scale_axes(axes: Array, low: Array, high: Array) -> Array:
+    """Return axes of ML-Agents, which lie in -1..1, within the bounds of a device; float32 [rows, axes]."""
+    first, last = low.astype(np.float64), high.astype(np.float64)
+    unit = (low == -1.0) & (high == 1.0)
+    scaled = np.where(unit, axes, first + (axes + np.float64(1.0)) * (last - first) / 2)
+    return np.clip(scaled.astype(np.float32), low, high)
+
+
 def is_image(sensor: pb.Sensor) -> bool:
     """Return whether a sensor is sent as an image, channels first, 0 to 1; all others are sent as vectors."""
     return sensor.dtype == pb.DTYPE_UINT8 and len(sensor.shape) == 3
