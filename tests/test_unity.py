@@ -348,7 +348,7 @@ def test_a_build_is_started_for_every_player_and_seed(build):
     session.reset(7, {})
     assert session.observe()[0].observations[0].tobytes() == first.tobytes()
     other = game({}, {}, 1, 1, 7)
-    processes = [troupe.player.process._process for troupe in session._troupes]
+    processes = [agents.player.process._process for agents in session._agents]
     processes[1].kill()
     with pytest.raises(GameError, match=r"has ended with exit status -9|has gone"):
         session.step(act([[0.5]] * 3))

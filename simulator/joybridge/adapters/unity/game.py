@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 from joybridge.adapters.unity.forms import BehaviorForm
 from joybridge.adapters.unity.lanes import Lanes
+from joybridge.adapters.unity.player_agents import PlayerAgents
 from joybridge.adapters.unity.settings import UnitySettings
 from joybridge.adapters.unity.sources import Builds, Ports
-from joybridge.adapters.unity.troupe import Troupe
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.simulator.batched_game import BatchedGame
 from joybridge.v1 import bridge_pb2 as pb
@@ -38,13 +38,13 @@ class UnityGame(BatchedGame):
         areas = self.settings.areas
         self._numbers = range(first_arena // areas, (first_arena + arenas - 1) // areas + 1)
         self._lanes = {form.name: Lanes(form, arenas) for form in self.forms}
-        self._troupes: list[Troupe] = []
+        self._agents: list[PlayerAgents] = []
         self._play_with(self.source.open(self._numbers, seed), unused=not parameters)
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin new episodes; with a seed, in players that begin with it."""
         self._parameters.update(parameters)
-        players = [troupe.player for troupe in self._troupes]
+        players = [agents.player for agents in self._agents]
         if seed is None:
             self._begin()
         else:
@@ -57,23 +57,23 @@ class UnityGame(BatchedGame):
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every player by one decision of its agents."""
         by_name = dict(zip(self._lanes, acts, strict=True))
-        for troupe in self._troupes:
-            troupe.player.send(troupe.actions(by_name))
+        for agents in self._agents:
+            agents.player.send(agents.actions(by_name))
         for lanes in self._lanes.values():
             lanes.begin()
-        for troupe in self._troupes:
-            troupe.take(troupe.player.receive(), self._lanes)
+        for agents in self._agents:
+            agents.take(agents.player.receive(), self._lanes)
         return [lanes.step() for lanes in self._lanes.values()]
 
     def close(self) -> None:
         """Give the players back."""
-        self.source.release([troupe.player for troupe in self._troupes])
-        self._troupes = []
+        self.source.release([agents.player for agents in self._agents])
+        self._agents = []
 
     def _play_with(self, players: list[Any], *, unused: bool) -> None:
         areas = self.settings.areas
-        self._troupes = [
-            Troupe(player, self.forms, areas, number * areas - self._first_arena)
+        self._agents = [
+            PlayerAgents(player, self.forms, areas, number * areas - self._first_arena)
             for number, player in zip(self._numbers, players, strict=True)
         ]
         try:
@@ -84,13 +84,13 @@ class UnityGame(BatchedGame):
 
     def _begin(self, *, unused: bool = False) -> None:
         """Begin new episodes in all players. unused: also where they have begun already and nothing was played."""
-        begun = [unused and troupe.player.unused for troupe in self._troupes]
-        for troupe, first in zip(self._troupes, begun, strict=True):
+        begun = [unused and agents.player.unused for agents in self._agents]
+        for agents, first in zip(self._agents, begun, strict=True):
             if not first:
-                troupe.player.ask_reset(self._parameters)
+                agents.player.ask_reset(self._parameters)
         for lanes in self._lanes.values():
             lanes.clear()
-        for troupe, first in zip(self._troupes, begun, strict=True):
-            troupe.begin(first or troupe.player.receive(), self._lanes)
-            troupe.player.unused = None
+        for agents, first in zip(self._agents, begun, strict=True):
+            agents.begin(first or agents.player.receive(), self._lanes)
+            agents.player.unused = None
         self._step = [lanes.step() for lanes in self._lanes.values()]

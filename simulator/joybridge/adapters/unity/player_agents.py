@@ -53,7 +53,7 @@ class Part:
         return np.where((places >= 0) & (lanes >= 0) & (lanes < count), lanes, -1)
 
 
-class Troupe:
+class PlayerAgents:
     """The agents of one player. An agent that finds no free lane is given zeros, as ML-Agents does without a policy."""
 
     def __init__(self, player: UnityPlayer, forms: Sequence[BehaviorForm], areas: int, first_arena: int) -> None:
