@@ -9,6 +9,7 @@ from joybridge.viewer.arena import Settings
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.tab import play
 from joybridge.viewer.watched import watch
+from joybridge.viewer.watched_game import watch_game
 from joybridge.viewer.web import open_website
 from tests.support.chromium import PROGRAM, chromium
 from tests.support.servers import server
@@ -153,5 +154,21 @@ def test_a_training_is_watched(browser, simulator, tmp_path):
         other.close()
         tab.call("Page.bringToFront")
         tab.wait(f"{TURN} > {turn}")
+        assert tab.errors == []
+        tab.close()
+
+
+def test_a_game_is_watched(browser, simulator):
+    settings = Settings(1, {}, {})
+    with open_website(
+        0, lambda page: watch_game(page, lambda: simulator, "archer", settings, SECONDS), "watch.html"
+    ) as url:
+        tab = browser.tab()
+        tab.size(1280, 900)
+        tab.go(url)
+        tab.wait(f"{TURN} > 3")
+        assert not tab.value(SHOWN) and tab.text("#trained") == "random decisions"
+        hidden = "['curves-card', 'minds-card'].every((id) => document.getElementById(id).checkVisibility() === false)"
+        assert tab.value(hidden)
         assert tab.errors == []
         tab.close()

@@ -1,5 +1,6 @@
 """`joybridge watch`: a page sees the curves and the newest policy of a run, and the run does not notice."""
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -7,8 +8,12 @@ import pytest
 from joybridge.cli import main
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.train import train
-from joybridge.viewer import watched
+from joybridge.trainer.wire.errors import SimulatorLost
+from joybridge.viewer import watch as watching
+from joybridge.viewer import watched, watched_game
+from joybridge.viewer.arena import Settings
 from joybridge.viewer.watched import watch
+from joybridge.viewer.watched_game import watch_game
 from joybridge.viewer.web import open_website
 from tests.test_viewer import Page
 
@@ -68,3 +73,77 @@ def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(sim
 def test_what_is_no_run_is_named(tmp_path, capsys):
     assert main(["watch", str(tmp_path / "nothing"), "--no-browser"]) == 1
     assert f"{tmp_path / 'nothing'} is not the folder of a run" in capsys.readouterr().err
+
+
+def test_a_page_sees_random_allowed_play_of_a_game_without_a_run(simulator, monkeypatch):
+    monkeypatch.setattr(watched_game, "LOOK_SECONDS", 0.01)
+    monkeypatch.setattr(watched_game, "interval", lambda spec: 0.001)
+    lost = [True]
+
+    def reach():
+        if lost:
+            raise SimulatorLost(f"nobody is there: {lost.pop()}")
+        return simulator
+
+    settings = Settings(3, {}, {})
+    with open_website(0, lambda page: watch_game(page, reach, "archer", settings, 30.0), "watch.html") as url:
+        page = Page(url)
+        assert page.take("lost")["text"] == "nobody is there: True"
+        game, turn = page.begin()
+        assert game["name"] == "archer" and game["seed"] == "3" and "minds" not in turn
+        turns, ended = [turn], list[Any]()
+        while not ended:
+            turns.append(page.take("turn"))
+            ended = turns[-1]["ended"]
+        assert [one["turn"] for one in turns] == list(range(1, len(turns) + 1))
+        assert all(one["picture"][:2] == b"\xff\xd8" for one in turns)
+        for before, after in pairwise(turns):
+            (forbidden,), (pressed,) = (before["behaviors"][0]["forbidden"][0], after["behaviors"][0]["choices"][0])
+            assert pressed not in forbidden
+        assert {one["behaviors"][0]["choices"][0][0] for one in turns} == {0, 1, 2}
+        assert len({one["behaviors"][0]["axes"][0][0] for one in turns}) > 5
+        assert set(ended[0]["metrics"]) == {"hits", "accuracy"}
+        page.send("clock", running=False)
+        page.close()
+
+
+@pytest.mark.usefixtures("signals")
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--game", "nothing"], "no game named 'nothing'"),
+        (["--game", "shooting_birds", "options.level=77"], "option 'level' got '77'"),
+        ([], "choose one with --game"),
+    ],
+)
+def test_what_cannot_be_watched_at_an_address_is_named(simulator, capsys, more, message):
+    assert main(["watch", simulator, "--no-browser", *more]) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["127.0.0.1:1", "--simulator", "127.0.0.1:1"], "--simulator belongs to a run"),
+        (["runs/birds", "--game", "archer"], "belong to the address of a simulator; a run has its own"),
+        (["runs/birds", "options.level=2"], "belong to the address of a simulator; a run has its own"),
+        (["runs/birds", "--tls-ca", "ca.pem"], "--tls-ca and --token-file belong to a running simulator"),
+    ],
+)
+def test_options_that_do_not_belong_together_are_named(capsys, more, message):
+    with pytest.raises(SystemExit):
+        main(["watch", *more])
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("signals")
+def test_the_command_watches_a_game_at_an_address(simulator, monkeypatch, capsys):
+    class Visit:
+        def wait(self):
+            page = Page(capsys.readouterr().out.split()[3])
+            assert page.begin()[0]["name"] == "hybrid"
+            page.close()
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(watching, "Event", Visit)
+    assert main(["watch", simulator, "--game", "hybrid", "--port", "0", "--no-browser"]) == 0

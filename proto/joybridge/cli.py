@@ -30,7 +30,7 @@ COMMANDS = {
     "list": Command("joybridge.simulator.__main__", "simulator", "list the games and their options"),
     "look": Command("joybridge.trainer.look", "simulator", "draw random play of a game, beside what was pressed"),
     "play": Command("joybridge.viewer.play", "viewer", "play a game in the browser"),
-    "watch": Command("joybridge.viewer.watch", "train,viewer", "watch a training that runs, in the browser"),
+    "watch": Command("joybridge.viewer.watch", "train,viewer", "watch a training that runs, or a game, in the browser"),
     "minari": Command(
         "joybridge.trainer.formats.minari_export", "minari", "write demonstrations as datasets of Minari"
     ),

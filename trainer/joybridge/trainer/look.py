@@ -78,14 +78,15 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         look.error(f"argument --pictures: got {options.pictures}, expected at least 1")
     if options.seed < 0:
         look.error(f"argument --seed: got {options.seed}, expected at least 0")
-    if (options.tls_ca or options.token_file) and not _is_address(options.what):
+    if (options.tls_ca or options.token_file) and not is_address(options.what):
         look.error("--tls-ca and --token-file belong to the address of a running simulator")
-    if options.game and not _is_address(options.what):
+    if options.game and not is_address(options.what):
         look.error("--game belongs to the address of a running simulator; give the game in place of the address")
     return options
 
 
-def _is_address(text: str) -> bool:
+def is_address(text: str) -> bool:
+    """Return whether a text is the address of a simulator, and no name of a game."""
     return text.startswith("unix:") or re.fullmatch(r".+:\d+", text) is not None
 
 
@@ -97,7 +98,7 @@ def _open(
 
     The game is `what`, or `game` of the simulator at the address `what`.
     """
-    if not _is_address(what):
+    if not is_address(what):
         name, places = choose_game(what, (), None)
         with simulator_process(places) as place, _begin(place, name, settings, seed) as session:
             yield session
@@ -107,11 +108,16 @@ def _open(
     except argparse.ArgumentTypeError as error:
         raise ConfigError(str(error)) from None
     wait_for(place, WAIT, lambda text: print(text, file=sys.stderr))
+    with _begin(place, choose_at(place, game), settings, seed) as session:
+        yield session
+
+
+def choose_at(place: str, game: str | None) -> str:
+    """Return a game of a running simulator, or the only one that it has. Raises ConfigError and SimulatorError."""
     games = [game] if game else list_games(place)
     if len(games) != 1:
         raise ConfigError(f"the simulator at {place} has {', '.join(games)}; choose one with --game")
-    with _begin(place, games[0], settings, seed) as session:
-        yield session
+    return games[0]
 
 
 def _begin(place: str, game: str, settings: GameSettings, seed: int) -> Session:

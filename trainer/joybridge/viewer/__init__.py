@@ -12,6 +12,8 @@ messages.py   what a page and this program send each other
 controls.py   which keys, pointer and gamepad act on which axes and branches
 simulator.py  where sessions are opened
 watch.py      the command line of `joybridge watch`
+pace.py       the pace of what is watched
+watched_game.py    a game without a run, as a page shows it
 watched.py    a run in training, as a page shows it; needs torch
 page/         the page: HTML, style and JavaScript modules, without a build step
 """

@@ -95,6 +95,17 @@ class Arena:
             obey_masks(act, step, self._rng)
         if self._demonstration:
             self._demonstration.hold(self._lanes(seat))
+        self._step(draw=draw)
+
+    def play_at_random(self, every: int) -> None:
+        """Play one random allowed decision; what is pressed changes every so many decisions. Raises SimulatorError."""
+        for behavior, act, step in zip(self.spec.behaviors, self.acts, self.steps, strict=True):
+            if self.turn % every == 0:
+                press_at_random(behavior.device, act, self._rng)
+            obey_masks(act, step, self._rng)
+        self._step(draw=True)
+
+    def _step(self, *, draw: bool) -> None:
         steps, pictures = self.session.step_and_draw(self.acts, self._drawn if draw else [])
         if self.others:
             self.others.store(steps)

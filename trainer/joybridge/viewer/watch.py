@@ -1,41 +1,34 @@
-"""`joybridge watch`: watch a training that runs, in the browser."""
+"""`joybridge watch`: watch a training that runs, or a game of a running simulator, in the browser."""
 
 import argparse
 import sys
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
 
 from joybridge.contract.address import address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.game_settings import check_settings, read_settings
+from joybridge.trainer.look import choose_at, is_address
+from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.signals import interrupt_on_signals
+from joybridge.trainer.wire.client import describe
+
+ANSWER_SECONDS = 10.0  # for an answer of the simulator, before it is taken for lost
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.viewer") -> int:
     """Run the command line, the command first, and return its exit status."""
     options = _parse(arguments, prog)
-    from joybridge.trainer.config import run_config
-    from joybridge.trainer.simulators import last_simulators
-    from joybridge.viewer.simulator import Simulator
-    from joybridge.viewer.watched import watch
-    from joybridge.viewer.web import open_website
-
     interrupt_on_signals()
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:
-        run, place = options.run, None
-        config = run_config(run)
-        if options.simulator:
-            place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
-        with (
-            Simulator(place, () if place else last_simulators(run).games) as simulator,
-            open_website(
-                options.port, lambda page: watch(page, run, simulator.reach, options.seed), "watch.html"
-            ) as url,
-        ):
-            print(f"watch {run} ({config.game}, {config.layout}) at {url}\nCtrl-C ends it", flush=True)
+        with (_game if is_address(options.what) else _run)(options) as (what, url):
+            print(f"watch {what} at {url}\nCtrl-C ends it", flush=True)
             if not options.no_browser:
                 webbrowser.open(url)
             Event().wait()
@@ -47,19 +40,67 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     return 0
 
 
+@contextmanager
+def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
+    """Show a run; yield what is watched, and the URL of the page. Raises JoybridgeError."""
+    from joybridge.trainer.config import run_config
+    from joybridge.trainer.simulators import last_simulators
+    from joybridge.viewer.simulator import Simulator
+    from joybridge.viewer.watched import watch
+    from joybridge.viewer.web import open_website
+
+    run, place = Path(options.what), None
+    config = run_config(run)
+    if options.simulator:
+        place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
+    with (
+        Simulator(place, () if place else last_simulators(run).games) as simulator,
+        open_website(options.port, lambda page: watch(page, run, simulator.reach, options.seed), "watch.html") as url,
+    ):
+        yield f"{run} ({config.game}, {config.layout})", url
+
+
+@contextmanager
+def _game(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
+    """Show a game of a running simulator; the same. Raises JoybridgeError."""
+    from joybridge.viewer.arena import Settings
+    from joybridge.viewer.simulator import Simulator
+    from joybridge.viewer.watched_game import watch_game
+    from joybridge.viewer.web import open_website
+
+    try:
+        credentials = load_credentials(options.tls_ca, options.token_file)
+        place = ProtectedAddress(address(options.what), credentials)
+    except argparse.ArgumentTypeError as error:
+        raise ConfigError(str(error)) from None
+    chosen = read_settings(options.overrides)
+    settings = Settings(options.seed, chosen.options, chosen.parameters)
+    with Simulator(place, ()) as simulator:
+        game = choose_at(simulator.reach(), options.game)
+        check_settings(settings.options, settings.parameters, describe(place, game, settings.options))
+        with open_website(
+            options.port, lambda page: watch_game(page, simulator.reach, game, settings, ANSWER_SECONDS), "watch.html"
+        ) as url:
+            yield game, url
+
+
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
     watch = commands.add_parser(
         "watch",
-        help="watch a training that runs, in the browser",
+        help="watch a training that runs, or a game, in the browser",
         description="Watch a training that runs: its learning curves, and its newest policies at play. It only reads "
-        "the folder of the run.",
+        "the folder of the run. Or watch random play of a game of a running simulator.",
     )
-    watch.add_argument("run", type=Path, help="folder of a run")
+    watch.add_argument(
+        "what", metavar="RUN|ADDRESS", help="folder of a run, or HOST:PORT or unix:PATH of a running simulator"
+    )
+    watch.add_argument("--game", metavar="NAME", help="of the simulator at ADDRESS; may be left out if it has only one")
     watch.add_argument(
         "--simulator", type=address, metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator; default: this command starts one",
+        help="where the policies of RUN play: HOST:PORT or unix:PATH of a running simulator; default: this command "
+        "starts one",
     )  # fmt: skip
     add_credentials_arguments(watch)
     watch.add_argument("--seed", type=int, default=1, help="of the arena and of the samples; default %(default)s")
@@ -68,11 +109,17 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         help="of the page on this machine, 0: any free one; default 5006, or any free one where that is in use",
     )  # fmt: skip
     watch.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
-    options = parser.parse_args(arguments)
+    add_overrides(watch, "options and parameters of the game at ADDRESS, e.g. options.level=6")
+    options = parse_overrides(parser, arguments)
+    at = is_address(options.what)
     if not 0 <= options.seed < 2**64:
         watch.error(f"argument --seed: got {options.seed}, expected 0..2^64-1")
     if options.port is not None and not 0 <= options.port < 2**16:
         watch.error(f"argument --port: got {options.port}, expected 0..65535")
-    if (options.tls_ca or options.token_file) and not options.simulator:
+    if (options.tls_ca or options.token_file) and not (options.simulator or at):
         watch.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    if at and options.simulator:
+        watch.error("--simulator belongs to a run; the address of a game's simulator stands alone")
+    if not at and (options.game or options.overrides):
+        watch.error("--game, options and parameters belong to the address of a simulator; a run has its own")
     return options

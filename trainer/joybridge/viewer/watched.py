@@ -22,11 +22,9 @@ from joybridge.trainer.opinions import opinion
 from joybridge.trainer.playing import Play, open_play
 from joybridge.trainer.run_state import load_state, policy_state
 from joybridge.viewer.arena import Settings
-from joybridge.viewer.messages import Clock, MessageError, encode_picture, game_message, read_message, turn_message
+from joybridge.viewer.messages import encode_picture, game_message, turn_message
+from joybridge.viewer.pace import LOOK_SECONDS, interval, pause
 from joybridge.viewer.scores import Scores
-
-LOOK_SECONDS = 2.0  # between two looks at the folder of the run
-SLOWEST = 0.5  # s between decisions of a game without a clock
 
 
 class Watched:
@@ -80,15 +78,14 @@ def watch(page: ServerConnection, run: Path, reach: Callable[[], str], seed: int
                 _watch_arena(page, run, Watched(run, play, seed), shown)
         except JoybridgeError as error:
             page.send(json.dumps({"type": "lost", "text": str(error)}))
-        _pause(page, time.monotonic() + LOOK_SECONDS, True)
+        pause(page, time.monotonic() + LOOK_SECONDS, True)
 
 
 def _watch_arena(page: ServerConnection, run: Path, watched: Watched, shown: dict[str, Any]) -> None:
-    interval = watched.spec.tick_seconds * watched.spec.decision_interval or SLOWEST
     page.send(game_message(watched))
     running, looked, due = True, time.monotonic(), time.monotonic()
     while True:
-        running = _pause(page, due, running)
+        running = pause(page, due, running)
         now = time.monotonic()
         if now > looked + LOOK_SECONDS:
             shown = _show_curves(page, run, shown)
@@ -99,18 +96,7 @@ def _watch_arena(page: ServerConnection, run: Path, watched: Watched, shown: dic
             page.send(turn_message(watched, None, None, minds=watched.minds, timesteps=watched.timesteps))
             if watched.picture is not None:
                 page.send(encode_picture(watched.picture))
-        due = max(due, now) + interval if running else now + LOOK_SECONDS
-
-
-def _pause(page: ServerConnection, due: float, running: bool) -> bool:
-    """Wait until a time, or until the page sends something; return whether it lets the game run."""
-    try:
-        message = read_message(page.recv(max(0.0, due - time.monotonic())), None)
-    except TimeoutError:
-        return running
-    except MessageError:
-        return running
-    return message.running if isinstance(message, Clock) else running
+        due = max(due, now) + interval(watched.spec) if running else now + LOOK_SECONDS
 
 
 def _show_curves(page: ServerConnection, run: Path, shown: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-// The page of a training that runs: its newest policies at play, what they think, and the learning curves.
+// The page of a training that runs: its newest policies at play, what they think, and the learning curves. Or of a game
+// without a run: random play.
 
 import { Panel, element, number } from "./panel.js";
 
@@ -27,7 +28,7 @@ function take(message) {
   if (message.type === "game") begin(message);
   else if (message.type === "turn") takeTurn(message);
   else if (message.type === "curves") takeCurves(message.policies);
-  else if (message.type === "lost") curtain("No policy can play yet", `${message.text}. Trying again …`);
+  else if (message.type === "lost") curtain("Nothing can be played yet", `${message.text}. Trying again …`);
 }
 
 function begin(game) {
@@ -52,8 +53,10 @@ function takeTurn(turn) {
   state.chosen = new Map(state.controls.flatMap((control, place) => ("branch" in control
     ? [[place, turn.behaviors[control.behavior].choices[panel.agent(control.behavior)][control.branch]]] : [])));
   panel.take(turn);
-  $("trained").textContent = `after ${turn.timesteps.toLocaleString("en")} timesteps`;
-  $("minds").replaceChildren(...turn.minds.flatMap(showMind));
+  const random = !("minds" in turn); // a game without a run
+  $("curves-card").hidden = $("minds-card").hidden = random;
+  $("trained").textContent = random ? "random decisions" : `after ${turn.timesteps.toLocaleString("en")} timesteps`;
+  $("minds").replaceChildren(...(turn.minds ?? []).flatMap(showMind));
 }
 
 // Returns the elements of what one policy thinks: of the first of its agents.

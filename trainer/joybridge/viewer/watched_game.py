@@ -1,0 +1,41 @@
+"""A game of a running simulator, as a page watches it: random decisions, as `joybridge look` draws them."""
+
+import time
+from collections.abc import Callable
+from contextlib import closing
+
+from websockets.sync.server import ServerConnection
+
+from joybridge.contract.errors import JoybridgeError
+from joybridge.trainer.look import decisions_apart
+from joybridge.viewer.arena import Arena, Settings
+from joybridge.viewer.messages import encode_picture, error_message, game_message, turn_message
+from joybridge.viewer.pace import LOOK_SECONDS, interval, pause
+
+
+def watch_game(page: ServerConnection, reach: Callable[[], str], game: str, settings: Settings, timeout: float) -> None:
+    """Show a game to a page until the page goes away, which raises ConnectionClosed.
+
+    reach: returns the address of the simulator if it answers; it is tried again until it does.
+    """
+    while True:
+        try:
+            with closing(Arena(reach(), game, settings, timeout)) as arena:
+                _watch(page, arena)
+        except JoybridgeError as error:
+            page.send(error_message("lost", error))
+        pause(page, time.monotonic() + LOOK_SECONDS, True)
+
+
+def _watch(page: ServerConnection, arena: Arena) -> None:
+    page.send(game_message(arena))
+    running, due = True, time.monotonic()
+    while True:
+        running = pause(page, due, running)
+        now = time.monotonic()
+        if running:
+            arena.play_at_random(decisions_apart(arena.spec))
+            page.send(turn_message(arena, None, None))
+            if arena.picture is not None:
+                page.send(encode_picture(arena.picture))
+        due = max(due, now) + interval(arena.spec) if running else now + LOOK_SECONDS
