@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from joybridge.experiments import compare as command
+from joybridge.experiments import launch
 from joybridge.experiments import page as pages
 from joybridge.experiments.analysis import Analysis, analyze
 from joybridge.experiments.job import Job
+from joybridge.experiments.launch import make_job, scored_policy
 from joybridge.experiments.page import Setting, page_html, page_text
 from joybridge.experiments.scores import Point, Run, read_run
 from joybridge.experiments.variants import differences, kept_spec, make_variants, read_values
@@ -40,7 +42,7 @@ def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done
         if not draw:
             patch.setattr(pages, "draw_pictures", lambda *_: None)
         patch.chdir(folder)
-        patch.setattr(command, "start", train_here)
+        patch.setattr(launch, "start", train_here)
         Path("small.yaml").write_text(SMALL)
         shared = ["--layouts", "hybrid", "bucket-3", "--seeds", "2", "--output", str(OUT), "--simulator", simulator]
         return joybridge("compare", "small.yaml", *shared, *more)
@@ -213,37 +215,37 @@ def test_values_may_be_lists_and_variants_are_named_after_what_differs(tmp_path)
     (tmp_path / "small.yaml").write_text(SMALL)
     sizes = read_values("policy.hidden_sizes=[8, 8], [16]")
     assert sizes == ("policy.hidden_sizes", ["[8, 8]", "[16]"])
-    made = make_variants(str(tmp_path / "small.yaml"), ["arenas=4"], [("layout", ["bucket-3", "hybrid"]), sizes])
+    made = make_variants([str(tmp_path / "small.yaml")], ["arenas=4"], [("layout", ["bucket-3", "hybrid"]), sizes])
     assert [variant.label for variant in made[:2]] == ["bucket-3, hidden_sizes=[8, 8]", "bucket-3, hidden_sizes=[16]"]
     assert [variant.name for variant in made[2:]] == ["hybrid-hidden_sizes=_8-8", "hybrid-hidden_sizes=_16"]
     assert made[3].config.layout == "hybrid" and made[3].config.policy.hidden_sizes == [16]
     assert {variant.config.arenas for variant in made} == {4}
-    (alone,) = make_variants(str(tmp_path / "small.yaml"), [], [])
+    (alone,) = make_variants([str(tmp_path / "small.yaml")], [], [])
     assert alone.label == "hybrid"
 
 
 def test_of_axes_and_buttons_the_buttons_count_and_of_several_behaviors_the_first_or_the_named_one(whole):
-    (two,) = make_variants("archer/hybrid", ["layout=multiagent"], [])
-    (one,) = make_variants("archer/hybrid", [], [])
+    (two,) = make_variants(["archer/hybrid"], ["layout=multiagent"], [])
+    (one,) = make_variants(["archer/hybrid"], [], [])
     spec = kept_spec(one, whole / OUT)
     assert spec is not None
     del spec.behaviors[0].device.branches[0].choices[2:]  # it is a button now
-    assert [command.scored_policy(variant, spec, None) for variant in (one, two)] == ["", "buttons"]
+    assert [scored_policy(variant, spec, None) for variant in (one, two)] == ["", "buttons"]
     spec.behaviors.add().CopyFrom(spec.behaviors[0])
     spec.behaviors[1].name = "other"
-    assert command.scored_policy(one, spec, None) == "archer"
-    assert command.scored_policy(two, spec, "other") == "other-buttons"
+    assert scored_policy(one, spec, None) == "archer"
+    assert scored_policy(two, spec, "other") == "other-buttons"
 
 
 def test_only_runs_of_games_with_snapshots_are_resumed_and_go_on_after_a_loss(whole):
-    (variant,) = make_variants("archer/hybrid", [], [])
+    (variant,) = make_variants(["archer/hybrid"], [], [])
     spec = kept_spec(variant, whole / OUT)
     assert spec is not None
     options = command.parse(["compare", "archer/hybrid", "--output", "out", "--game", "a:B"], "joybridge")
-    job = command.make_job(variant, spec, 3, options)
+    job = make_job(variant, spec, 3, options)
     assert (job.exact, job.overrides, job.arguments) == (False, ("restarts=0",), ("--game", "a:B"))
     spec.snapshot_bytes_per_arena = 8
-    job = command.make_job(variant, spec, 3, options)
+    job = make_job(variant, spec, 3, options)
     assert (job.exact, job.overrides, job.timesteps) == (True, (), 150_000)
 
 

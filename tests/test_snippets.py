@@ -59,6 +59,7 @@ RUN_BY = {  # Python that is not run here: by what a test of its own says about 
 }
 READERS = {
     "NAME.yaml",
+    "best.yaml",
     "birds.yaml",
     "config.yaml",
     "my_layouts.py",

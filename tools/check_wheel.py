@@ -270,6 +270,13 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     small = ["arenas=8", "total_timesteps=960", "log_interval=240", "policy.rollout_steps=30"]
     trainer.expect("compared/page.html", "joybridge", "compare", "archer/hybrid", *variants, *small)
     done("joybridge[compare]")
+    ranges = ["--search", "policy.epochs=1..2", "--trials", "2", "--output", "searched"]
+    trainer.expect(
+        "pip install 'joybridge[search]'", "joybridge", "compare", "archer/hybrid", *ranges, *small, status=1
+    )
+    trainer.install(wheel, "search")
+    trainer.expect("searched/page.html", "joybridge", "compare", "archer/hybrid", *ranges, *small)
+    done("joybridge[search]")
 
     trainer.expect("pip install 'joybridge[minari]'", "joybridge", "minari", "demos", "datasets", status=2)
     trainer.install(wheel, "minari")

@@ -7,27 +7,19 @@ killed at any time. Repeated, it skips finished runs, and ends with the same fig
 
 import argparse
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from joybridge.contract.errors import JoybridgeError
 from joybridge.experiments.analysis import Analysis, analyze
-from joybridge.experiments.cluster import Cluster
 from joybridge.experiments.grid import kept_results, run_grid
-from joybridge.experiments.job import Job, start
+from joybridge.experiments.job import Job
+from joybridge.experiments.launch import backend, make_job, repetition, scored_policy, served_specs
 from joybridge.experiments.names import ResultName
 from joybridge.experiments.page import Setting, final_scores, write_page
+from joybridge.experiments.ranges import is_fixed
 from joybridge.experiments.scores import Run, read_run
-from joybridge.experiments.variants import (
-    Variant,
-    check_game,
-    check_unchanged,
-    keep,
-    kept_spec,
-    make_variants,
-    read_values,
-)
+from joybridge.experiments.variants import Variant, check_unchanged, kept_spec, make_variants, read_values
 from joybridge.trainer.command_line import (
     add_simulator_options,
     at_least,
@@ -35,22 +27,21 @@ from joybridge.trainer.command_line import (
     run_command,
     say,
     say_next,
-    wanted_simulators,
 )
-from joybridge.trainer.config_fit import check_fit, fitting_spec
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import list_roles
 from joybridge.trainer.metrics import metrics_name
 from joybridge.trainer.overrides import add_overrides, parse_overrides
-from joybridge.trainer.simulators import open_simulators
 from joybridge.v1 import bridge_pb2 as pb
 
+SEEDS = 5
+TRIALS = 30
 OVERRIDE = re.compile(r"[a-z_.]+=")  # not a mixture of layouts, as in "hybrid, angle=bucket-5"
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.experiments") -> int:
     """Run the command line, the command first, and return its exit status."""
-    return run_command(compare, parse(arguments, prog))
+    options = parse(arguments, prog)
+    return run_command(search if options.search else compare, options)
 
 
 def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
@@ -67,8 +58,16 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         help="any other key that varies, as in policy.learning_rate=1e-3,3e-3; all combinations are trained",
     )  # fmt: skip
     compares.add_argument(
-        "--seeds", type=at_least(1), default=5, metavar="N", help="runs of each variant; default %(default)s"
-    )
+        "--also", action="append", default=[], metavar="CONFIG",
+        help="another configuration of the same game that is compared; may be repeated",
+    )  # fmt: skip
+    compares.add_argument(
+        "--search", nargs="+", action="extend", default=[], metavar="KEY=RANGE",
+        help="search for the best settings instead, within ranges and choices: "
+        "policy.learning_rate=1e-5..1e-3:log policy.epochs=3..10 layout=hybrid,bucket-11",
+    )  # fmt: skip
+    compares.add_argument("--trials", type=at_least(1), metavar="N", help=f"trainings of a search; default {TRIALS}")
+    compares.add_argument("--seeds", type=at_least(1), metavar="N", help=f"runs of each variant; default {SEEDS}")
     compares.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="for the runs and the page")
     compares.add_argument("--metric", default="reward", help="the column that is compared; default %(default)s")
     compares.add_argument("--behavior", metavar="NAME", help="whose metrics are compared; default: the game's first")
@@ -90,13 +89,42 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     options.layouts = [word for word in options.layouts if word not in overrides]
     options.overrides += overrides
     check_simulator_options(parser, options)
+    fixed = list(filter(is_fixed, options.search))  # they may stand behind what is searched
+    if fixed and fixed == options.search:
+        parser.error(f"--search {' '.join(fixed)}: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,VALUE")
+    options.search = [word for word in options.search if word not in fixed]
+    options.overrides += fixed
+    if options.search:
+        for name in ("layouts", "set", "also", "seeds", "score"):
+            if getattr(options, name) not in ([], None):
+                parser.error(f"--{name} is not for a search; write what varies as --search KEY=VALUE,VALUE")
+    elif options.trials:
+        parser.error("--trials is for a search; say what is searched with --search, or use --seeds")
+    options.trials, options.seeds = options.trials or TRIALS, options.seeds or SEEDS
     return options
+
+
+def search(options: argparse.Namespace) -> int:
+    """Search for the best settings; Optuna is imported only now. Raises ConfigError if it is not there."""
+    try:
+        from joybridge.experiments.search import search as run
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("joybridge"):
+            raise
+        raise ConfigError(
+            f"--search needs the module {error.name}; install it with `pip install 'joybridge[search]'`"
+        ) from error
+    return run(options)
 
 
 def compare(options: argparse.Namespace) -> int:
     """Train what is missing, write the page, and return 1 if a run has failed."""
+    if (options.output / "search.json").exists():
+        raise ConfigError(f"{options.output} holds a search; name another folder with --output")
     grid = [("layout", options.layouts)] if options.layouts else []
-    variants = make_variants(options.config, options.overrides, [*grid, *map(read_values, options.set)])
+    variants = make_variants(
+        [options.config, *options.also], options.overrides, [*grid, *map(read_values, options.set)]
+    )
     for variant in variants:
         check_unchanged(variant, options.output)
     specs = find_specs(variants, options)
@@ -142,40 +170,15 @@ def find_specs(variants: Sequence[Variant], options: argparse.Namespace) -> list
     jobs = [make_job(*one, seed, options) for one in known for seed in range(options.seeds)]
     if len(known) == len(variants) and all(is_finished(job, options) for job in jobs):
         return [spec for _, spec in known]
-    with open_simulators(wanted_simulators(options), options.wait, say) as connect:
-        address = connect()[0]
-        specs = [fitting_spec(address, variant.config) for variant in variants]
-    for variant, spec in zip(variants, specs, strict=True):
-        try:
-            check_fit(variant.config, spec)
-        except ConfigError as error:
-            raise ConfigError(f"{variant.label}: {error}") from error
-        check_game(variant, spec, options.output)
-    for variant, spec in zip(variants, specs, strict=True):
-        keep(variant, spec, options.output)
-    return specs
-
-
-def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.Namespace) -> Job:
-    """Return a run of a variant.
-
-    Without snapshots, a run that goes on after a loss has other figures; such a run ends, and is repeated as a whole.
-    """
-    exact = bool(spec.snapshot_bytes_per_arena)
-    return Job(
-        variant.name, seed, variant.config.end, options.output / "configs", options.output / "runs",
-        overrides=() if exact else ("restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
-        exact=exact,
-    )  # fmt: skip
+    return served_specs(variants, options)
 
 
 def train(jobs: Sequence[Job], options: argparse.Namespace) -> dict[Job, str]:
     """Train what is not finished. Return the failed runs with the reasons."""
     jobs = [job for job in jobs if not is_deleted(job, options)]
-    parallel, begin = options.jobs or 1, start
-    if options.backend == "ray" and not all(job.finished() for job in jobs):
-        cluster = Cluster(options.cluster, parallel)
-        parallel, begin = options.jobs or cluster.room(), cluster.start
+    if options.backend == "ray" and all(job.finished() for job in jobs):
+        options.backend = "local"  # a cluster would have nothing to do
+    parallel, begin = backend(options)
     try:
         return run_grid(jobs, parallel, options.output / "metrics", begin)
     except KeyboardInterrupt:
@@ -193,19 +196,6 @@ def is_deleted(job: Job, options: argparse.Namespace) -> bool:
     return not job.run.exists() and bool(kept_results(job, options.output / "metrics"))
 
 
-def scored_policy(variant: Variant, spec: pb.GameSpec, behavior: str | None) -> str:
-    """Return the policy whose metrics are compared; "" for the only policy of a game. Raises ConfigError.
-
-    It is the last one of the behavior: of axes and buttons the one with the buttons, as in the paper.
-    """
-    names = [each.name for each in spec.behaviors]
-    if behavior is not None and behavior not in names:
-        raise ConfigError(f"--behavior got {behavior!r}; {spec.name} has {', '.join(names)}")
-    roles = list_roles(variant.config.layout, spec)
-    index = names.index(behavior) if behavior is not None else 0
-    return [role.name for role in roles if role.behavior == index][-1] if len(roles) > 1 else ""
-
-
 def finished_run(job: Job, policy: str, options: argparse.Namespace) -> Run:
     """Return what a finished run has reached. Raises ConfigError and CheckpointError."""
     path = options.output / "metrics" / ResultName(job.name, job.timesteps, metrics_name(policy)).path
@@ -219,17 +209,3 @@ def best_run(analysis: Analysis, jobs: Mapping[Job, str]) -> Path:
     result = max(analysis.results, key=lambda result: result.iqm.value)
     seed = max(result.runs, key=lambda run: run.score).seed
     return next(job.run for job, label in jobs.items() if (label, job.seed) == (result.label, seed))
-
-
-def repetition(options: argparse.Namespace) -> str:
-    """Return the command that makes the same comparison elsewhere."""
-    words = ["joybridge", "compare", options.config]
-    words += ["--layouts", *options.layouts] if options.layouts else []
-    words += ["--set", *options.set] if options.set else []
-    words += ["--seeds", f"{options.seeds}"]
-    words += ["--metric", options.metric] if options.metric != "reward" else []
-    words += ["--behavior", options.behavior] if options.behavior else []
-    words += ["--score", f"{options.score:g}"] if options.score is not None else []
-    words += [word for game in options.game for word in ("--game", game)]
-    words += ["--simulator", "ADDRESS"] if options.simulator else []
-    return shlex.join([*words, "--output", "FOLDER", *options.overrides])

@@ -74,10 +74,10 @@ def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]
 
 def page_text(analysis: Analysis, setting: Setting) -> str:
     """Return the page as Markdown. Only the section "Wall-clock time" differs when a comparison is made again."""
-    results, blocks = analysis.results, [f"# {_text(setting.game)}: {_count(len(analysis.results), 'variant')}"]
+    results, blocks = analysis.results, [f"# {escaped(setting.game)}: {_count(len(analysis.results), 'variant')}"]
     blocks += [_introduction(analysis, setting), *_warnings(analysis, setting)]
-    blocks += ["## Final scores", final_scores(results), _picture("scores")]
-    blocks += ["## Learning curves", _picture("curves")]
+    blocks += ["## Final scores", final_scores(results), picture_block("scores", CAPTIONS["scores"])]
+    blocks += ["## Learning curves", picture_block("curves", CAPTIONS["curves"])]
     if analysis.pairs:
         blocks += ["## Which variant is better", _better(analysis)]
         blocks += [
@@ -87,8 +87,8 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
         ]
         blocks += ["The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method. "
                    "**Bold**: below 0.05.", _matrix(analysis, _p_cell)]  # fmt: skip
-    blocks += ["## Performance profiles", _picture("profiles")]
-    blocks += [f"## Timesteps to a score of {_number(analysis.score)}", _timesteps_to_score(analysis)]
+    blocks += ["## Performance profiles", picture_block("profiles", CAPTIONS["profiles"])]
+    blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
     blocks += ["## Wall-clock time", _wall_clock(analysis)]
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"
@@ -157,10 +157,10 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
     lengths = sorted(set(setting.timesteps))
     runs = f"{counts[0]} to {counts[-1]} runs" if len(counts) > 1 else _count(counts[0], "run")
     length = f"{lengths[0]:,}" + (f" to {lengths[-1]:,}" if len(lengths) > 1 else "")
-    policies = [f"{_text(name)} for {_text(label)}" for label, name in setting.policies.items() if name]
+    policies = [f"{escaped(name)} for {escaped(label)}" for label, name in setting.policies.items() if name]
     several = f" Where several policies play, it is that of one of them: {', '.join(policies)}."
     return (
-        f"{runs} of {length} timesteps per variant. The score of a run is the mean *{_text(analysis.metric)}* of the "
+        f"{runs} of {length} timesteps per variant. The score of a run is the mean *{escaped(analysis.metric)}* of the "
         f"last tenth of its rows of metrics; higher is better.{several if policies else ''} The interquartile mean "
         "(IQM) leaves out the lowest and the highest quarter of the runs. Intervals are 95 % confidence intervals of "
         "a stratified bootstrap over runs, as in [rliable](https://github.com/google-research/rliable)."
@@ -170,13 +170,13 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
 def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     blocks = []
     if setting.missing:
-        runs = "\n".join(f"- {_text(each)}" for each in setting.missing)
+        runs = "\n".join(f"- {escaped(each)}" for each in setting.missing)
         blocks.append(f"**These runs are missing, and the page is computed without them:**\n\n{runs}")
     for one, other in combinations(analysis.results, 2):
         if one.scores == other.scores:
             blocks.append(
-                f"**{_text(one.label)} and {_text(other.label)} have the same score with every seed.** Perhaps they do "
-                "not differ on this game: without buttons, for example, threshold and hybrid are the same."
+                f"**{escaped(one.label)} and {escaped(other.label)} have the same score with every seed.** Perhaps "
+                "they do not differ on this game: without buttons, for example, threshold and hybrid are the same."
             )
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
@@ -191,9 +191,10 @@ def final_scores(results: Sequence[Result]) -> str:
     best = max(result.iqm.value for result in results)
     rows = [
         (
-            f"**{_text(result.label)}**" if result.iqm.value == best else _text(result.label), f"{len(result.runs)}",
-            _interval(result.iqm, len(result.runs)), f"{_number(result.mean)} ± {_number(result.std)}",
-            _number(result.median), f"{_number(min(result.scores))} to {_number(max(result.scores))}",
+            f"**{escaped(result.label)}**" if result.iqm.value == best else escaped(result.label),
+            f"{len(result.runs)}", _interval(result.iqm, len(result.runs)),
+            f"{number_text(result.mean)} ± {number_text(result.std)}",
+            number_text(result.median), f"{number_text(min(result.scores))} to {number_text(max(result.scores))}",
         )
         for result in results
     ]  # fmt: skip
@@ -208,8 +209,8 @@ def _better(analysis: Analysis) -> str:
         if pair.corrected < SIGNIFICANCE:
             better, worse = (pair.first, pair.second) if pair.improvement.value > 0.5 else (pair.second, pair.first)
             lines.append(
-                f"- {_text(better)} (IQM {_number(by_label[better].iqm.value)}) is better than {_text(worse)} "
-                f"({_number(by_label[worse].iqm.value)}), p = {pair.corrected:.2g}."
+                f"- {escaped(better)} (IQM {number_text(by_label[better].iqm.value)}) is better than {escaped(worse)} "
+                f"({number_text(by_label[worse].iqm.value)}), p = {pair.corrected:.2g}."
             )
     return "\n".join(lines) or "No two variants differ significantly."
 
@@ -219,8 +220,8 @@ def _matrix(analysis: Analysis, cell: Callable[[Pair, bool], str]) -> str:
     labels = [result.label for result in analysis.results]
     cells = {(pair.first, pair.second): cell(pair, False) for pair in analysis.pairs}
     cells |= {(pair.second, pair.first): cell(pair, True) for pair in analysis.pairs}
-    rows = [(_text(row), *(cells.get((row, column), "") for column in labels)) for row in labels]
-    return table(("", *map(_text, labels)), rows)
+    rows = [(escaped(row), *(cells.get((row, column), "") for column in labels)) for row in labels]
+    return table(("", *map(escaped, labels)), rows)
 
 
 def _improvement_cell(pair: Pair, reverse: bool) -> str:
@@ -240,7 +241,7 @@ def _timesteps_to_score(analysis: Analysis) -> str:
     for result in analysis.results:
         reached = [first.timesteps for first in _firsts(result, analysis.score) if first]
         rows.append(
-            (_text(result.label), f"{len(reached)} of {len(result.runs)}", *_middle(result, reached, "{:,.0f}"))
+            (escaped(result.label), f"{len(reached)} of {len(result.runs)}", *_middle(result, reached, "{:,.0f}"))
         )
     return (
         "Timesteps until the first row of metrics that reaches this score. The median counts runs that never do as "
@@ -254,7 +255,7 @@ def _wall_clock(analysis: Analysis) -> str:
         reached = [first.seconds for first in _firsts(result, analysis.score) if first and math.isfinite(first.seconds)]
         whole = [run.seconds for run in result.runs if math.isfinite(run.seconds)]
         middle = _middle(result, reached, "{:,.0f}")[0]
-        rows.append((_text(result.label), f"{mean(whole):,.0f}" if whole else "", middle))
+        rows.append((escaped(result.label), f"{mean(whole):,.0f}" if whole else "", middle))
     return (
         "Seconds of a run, and until the score above. These depend on the machine and on what else it did.\n\n"
         + table(("variant", "seconds of a run, mean", "seconds to the score, median"), rows)
@@ -273,11 +274,11 @@ def _firsts(result: Result, score: float) -> list[Any]:
     return [run.first_at(score) for run in result.runs]
 
 
-def _picture(name: str) -> str:
+def picture_block(name: str, caption: str) -> str:
     """Return a picture that follows the theme of the reader."""
     return (
         f'<picture><source media="(prefers-color-scheme: dark)" srcset="{PICTURES}/{picture(name, "dark")}">'
-        f'<img src="{PICTURES}/{picture(name, "light")}" alt="{CAPTIONS[name]}"></picture>\n\n{CAPTIONS[name]}.'
+        f'<img src="{PICTURES}/{picture(name, "light")}" alt="{caption}"></picture>\n\n{caption}.'
     )
 
 
@@ -286,7 +287,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, ["---"] * len(heads), *rows))
 
 
-def _text(text: str) -> str:
+def escaped(text: str) -> str:
     """Return a text that means nothing to Markdown and HTML."""
     escaped = html.escape(text, quote=False)
     return "".join(f"\\{character}" if character in "\\`*_[]|~" else character for character in escaped)
@@ -298,11 +299,12 @@ def _count(number: int, word: str) -> str:
 
 def _interval(estimate: Estimate, runs: int) -> str:
     if runs == 1:
-        return _number(estimate.value)
-    return f"{_number(estimate.value)} [{_number(estimate.low)}, {_number(estimate.high)}]"
+        return number_text(estimate.value)
+    return f"{number_text(estimate.value)} [{number_text(estimate.low)}, {number_text(estimate.high)}]"
 
 
-def _number(value: float) -> str:
+def number_text(value: float) -> str:
+    """Return a number with four digits."""
     return f"{value:.4g}" if abs(value) < 10_000 else f"{value:,.0f}"
 
 

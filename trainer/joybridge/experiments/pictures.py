@@ -1,6 +1,8 @@
-"""The pictures of a comparison, each for pages with a light and with a dark background."""
+"""The pictures of a comparison, and how pictures are drawn: each for pages with a light and with a dark background."""
 
 import io
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,13 @@ CAPTIONS = {
 
 
 def draw_pictures(analysis: Analysis, folder: Path) -> None:
-    """Write all pictures into a folder, see `picture`. Raises StorageError."""
+    """Write all pictures of a comparison into a folder, see `picture`. Raises StorageError."""
+    draws = {"scores": _draw_scores, "curves": _draw_curves, "profiles": _draw_profiles}
+    draw_themes({name: partial(draw, analysis) for name, draw in draws.items()}, folder)
+
+
+def draw_themes(draws: Mapping[str, Callable[[], Figure]], folder: Path) -> None:
+    """Write pictures into a folder, each for light and for dark pages. Raises StorageError."""
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for theme, (ink, paper) in INK.items():
@@ -36,8 +44,8 @@ def draw_pictures(analysis: Analysis, folder: Path) -> None:
             "figure.facecolor": paper, "axes.facecolor": paper, "axes.formatter.useoffset": False,
         }  # fmt: skip
         with mpl.rc_context(style):
-            for name, draw in {"scores": _draw_scores, "curves": _draw_curves, "profiles": _draw_profiles}.items():
-                save_figure(draw(analysis), folder / picture(name, theme))
+            for name, draw in draws.items():
+                save_figure(draw(), folder / picture(name, theme))
 
 
 def picture(name: str, theme: str) -> str:
@@ -56,10 +64,10 @@ def _draw_scores(analysis: Analysis) -> Figure:
     axes.use_sticky_edges = False  # bars would end at the frame
     axes.margins(x=0.03)
     axes.autoscale_view()
-    axes.set_yticks(range(len(analysis.results)), [_plain(result.label) for result in analysis.results])
+    axes.set_yticks(range(len(analysis.results)), [without_formula(result.label) for result in analysis.results])
     axes.set_ylim(len(analysis.results) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel(_plain(f"{analysis.metric}, mean of the last tenth of a run"))
+    axes.set_xlabel(without_formula(f"{analysis.metric}, mean of the last tenth of a run"))
     return figure
 
 
@@ -70,7 +78,7 @@ def _draw_curves(analysis: Analysis) -> Figure:
         _draw_band(axes, result.curve, index, result.label)
     axes.axhline(analysis.score, color=mpl.rcParams["text.color"], alpha=0.5, lw=0.8, ls=(0, (1, 3)))
     axes.xaxis.set_major_formatter(EngFormatter(sep="\N{THIN SPACE}"))
-    axes.set(xlabel="timesteps", ylabel=_plain(analysis.metric))
+    axes.set(xlabel="timesteps", ylabel=without_formula(analysis.metric))
     _add_legend(figure, axes)
     return figure
 
@@ -80,7 +88,7 @@ def _draw_profiles(analysis: Analysis) -> Figure:
     axes = figure.subplots()
     for index, result in enumerate(analysis.results):
         _draw_band(axes, result.profile, index, result.label, steps=True)
-    axes.set(xlabel=_plain(f"score ({analysis.metric})"), ylabel="runs above this score", ylim=(-0.02, 1.02))
+    axes.set(xlabel=without_formula(f"score ({analysis.metric})"), ylabel="runs above this score", ylim=(-0.02, 1.02))
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
     _add_legend(figure, axes)
     return figure
@@ -89,7 +97,7 @@ def _draw_profiles(analysis: Analysis) -> Figure:
 def _draw_band(axes: Axes, band: Band, index: int, label: str, *, steps: bool = False) -> None:
     color, line = _style(index)
     marker = "o" if len(band.x) == 1 else ""
-    axes.plot(band.x, band.value, color=color, ls=line, lw=1.8, marker=marker, label=_plain(label),
+    axes.plot(band.x, band.value, color=color, ls=line, lw=1.8, marker=marker, label=without_formula(label),
               drawstyle="steps-post" if steps else "default")  # fmt: skip
     axes.fill_between(band.x, band.low, band.high, color=color, alpha=0.15, lw=0, step="post" if steps else None)
 
@@ -103,7 +111,7 @@ def _style(index: int) -> tuple[str, str]:
     return COLORS[index % len(COLORS)], LINES[index // len(COLORS) % len(LINES)]
 
 
-def _plain(text: str) -> str:
+def without_formula(text: str) -> str:
     """Return a text in which dollar signs do not begin a formula."""
     return text.replace("$", r"\$")
 

@@ -36,24 +36,29 @@ class Variant:
         return re.sub(r"[^\w.+=-]+", "_", self.label.replace(", ", "-")).strip("_")
 
 
-def read_values(text: str) -> tuple[str, list[str]]:
-    """Return what "policy.gamma=0.9,0.99" means; commas in brackets do not separate values. Raises ConfigError."""
+def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
+    """Return what "policy.gamma=0.9,0.99" means; commas in brackets do not separate values. Raises ConfigError.
+
+    option: of the command line, which errors name.
+    """
     key, equals, rest = text.partition("=")
     values = [value.strip() for value in re.split(r",(?![^\[{]*[\]}])", rest)]
     if not key or not equals or not all(values):
-        raise ConfigError(f"--set got {text!r}, expected KEY=VALUE,VALUE,… as in policy.gamma=0.9,0.99")
+        raise ConfigError(f"{option} got {text!r}, expected KEY=VALUE,VALUE,… as in policy.gamma=0.9,0.99")
     if key in ELSEWHERE:
-        raise ConfigError(f"--set {key}=…: {key} does not vary here; use {ELSEWHERE[key]}")
+        raise ConfigError(f"{option} {key}=…: {key} does not vary here; use {ELSEWHERE[key]}")
     if len(set(values)) < len(values):
-        raise ConfigError(f"--set got {text!r}, which names a value twice; name each value once")
+        raise ConfigError(f"{option} got {text!r}, which names a value twice; name each value once")
     return key, values
 
 
-def make_variants(config: str, overrides: Sequence[str], grid: Sequence[tuple[str, Sequence[str]]]) -> list[Variant]:
-    """Return a variant for each combination of values.
+def make_variants(
+    configs: Sequence[str], overrides: Sequence[str], grid: Sequence[tuple[str, Sequence[str]]]
+) -> list[Variant]:
+    """Return a variant for each configuration and combination of values.
 
-    config: a file or the name of an installed configuration. overrides: what all variants share, KEY=VALUE each.
-    grid: keys and their values. Raises ConfigError.
+    configs: files or names of installed configurations, all of one game. overrides: what all variants share, KEY=VALUE
+    each. grid: keys and their values. Raises ConfigError.
     """
     shared = {override.partition("=")[0] for override in overrides}
     for index, (key, _) in enumerate(grid):
@@ -61,12 +66,15 @@ def make_variants(config: str, overrides: Sequence[str], grid: Sequence[tuple[st
             raise ConfigError(f"{key} is set twice; set it once, with all of its values")
     if "seed" in shared:
         raise ConfigError("seed=…: seeds are counted from 0; use --seeds for their number")
-    path, variants = find_config(config), []
-    for values in itertools.product(*(values for _, values in grid)):
+    paths, variants = [find_config(config) for config in configs], []
+    for path, values in itertools.product(paths, itertools.product(*(values for _, values in grid))):
         pairs = [(key, value) for (key, _), value in zip(grid, values, strict=True)]
         made = load_config(path, [*overrides, *(f"{key}={value}" for key, value in pairs)])
-        parts = [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in pairs]
+        parts = [path.stem] if len(paths) > 1 else []
+        parts += [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in pairs]
         variants.append(Variant(", ".join(parts) or made.layout, made))
+    if len(games := {variant.config.game for variant in variants}) > 1:
+        raise ConfigError(f"the configurations are of {' and '.join(sorted(games))}; compare those of one game")
     for one, other in itertools.combinations(variants, 2):
         if one.config == other.config or one.name == other.name:
             what = "the same configuration" if one.config == other.config else "files of the same name"
@@ -85,7 +93,7 @@ def check_unchanged(variant: Variant, folder: Path) -> None:
         changed = [each for each in differences(before, now) if each[0].partition(".")[0] not in FREE]
         if changed:
             raise ConfigError(
-                f"{folder} holds another comparison: of {variant.label!r}, {_in_words(changed)}; repeat the command as "
+                f"{folder} holds another comparison: of {variant.label!r}, {in_words(changed)}; repeat the command as "
                 "it was, or name another folder with --output"
             )
 
@@ -98,7 +106,7 @@ def check_game(variant: Variant, spec: pb.GameSpec, folder: Path) -> None:
         if changed:
             raise ConfigError(
                 f"the game {spec.name} has changed since {folder} was begun: of {variant.label!r}, "
-                f"{_in_words(changed)}; bring the former game back, or name another folder with --output"
+                f"{in_words(changed)}; bring the former game back, or name another folder with --output"
             )
 
 
@@ -156,7 +164,7 @@ def differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any
         yield key, before, now
 
 
-def _in_words(changed: Sequence[tuple[str, Any, Any]]) -> str:
+def in_words(changed: Sequence[tuple[str, Any, Any]]) -> str:
     """Return what has changed as a part of a sentence."""
     texts = [f"{key} was {json.dumps(was)} and is now {json.dumps(now)}" for key, was, now in changed[:MOST]]
     more = f", and {len(changed) - MOST} more" if len(changed) > MOST else ""

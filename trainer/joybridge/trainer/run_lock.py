@@ -16,11 +16,11 @@ PARENT_SECONDS = 10.0  # to wait for the trainers of a program that was killed: 
 
 
 @contextmanager
-def locked(run: Path, seconds: float = 0.0) -> Iterator[None]:
+def locked(run: Path, seconds: float = 0.0, option: str = "--run") -> Iterator[None]:
     """Hold the lock of a run's folder, which is made if it does not exist.
 
-    seconds: how long to wait for the lock. Raises RunLockedError, which names the process that holds it, and
-    StorageError.
+    seconds: how long to wait for the lock. option: of the command line, which names the folder. Raises RunLockedError,
+    which names the process that holds it, and StorageError.
     """
     path = run / "lock"
     lock = FileLock(path)
@@ -30,7 +30,7 @@ def locked(run: Path, seconds: float = 0.0) -> Iterator[None]:
             lock.acquire(timeout=seconds)
         except Timeout:
             raise RunLockedError(
-                f"{run} is being trained by {_holder(path)}; end that training, or name another folder with --run"
+                f"{run} is being trained by {_holder(path)}; end that training, or name another folder with {option}"
             ) from None
         path.write_text(f"process {os.getpid()} on {platform.node()} since {datetime.now():%Y-%m-%d %H:%M:%S}")
     try:

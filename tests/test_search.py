@@ -1,0 +1,465 @@
+"""`joybridge compare --search`: what it proposes, prunes, refuses and repeats. Most trainings here are imitations."""
+
+import csv
+import itertools
+import json
+import math
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from joybridge.experiments import grid, launch, search, search_page
+from joybridge.experiments.compare import parse
+from joybridge.experiments.job import Job, Process
+from joybridge.experiments.page import page_html
+from joybridge.experiments.pictures import draw_themes
+from joybridge.experiments.ranges import Choices, Numbers, own_settings, read_ranges
+from joybridge.experiments.scores import Point, Run
+from joybridge.experiments.trials import Trial, best_trial, rungs, score_so_far, until
+from joybridge.experiments.variants import make_variants
+from joybridge.trainer.config import load_config
+from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.run_lock import locked
+from tests.support.command_line import Done, joybridge
+from tests.support.jobs import train_here
+from tests.test_boundaries import modules
+
+pytestmark = pytest.mark.usefixtures("signals")
+
+SMALL = """
+game: archer
+arenas: 8
+groups: 1
+total_timesteps: 2000
+log_interval: 100
+policy: {frame_stack: 1, hidden_sizes: [16], rollout_steps: 20, time_horizon: 20, minibatch_size: 80}
+"""
+OUT = Path("out")
+WHAT = ["policy.learning_rate=1e-5..1e-1:log", "policy.epochs=1..5", "layout=hybrid,bucket-3"]
+NOWHERE = "127.0.0.1:1"
+
+
+class Killed(BaseException):
+    """The search is killed."""
+
+
+@dataclass
+class Imitation:
+    """Trainings whose reward follows from their settings. Each poll adds rows of metrics."""
+
+    speeds: itertools.cycle = field(default_factory=lambda: itertools.cycle([3]))  # type: ignore[type-arg]
+    fails: Callable[[Job], bool] = lambda _: False
+    kill_after: float = math.inf  # polls
+    begun: list[str] = field(default_factory=list)
+    terminated: list[str] = field(default_factory=list)
+
+    def __call__(self, job: Job) -> Process:
+        self.begun.append(job.experiment)
+        return Training(self, job, next(self.speeds))
+
+
+class Training:
+    """One of them."""
+
+    def __init__(self, shared: Imitation, job: Job, speed: int) -> None:
+        self.shared, self.job, self.speed, self.rows = shared, job, speed, 0
+        self.status: int | None = None
+        config = load_config(job.config)
+        self.interval = config.log_interval
+        self.length = config.end // self.interval
+        away = math.log10(config.policy.learning_rate) + 2.5
+        self.best = 10 - 2 * away**2 + config.policy.epochs / 5 + (config.layout == "hybrid")
+
+    def poll(self) -> int | None:
+        self.shared.kill_after -= 1
+        if self.shared.kill_after < 0 and self.status is None:
+            raise Killed
+        if self.status is None and self.shared.fails(self.job):
+            self.job.run.mkdir(parents=True, exist_ok=True)
+            (self.job.run / "log.txt").write_text("error: it diverged\n")
+            self.status = 1
+        elif self.status is None:
+            self.rows = min(self.rows + self.speed, self.length)
+            rewards = (self.best * row / self.length for row in range(1, self.rows + 1))
+            lines = [f"{self.interval * row},{row},{reward:.6g}" for row, reward in enumerate(rewards, 1)]
+            self.job.run.mkdir(parents=True, exist_ok=True)
+            (self.job.run / "metrics-archer.csv").write_text("\n".join(["timesteps,seconds,reward", *lines, ""]))
+            self.status = 0 if self.rows == self.length else None
+        return self.status
+
+    def terminate(self) -> None:
+        self.status = 130
+        self.shared.terminated.append(self.job.experiment)
+
+    def wait(self) -> int:
+        assert self.status is not None
+        return self.status
+
+
+@pytest.fixture
+def run(simulator, tmp_path, monkeypatch) -> Callable[..., Done]:
+    """Return what searches in a folder of its own, with imitations."""
+    monkeypatch.setattr(search_page, "draw_themes", lambda *_: None)
+    for module in (grid, search):
+        monkeypatch.setattr(module, "POLL_SECONDS", 0.0)
+    monkeypatch.setattr(grid, "GRACE_SECONDS", 0.0)
+    monkeypatch.chdir(tmp_path)
+    Path("small.yaml").write_text(SMALL)
+
+    def searched(*more: str, begin: Callable[[Job], Process] | None = None, at: str = simulator) -> Done:
+        monkeypatch.setattr(launch, "start", begin or Imitation())
+        words = ["compare", "small.yaml", "--output", str(OUT), "--simulator", at]
+        if "--search" not in more:
+            words += ["--search", *WHAT]
+        return joybridge(*words, *more)
+
+    return searched
+
+
+def trials(folder: Path = OUT) -> list[Trial]:
+    return [Trial(**each) for each in json.loads((folder / "search.json").read_text())["trials"]]
+
+
+def files(folder: Path = OUT) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in ("search.json", "page.md", "trials.csv", "best.yaml")}
+
+
+# ------------------------------------------------------------------------------------------------- the whole command
+
+
+def test_a_search_finds_better_settings_prunes_hopeless_trials_and_says_what_to_do_next(run):
+    begin = Imitation()
+    done = run("--trials", "20", begin=begin)
+    assert done.status == 0, done.errors
+    found = trials()
+    assert len(found) == 20 == len(begin.begun)
+    assert found[0].settings == {"layout": "hybrid", "policy.epochs": "4", "policy.learning_rate": "0.000325"}
+    best = best_trial(found)
+    assert best is not None and (found[best].score or 0) > (found[0].score or 0) + 0.5
+    pruned = [number for number, trial in enumerate(found) if trial.state == "pruned"]
+    assert begin.terminated == [f"trial-{number:03}" for number in pruned] and len(pruned) > 3
+    assert all(found[number].timesteps < 1000 for number in pruned[:1])
+    assert all(found[number].timesteps in rungs(2000, 100) for number in pruned)
+    page = (OUT / "page.md").read_text()
+    assert f"| **{best}** | " in page and "| key | importance |" in page and "(own settings)" in page
+    train, compare = (line.removeprefix("next: ") for line in done.errors.splitlines()[-2:])
+    assert train.startswith("joybridge train small.yaml ") and train in page and compare in page
+    assert "--also out/best.yaml" in compare and "--seeds 5 --output out-seeds" in compare
+    assert load_config(OUT / "best.yaml").policy.epochs == int(found[best].settings["policy.epochs"])
+    with (OUT / "trials.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["state"] for row in rows] == [trial.state for trial in found]
+
+
+def test_a_search_that_is_killed_anywhere_and_repeated_ends_with_the_same_trials(run):
+    assert run("--trials", "8").status == 0
+    whole = files()
+    OUT.rename("whole")
+    for kill_after in (0, 3, 9, 14):  # in the first trial, at its rungs, in others
+        with pytest.raises(Killed):
+            run("--trials", "8", begin=Imitation(kill_after=kill_after))
+    assert run("--trials", "8").status == 0
+    assert files() == whole
+
+
+def test_with_two_jobs_the_trials_do_not_depend_on_which_is_faster(run):
+    made = []
+    for speeds in ([1, 7, 2], [20, 2]):
+        begin = Imitation(speeds=itertools.cycle(speeds))
+        assert run("--trials", "9", "--jobs", "2", begin=begin).status == 0
+        made.append(files())
+        OUT.rename(f"speed {speeds}")
+    assert made[0] == made[1]
+
+
+def test_a_finished_search_is_repeated_without_a_simulator_and_more_trials_may_follow(run):
+    assert run("--trials", "4").status == 0
+    four = files()
+    del four["page.md"]  # it names the simulator
+    assert run("--trials", "4", at=NOWHERE).status == 0
+    assert four.items() <= files().items()
+    begin = Imitation()
+    assert run("--trials", "6", begin=begin).status == 0
+    assert begin.begun == ["trial-004", "trial-005"] and trials()[:4] == trials_of(four)
+
+
+def trials_of(made: dict[str, bytes]) -> list[Trial]:
+    return [Trial(**each) for each in json.loads(made["search.json"])["trials"]]
+
+
+def test_an_interrupt_saves_the_trials_and_says_so(run):
+    def interrupted(job: Job) -> Process:
+        if job.experiment == "trial-002":
+            raise KeyboardInterrupt
+        return Imitation()(job)
+
+    done = run("--trials", "4", begin=interrupted)
+    assert done.status == 130
+    assert "all trials are kept; repeat the same command to continue" in done.errors
+    assert [trial.state for trial in trials()] == ["complete", "complete", "running"]
+
+
+def test_a_failed_trial_stops_no_other_is_on_the_page_and_is_tried_again(run):
+    fails = {"trial-001"}
+    done = run("--trials", "5", begin=Imitation(fails=lambda job: job.experiment in fails))
+    assert done.status == 1 and "trial 1: failed: it diverged" in done.output
+    assert [trial.state for trial in trials()].count("failed") == 1
+    assert "- 1: failed: it diverged" in (OUT / "page.md").read_text()
+    again = Imitation()
+    assert run("--trials", "5", begin=again).status == 0
+    assert again.begun == ["trial-001"] and "failed" not in {trial.state for trial in trials()}
+
+
+def test_a_search_whose_first_trials_all_fail_ends(run):
+    begin = Imitation(fails=lambda _: True)
+    done = run("--trials", "9", begin=begin)
+    assert done.status == 1 and len(begin.begun) == 3
+    assert "the first 3 trials have failed, so the search has ended; the last one: it diverged" in done.errors
+
+
+def test_no_settings_are_tried_twice_and_a_search_without_new_ones_ends(run):
+    done = run("--search", "policy.epochs=1..2", "layout=hybrid,bucket-3", "--trials", "9")
+    assert done.status == 0
+    assert "4 trials have tried all combinations, so the search has ended" in done.errors
+    assert len({tuple(trial.settings.values()) for trial in trials()}) == 4 == len(trials())
+
+
+@pytest.mark.slow
+def test_trainings_are_scored_from_their_metrics_and_a_lost_record_is_made_again_from_them(run, monkeypatch):
+    monkeypatch.setattr(search_page, "draw_themes", draw_themes)
+    more = ("--trials", "2", "total_timesteps=1280", "log_interval=320")
+    done = run(*more, begin=train_here)
+    assert done.status == 0, done.errors
+    found = trials()
+    assert [trial.state for trial in found] == ["complete"] * 2
+    with (OUT / "runs/trial-000-s0/metrics-archer.csv").open(newline="") as file:
+        assert found[0].score == float(list(csv.DictReader(file))[-1]["reward"])
+    html = (OUT / "page.html").read_text()
+    assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 6
+    # A lost record is made again from the runs, without a training.
+    before = files()
+    (OUT / "search.json").rename("away.json")
+    monkeypatch.setattr(search_page, "draw_themes", lambda *_: None)
+    assert run(*more, begin=refuse).status == 0
+    assert files() == before
+
+
+def refuse(job: Job) -> Process:
+    raise AssertionError(f"{job.name} was started though it had ended")
+
+
+# ----------------------------------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["policy.epocs=1..4"], "--search policy.epocs=1..4: unknown key 'policy.epocs'; did you mean 'policy.ep"),
+        (["policy.epochs=4..1"], "the range is empty; write the lower end first, 1..4"),
+        (["policy.epochs=4..4"], "the range is empty"),
+        (["policy.epochs=0..4"], "policy.epochs: got 0; Input should be greater than or equal to 1"),
+        (["policy.epochs=1..10000000000000000000000"], "the range is too large, expected whole numbers up to 9,007,"),
+        (["policy.epochs=1.5..4"], "policy.epochs: got 1.5; Input should be a valid integer"),
+        (["policy.clip_range=0.1..1"], "policy.clip_range: got 1; Input should be less than 1"),
+        (["policy.entropy_coef=0..0.1:log"], "0 has no logarithm; begin above 0, or leave out :log"),
+        (["policy.learning_rate=1e-4..inf"], "VALUE,… with numbers, as in policy.learning_rate=1e-5..1e-3:log"),
+        (["policy.learning_rate=a..b"], "--search got 'policy.learning_rate=a..b', expected KEY=LOW..HIGH, "),
+        (["policy.learning_rate=1e-4..1e-3:lin"], "--search got 'policy.learning_rate=1e-4..1e-3:lin', expected "),
+        (["layout=0..1"], "layout is no number; list its values, as in layout=VALUE,VALUE"),
+        (["policy.autograd=0..1"], "policy.autograd is no number; list its values, as in policy.autograd=VALUE,VALUE"),
+        (["policy.epochs"], "--search got 'policy.epochs', expected KEY=LOW..HIGH, KEY=LOW..HIGH:log or KEY=VALUE"),
+        (["policy.epochs=1,1"], "which names a value twice"),
+        (["policy.gamma=0.9,0.90"], "0.9 and 0.90 are the same; name each value once"),
+        (["policy.epochs=1..2", "policy.epochs=3..4"], "policy.epochs is set twice; set it once, or search it"),
+        (["policy.epochs=1..2", "policy.epochs=3"], "policy.epochs is set twice"),
+        (["seed=1..4"], "seed is not searched, because all trials have the same seed"),
+        (["options.size=1,2"], "options.size is not searched, because options change what a game pays"),
+        (["total_timesteps=100..200"], "total_timesteps is not searched, because trials of other lengths"),
+        (["policy.reward_weights.hit=0..2"], "rewards of other reward_weights cannot be compared; name a metric"),
+        (["policy.epochs=1..2", "log_interval=5000"], "log_interval is 5,000, longer than the trials of 2,000"),
+    ],
+)  # fmt: skip
+def test_wrong_ranges_are_refused_before_a_simulator_is_waited_for(run, words, message):
+    done = run("--search", *words, at=NOWHERE)
+    assert done.status == 1 and message in done.errors and "waiting" not in done.errors
+    assert not OUT.exists()
+
+
+def test_what_does_not_fit_the_game_is_refused_before_anything_is_trained(run):
+    done = run("--search", "layout=hybrid,joint-9999", begin=refuse)
+    assert done.status == 1 and "layout=joint-9999: layout: 'joint-9999' cannot express this device" in done.errors
+    done = run("--metric", "acuracy", begin=refuse)
+    assert done.status == 1 and "--metric got 'acuracy'; archer has reward, length, hits, accuracy" in done.errors
+    done = run("--behavior", "archers", begin=refuse)
+    assert done.status == 1 and "--behavior got 'archers'; archer has archer" in done.errors
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--layouts", "hybrid"], "--layouts is not for a search; write what varies as --search KEY=VALUE,VALUE"),
+        (["--seeds", "3"], "--seeds is not for a search"),
+        (["--score", "0"], "--score is not for a search"),
+        (["--also", "x.yaml"], "--also is not for a search"),
+        (
+            ["--search", "policy.epochs=3"],
+            "--search policy.epochs=3: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,",
+        ),
+    ],
+)
+def test_options_that_mean_nothing_to_a_search_are_refused(words, message, capsys):
+    search_words = [] if "--search" in words else ["--search", *WHAT]
+    with pytest.raises(SystemExit):
+        parse(["compare", "small.yaml", "--output", "out", *search_words, *words], "joybridge")
+    assert message in capsys.readouterr().err
+
+
+def test_keys_may_be_set_behind_what_is_searched():
+    options = parse(["compare", "x.yaml", "--output", "y", "--search", *WHAT, "arenas=4", "policy.sensors=[a,b]"], "")
+    assert options.search == WHAT and options.overrides == ["arenas=4", "policy.sensors=[a,b]"]
+
+
+def test_a_search_whose_ranges_have_changed_is_refused_by_name(run):
+    assert run("--trials", "3").status == 0
+    before = files()
+    done = run("--search", "policy.epochs=1..6", *WHAT[::2])
+    assert done.status == 1
+    assert done.errors == (
+        'error: out holds another search: ranges.policy.epochs was "1..5" and is now "1..6"; repeat the command as it '
+        "was, or name another folder with --output\n"
+    )
+    assert "timesteps was 2000 and is now 1000" in run("stop=1000").errors
+    assert "seed was 0 and is now 1" in run("seed=1").errors
+    assert "policy.gamma was 0.99 and is now 0.9" in run("policy.gamma=0.9").errors
+    assert 'metric was "reward" and is now "length"' in run("--metric", "length").errors
+    assert files() == before
+    assert run("--trials", "3", "--search", *reversed(WHAT), at=NOWHERE).status == 0  # their order means nothing
+
+
+@pytest.mark.parametrize(
+    ("damage", "what"),
+    [
+        (lambda text: text[: len(text) // 2], "Invalid JSON"),
+        (lambda text: text.replace('"complete"', '"done"'), "Input should be 'running', 'complete', 'pruned' or"),
+        (lambda text: text.replace('"0.000325"', '"0.325"'), "trial-000: its policy.learning_rate is not in the range"),
+        (lambda text: re.sub(r'"score": \d+\.\d+', '"score": NaN', text), "Input should be a finite number"),
+        (lambda text: re.sub(r'"score": \d+\.\d+', '"score": null', text), "it is complete with"),
+    ],
+)
+def test_a_damaged_record_is_named_and_once_moved_away_the_same_trials_are_proposed(run, damage, what):
+    assert run("--trials", "3").status == 0
+    before = files()
+    (OUT / "search.json").write_text(damage((OUT / "search.json").read_text()))
+    done = run("--trials", "3")
+    assert done.status == 1 and "error: out/search.json is damaged (" in done.errors and what in done.errors
+    (OUT / "search.json").unlink()
+    assert run("--trials", "3").status == 0
+    assert files() == before
+
+
+def test_a_comparison_and_a_search_do_not_share_a_folder(run, simulator):
+    assert run("--trials", "1").status == 0
+    done = joybridge("compare", "small.yaml", "--layouts", "hybrid", "--output", str(OUT), "--simulator", simulator)
+    assert done.status == 1 and "out holds a search; name another folder with --output" in done.errors
+    (OUT / "configs/search.yaml").unlink()
+    assert "out holds a comparison; name another folder with --output" in run("--trials", "1").errors
+
+
+def test_two_searches_do_not_share_a_folder(run):
+    with locked(OUT):
+        done = run("--trials", "1")
+    assert done.status == 1 and "end that training, or name another folder with --output" in done.errors
+
+
+def test_a_missing_optuna_names_the_extra(run, monkeypatch):
+    for name in ("joybridge.experiments.search", "joybridge.experiments.proposals"):
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    done = joybridge("compare", "small.yaml", "--search", "policy.epochs=1..4", "--output", "out")
+    assert done.status == 1
+    assert done.errors == (
+        "error: --search needs the module optuna; install it with `pip install 'joybridge[search]'`\n"
+    )
+
+
+def test_optuna_is_imported_only_by_a_search():
+    found = modules("joybridge.experiments")
+    users = {name for name, targets in found.items() if any(each.module.split(".")[0] == "optuna" for each in targets)}
+    assert users == {"joybridge.experiments.proposals"}
+    for module, user in (("proposals", "search"), ("search", "compare")):
+        full = f"joybridge.experiments.{module}"
+        by = {(name, each.lazy) for name, targets in found.items() for each in targets if each.module == full}
+        assert by == {(f"joybridge.experiments.{user}", user == "compare")}
+
+
+# --------------------------------------------------------------------------------------------------- ranges and rungs
+
+
+@pytest.fixture
+def small(tmp_path) -> Path:
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL)
+    return path
+
+
+def test_ranges_are_whole_where_the_key_is_and_settings_are_short_and_never_outside(small):
+    rate, gamma, epochs = "policy.learning_rate=1e-5..0.00123456789:log", "policy.gamma=0..1", "policy.epochs=3..10"
+    first, second, third = read_ranges([rate, gamma, epochs], small, [])
+    assert first == Numbers("policy.epochs", 3, 10, log=False, whole=True) and f"{first}" == epochs
+    assert (
+        second == Numbers("policy.gamma", 0.0, 1.0, log=False, whole=False) and f"{second}" == "policy.gamma=0.0..1.0"
+    )
+    assert isinstance(third, Numbers) and third.log
+    assert [first.write(3), second.write(1 / 3), third.write(third.high)] == ["3", "0.333333", "0.00123456789"]
+    assert [first.read("3"), first.read("3.5"), first.read("11"), second.read("nan")] == [3, None, None, None]
+
+
+def test_choices_may_be_lists_and_keys_of_one_policy_are_searched(small):
+    (sizes,) = read_ranges(["policy.hidden_sizes=[8, 8],[16]"], small, [])
+    assert sizes == Choices("policy.hidden_sizes", ("[8, 8]", "[16]"))
+    (epochs,) = read_ranges(["policies.archer.epochs=1..3"], small, [])
+    assert epochs == Numbers("policies.archer.epochs", 1, 3, log=False, whole=True)
+
+
+def test_own_settings_are_those_of_the_configuration_if_the_ranges_have_them(small):
+    texts = ["layout=bucket-3,hybrid", "policy.hidden_sizes=[16],[8]", "policy.gamma=0..0.999"]
+    own = own_settings(read_ranges(texts, small, []), load_config(small), small, [])
+    assert own == {"layout": "hybrid", "policy.hidden_sizes": "[16]", "policy.gamma": "0.99"}
+    assert own_settings(read_ranges(["policy.gamma=0..0.9"], small, []), load_config(small), small, []) == {}
+    assert own_settings(read_ranges(["parameters.x=0..1"], small, []), load_config(small), small, []) == {}
+
+
+def test_rungs_are_where_rows_of_metrics_are_and_what_is_later_does_not_count():
+    assert rungs(2000, 100) == [400, 600, 800, 1000, 1200, 1400, 1600, 1800]
+    assert rungs(1000, 300) == [300, 600, 900]
+    assert rungs(1000, 1000) == []
+    run = Run(0, (Point(104, 0.0, 1.0), Point(208, 0.0, 2.0), Point(304, 0.0, 3.0)))
+    part = until(run, 200, 100)
+    assert part is not None and part.points[-1].value == 2.0
+    assert score_so_far(part, 2000, 100) == 1.5  # two rows, as at the end
+    assert score_so_far(part, 1000, 100) == 2.0
+    assert until(run, 0, 100) is None
+
+
+def test_other_configurations_are_variants_of_a_comparison(small, tmp_path):
+    other = tmp_path / "best.yaml"
+    other.write_text(SMALL + "layout: bucket-3\n")
+    made = make_variants([str(small), str(other)], [], [("policy.epochs", ["1", "2"])])
+    assert [variant.label for variant in made] == [
+        "small, epochs=1", "small, epochs=2", "best, epochs=1", "best, epochs=2",
+    ]  # fmt: skip
+    assert [variant.config.layout for variant in made] == ["hybrid"] * 2 + ["bucket-3"] * 2
+    with pytest.raises(ConfigError, match="the configurations are of archer and orchard; compare those of one game"):
+        make_variants([str(small), "orchard/hybrid"], [], [])
+
+
+def test_settings_mean_nothing_to_markdown_and_html(tmp_path):
+    ranges = [Choices("layout", ("a|<b>", "c*"))]
+    trial = Trial(settings={"layout": "a|<b>"}, state="complete", score=1.0, timesteps=10)
+    result = search_page.Outcome("g", "reward", 10, 0, ranges, [trial], True, {}, [], "joybridge …")
+    html = page_html(search_page.page_text(result), tmp_path)
+    assert "<td>a|&lt;b&gt;</td>" in html and html.count("<table>") == 1
