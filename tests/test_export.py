@@ -298,6 +298,11 @@ for (const { sensors, masks, normal, uniform, ends } of JSON.parse(readFileSync(
 """
 
 
+@pytest.mark.parametrize("path", ["python/policy.py", "javascript/policy.mjs", "cpp/src/policy.hpp"])
+def test_a_runtime_has_less_than_200_lines(path):
+    assert len((EXAMPLES / path).read_text().splitlines()) < 200
+
+
 @pytest.fixture(scope="module")
 def players(tmp_path_factory):
     """Return the commands that play with a runtime, by its language, for all that are installed."""

@@ -5,8 +5,7 @@
 ///   joybridge::State state = policy.begin();  // again for the next episode
 ///   const auto action = policy.act({{"target", {0.1, -0.3}}, {"bow", {1}}}, state, noise, {{"draw", {true, false}}});
 ///
-/// It plays one agent. Decide only when the game lets the agent decide, and also for the first observation of each
-/// episode, whose action may be ignored. Everything throws std::logic_error for what does not fit the policy.
+/// It plays one agent. Decide when the game lets the agent decide, and for the first observation of each episode.
 #pragma once
 
 #include <algorithm>
@@ -65,7 +64,7 @@ class Policy {
     return state;
   }
 
-  /// Returns what to do, and advances the state. Branches without a mask allow all their choices.
+  /// Returns what to do, and advances the state; a branch without a mask allows all. Throws std::logic_error.
   Action act(const Sensors& sensors, State& state, const Noise& noise, const Masks& masks = {}) const {
     const std::vector<Json>&axes = document["axes"].items, &branches = document["branches"].items;
     Action action{std::vector<float>(axes.size()), std::vector<int>(branches.size())};
@@ -86,11 +85,9 @@ class Policy {
         output += count;
         rows.push_back(row);
         const std::vector<Json>& given = table["given"].items;
-        bool counts = true;
-        for (std::size_t k = 0; k + 1 < given.size(); k += 2) {
-          counts = counts && rows.at(given[k].number) == given[k + 1].number;
-        }
-        if (!counts) continue;
+        std::size_t k = 0;  // of the first condition that does not hold
+        while (k + 1 < given.size() && rows.at(given[k].number) == given[k + 1].number) k += 2;
+        if (k + 1 < given.size()) continue;
         if (table["axis"].there()) action.axes.at(table["axis"].number) = float(table["values"].items[row].number);
         set(action.choices, table["branches"], table["values"].items[row]);
         if (table["axes"].there()) set(action.axes, table["axes"], table["positions"].items.at(row));
@@ -192,9 +189,8 @@ class Policy {
   /// Gives the axes or branches at some places their values.
   template <typename T>
   static void set(std::vector<T>& device, const Json& places, const Json& values) {
-    for (std::size_t k = 0; k < places.items.size(); ++k) {
-      device.at(places.items[k].number) = T(values.items.at(k).number);
-    }
+    std::size_t k = 0;
+    for (const Json& place : places.items) device.at(place.number) = T(values.items.at(k++).number);
   }
 
   std::vector<Network> networks_;
