@@ -135,6 +135,12 @@ def test_another_metric_and_score_need_no_training(copied):
     assert page(copied) == text  # the last page is still there
 
 
+def test_runs_that_are_too_short_for_a_row_of_metrics_are_named_with_the_reason(tmp_path, simulator):
+    done = run_in(tmp_path, simulator, "total_timesteps=160", "--seeds", "1")
+    assert done.status == 1
+    assert "missing: hybrid-s0: 160 timesteps are less than log_interval=320, so there is no row" in done.errors
+
+
 def test_a_comparison_of_another_configuration_is_refused_by_name(copied):
     before = page(copied)
     done = run_in(copied, "127.0.0.1:1", "policy.epochs=3", "stop=640")

@@ -28,6 +28,7 @@ from joybridge.trainer.command_line import (
     say,
     say_next,
 )
+from joybridge.trainer.config import load_config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.metrics import metrics_name
 from joybridge.trainer.overrides import add_overrides, parse_overrides
@@ -200,6 +201,12 @@ def finished_run(job: Job, policy: str, options: argparse.Namespace) -> Run:
     """Return what a finished run has reached. Raises ConfigError and CheckpointError."""
     path = options.output / "metrics" / ResultName(job.name, job.timesteps, metrics_name(policy)).path
     if not path.exists():
+        interval = load_config(job.config).log_interval
+        if job.timesteps < interval:
+            raise ConfigError(
+                f"{job.timesteps:,} timesteps are less than log_interval={interval}, so there is no row of metrics; "
+                "lengthen the runs, or set log_interval, with another --output"
+            )
         raise ConfigError(f"{job.run} has no metrics; delete this folder, and repeat the command to train it again")
     return read_run(path, job.seed, options.metric)
 
