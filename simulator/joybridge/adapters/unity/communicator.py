@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from queue import Empty, SimpleQueue
-from threading import Thread
+from threading import Thread, Timer
 from typing import Any
 
 import grpc
@@ -53,6 +53,7 @@ class Communicator:
         self._calls: SimpleQueue[Call] = SimpleQueue()
         self._call: Call | None = None  # that has been received and not been answered
         self._peer = ""  # the connection of the present player
+        self._closing = False  # then a player that calls is told that this is the end
         handler = grpc.unary_unary_rpc_method_handler(self._exchange)  # bytes, so that what is malformed arrives here
         self._server = grpc.server(DaemonPool(2), options=OPTIONS)
         self._server.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(SERVICE, {METHOD: handler})])
@@ -112,9 +113,12 @@ class Communicator:
         self._call, self._peer = None, ""
 
     def close(self) -> None:
-        """Dismiss the player and listen no longer."""
+        """Dismiss the player, also one that still computes and calls in a moment, and then listen no longer."""
+        self._closing = True
         self.dismiss()
-        self._server.stop(GRACE_SECONDS)
+        last = Timer(GRACE_SECONDS, self._server.stop, (0,))
+        last.daemon = True
+        last.start()
 
     def end(self) -> None:
         """Close, and wait until the player has heard of it."""
@@ -128,6 +132,8 @@ class Communicator:
         if not context.add_callback(call.end):
             return b""
         self._calls.put(call)
+        if self._closing:
+            self.dismiss()
         return call.answer.get()
 
 
