@@ -24,8 +24,8 @@ PYTHON = ENVIRONMENT / "bin/python"
 PAGE = ROOT / "results/environments.md"
 MISSING = 77  # exit status: nothing was checked
 REQUIREMENTS = (
-    "gymnasium[classic-control,box2d,mujoco]==1.4.0", "pettingzoo[classic,butterfly]==1.27.0", "ale-py==0.12.1",
-    "Box2D==2.3.10", "highway-env==1.12.1", "minigrid==3.2.0", "mpe2==1.1.1", "mujoco==4.0.0",
+    "gymnasium[classic-control,box2d,mujoco]==1.4.0", "pettingzoo[classic]==1.27.0", "ale-py==0.12.1",
+    "Box2D==2.3.10", "mpe2==1.1.1", "mujoco==4.0.0",
 )  # fmt: skip
 ENVIRONMENTS: Mapping[str, tuple[tuple[str, ...], ...]] = {  # by package: the options of `joybridge serve`
     "gymnasium, classic control": (
@@ -44,15 +44,9 @@ ENVIRONMENTS: Mapping[str, tuple[tuple[str, ...], ...]] = {  # by package: the o
         ("--gym", "HalfCheetah-v5"), ("--gym", "Hopper-v5"), ("--gym", "InvertedPendulum-v5"), ("--gym", "Ant-v5"),
     ),
     "ale-py": (("--gym", "ale_py:ALE/Pong-v5"), ("--gym", "ale_py:ALE/Breakout-v5 obs_type=ram")),
-    "minigrid": (("--gym", "minigrid:MiniGrid-Empty-5x5-v0"), ("--gym", "minigrid:MiniGrid-DoorKey-6x6-v0")),
-    "highway-env": (("--gym", "highway_env:highway-v0"), ("--gym", "highway_env:parking-v0")),
     "pettingzoo, AEC": (
         ("--pettingzoo", "pettingzoo.classic.tictactoe_v3"), ("--pettingzoo", "pettingzoo.classic.connect_four_v3"),
         ("--pettingzoo", "pettingzoo.classic.rps_v2"),
-    ),
-    "pettingzoo, parallel": (
-        ("--pettingzoo", "pettingzoo.butterfly.pistonball_v6"),
-        ("--pettingzoo", "pettingzoo.butterfly.knights_archers_zombies_v10"),
     ),
     "mpe2, parallel": (("--pettingzoo", "mpe2.simple_spread_v3"), ("--pettingzoo", "mpe2.simple_tag_v3")),
 }  # fmt: skip
