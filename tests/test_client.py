@@ -32,7 +32,7 @@ from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import AnswersTwice, BrokenServer, Gauntlet, Honest, serving
 from tests.support.instructions import run_with
-from tests.support.servers import answering_methods
+from tests.support.servers import answering_methods, impatient
 from tools.chaos.process import open_files, wait_until
 from tools.chaos.proxy import Proxy
 
@@ -159,7 +159,8 @@ def answering(describe: bytes | None = None, *answers: bytes) -> Iterator[str]:
 
 
 def test_a_simulator_that_does_not_answer_in_time_is_lost_and_the_error_says_what_was_waited_for():
-    with answering() as silent, Session(silent, "gauntlet", arenas=3, first_arena=5, seed=0, timeout=0.1) as session:
+    with answering() as silent, Session(silent, "gauntlet", arenas=3, first_arena=5, seed=0) as session:
+        impatient(session)
         acts = make_acts(session.spec, 3)
         for _ in range(2):
             with pytest.raises(SimulatorLost) as caught:
@@ -172,7 +173,8 @@ def test_a_simulator_that_does_not_answer_in_time_is_lost_and_the_error_says_wha
 
 @pytest.mark.parametrize("ask", [Session.save, Session.reset, lambda session: session.receive()])
 def test_every_wait_of_a_session_ends(ask):
-    with answering() as silent, Session(silent, "gauntlet", arenas=3, seed=0, timeout=0.1) as session:
+    with answering() as silent, Session(silent, "gauntlet", arenas=3, seed=0) as session:
+        impatient(session)
         if ask not in (Session.save, Session.reset):
             session.send(make_acts(session.spec, 3))
         with pytest.raises(
@@ -188,8 +190,11 @@ def test_a_wait_that_ends_before_its_call_has_begun_ends(address, seconds):
 
 
 def test_the_time_of_an_answer_begins_with_the_wait_for_it(address):
-    with Session(address, "marble", arenas=2, seed=0, timeout=0.5) as session:
-        session.send(make_acts(session.spec, 2))
+    with Session(address, "marble", arenas=2, seed=0) as session:
+        acts = make_acts(session.spec, 2)
+        session.step(acts)
+        impatient(session, 0.5)
+        session.send(acts)
         begin = time.monotonic()
         while time.monotonic() < begin + 0.6:  # learning, for example
             sum(range(1000))

@@ -23,7 +23,7 @@ from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost
 from joybridge.trainer.wire.local_stream import LocalStream
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import Gauntlet, Honest
-from tests.support.servers import answering_methods
+from tests.support.servers import answering_methods, impatient
 from tests.support.wire import Stream, act, reset, start
 
 
@@ -185,8 +185,9 @@ def test_what_a_socket_sends_wrongly_is_named(data, message):
     with (
         socket_that_sends(data) as path,
         offering(path) as address,
-        Session(address, "gauntlet", arenas=2, seed=0, transport="local", timeout=0.1) as session,
+        Session(address, "gauntlet", arenas=2, seed=0, transport="local") as session,
     ):
+        impatient(session)
         for _ in range(2):
             with pytest.raises(SimulatorError, match=message):
                 session.step(make_acts(session.spec, 2))
@@ -274,8 +275,8 @@ def test_a_session_that_ends_while_its_socket_is_made_leaves_nothing_behind(tmp_
 
 def test_a_lost_simulator_is_lost_over_the_socket_too(tmp_path):
     with socket_that_sends(b"") as path, offering(path) as address:
-        session = Session(address, "gauntlet", arenas=2, seed=0, transport="local", timeout=0.1)
-        local(session)._socket.end()
+        session = Session(address, "gauntlet", arenas=2, seed=0, transport="local")
+        local(impatient(session))._socket.end()
         with pytest.raises(SimulatorLost):
             session.step(make_acts(session.spec, 2))
         session.close()

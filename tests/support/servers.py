@@ -11,6 +11,7 @@ from typing import Any
 import grpc
 
 from joybridge.contract.address import READY
+from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.stream import SERVICE
 from tests.support.wire import SECONDS
 
@@ -35,6 +36,12 @@ def server(*arguments, **streams) -> Iterator[Server]:
     finally:
         process.kill()
         process.communicate()
+
+
+def impatient(session: Session, seconds: float = 0.1) -> Session:
+    """Make an open session wait this long for its next answers. Opening it takes longer on a busy machine."""
+    session._wait._seconds = seconds
+    return session
 
 
 def end(process) -> tuple[int, str]:
