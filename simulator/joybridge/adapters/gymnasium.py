@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from joybridge.adapters.rendering import choose_rendering, tick_seconds
+from joybridge.adapters.rendering import choose_rendering, draw, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, read_settings
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.contract.tensors import Array
@@ -82,7 +82,7 @@ class GymnasiumGame(Game):
 
     def draw(self) -> Array:
         """Return what the environment renders."""
-        return np.asarray(self.env.render())
+        return draw(self.env)
 
 
 def _action_masks(env: Any) -> Callable[[], Any]:

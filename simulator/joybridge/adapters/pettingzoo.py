@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from joybridge.adapters.rendering import choose_rendering, tick_seconds
+from joybridge.adapters.rendering import choose_rendering, draw, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.contract.tensors import Array
@@ -97,7 +97,7 @@ class PettingZooGame(Game):
 
     def draw(self) -> Array:
         """Return what the environment renders."""
-        return np.asarray(self.env.render())
+        return draw(self.env)
 
     def _begin(self, seed: int) -> list[TimeStep]:
         raise NotImplementedError
