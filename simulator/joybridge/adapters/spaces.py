@@ -45,7 +45,7 @@ class AgentSpaces:
 
     def observe(self, observation: Any) -> dict[str, Array]:
         """Return the sensors of one observation, as copies."""
-        return {name: read(_at(observation, path)) for name, path, read in self._readers}
+        return {name: read(_at(observation, path) if path else observation) for name, path, read in self._readers}
 
     def masks(self, observation: Any, info: Mapping[str, Any], further: Any = None) -> dict[str, Any]:
         """Return the allowed choices of each branch: from `info`, the observation or `further`; empty for all.
@@ -113,6 +113,8 @@ class AgentSpaces:
                     "gymnasium.wrappers.RescaleAction or give its action space bounds"
                 )
             self.axes.append(axis(element, float(low), float(high)))
+        if space.dtype == np.float32:  # as axes are
+            return lambda chosen: _array(chosen, names, space)
         # Clipped because an axis has 32 bits, and a bound of 64 bits may lie below its neighbor of 32.
         round_off = np.rint if np.issubdtype(space.dtype, np.integer) else np.asarray
         return lambda chosen: np.asarray(

@@ -34,7 +34,7 @@ from joybridge.v1 import bridge_pb2 as pb
 Action = dict[str, float | int]  # by name: the value of each axis and the index of each branch's choice
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)  # not frozen: one is made per agent and decision, and would take five times as long
 class TimeStep:
     """What one agent receives after a decision.
 
