@@ -1,7 +1,9 @@
 """Environments of Gymnasium and PettingZoo as games."""
 
 import sys
+from types import SimpleNamespace
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -177,3 +179,12 @@ def test_the_catalog_offers_adapted_environments_beside_the_games():
     games = load_games(["gym:CartPole-v1 max_episode_steps=50"])
     assert {"orchard", "CartPole-v1"} <= set(games)
     assert games["CartPole-v1"].describe({}).max_episode_decisions == 50
+
+
+def test_a_package_with_an_entry_point_registers_its_environments(monkeypatch):
+    def register():
+        gymnasium.register("joybridge_tests/Late-v0", lambda **_: gymnasium.make("CartPole-v1").unwrapped)
+
+    point = SimpleNamespace(load=lambda: register)
+    monkeypatch.setattr("joybridge.adapters.gymnasium.entry_points", lambda group, name: [point])
+    assert load_game("gym:joybridge_tests/Late-v0").name == "joybridge_tests/Late-v0"

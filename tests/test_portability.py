@@ -41,6 +41,8 @@ GUARDED = {  # where another function has made sure
     "proto/joybridge/conformance/examination.py": {"socket.AF_UNIX"},  # `address` refuses unix: without it
     "proto/joybridge/contract/local_socket.py": {"os.getuid", "socket.AF_UNIX"},  # a client asks for it if it has both
     "simulator/joybridge/simulator/local_socket.py": {"asyncio.start_unix_server"},  # `offer` returns None before
+    "simulator/joybridge/simulator/workers/process.py": {"subprocess.pass_fds"},  # `load_games` refuses workers
+    "simulator/joybridge/simulator/workers/worker.py": {"signal.SIGKILL"},  # on Linux only
     "simulator/joybridge/simulator/server.py": {"socket.AF_UNIX"},  # `address`, as above
     "trainer/joybridge/trainer/files.py": {"os.fsync"},  # of files everywhere; `sync_folder` ends on Windows before
 }

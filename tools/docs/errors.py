@@ -58,6 +58,7 @@ EXCEPTIONS = {  # what to do
     "SelectionError": "Use one of the names in the text; `joybridge check --list` prints all.",
     "NewGameError": "Choose another name or folder, as the text says.",
     "GameError": "Repair the game; the text names the arena, the part and what was expected.",
+    "ArenaError": "Repair the game; the text names the arena.",
     "ServerError": "Start the server, or name a game that it has.",
     "CatalogError": "Repair the game or its place; its module must be importable from the current folder.",
     "DoorError": "Give the server TLS and a token, or let it listen on 127.0.0.1.",

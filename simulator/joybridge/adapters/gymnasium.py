@@ -6,6 +6,7 @@ with pygame ends pygame for all other arenas as well.
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from importlib.metadata import entry_points
 from math import isfinite
 from numbers import Real
 from typing import Any, ClassVar
@@ -27,6 +28,7 @@ def adapt(text: str) -> type[Game]:
     Raises AdapterError, and whatever the environment raises.
     """
     environment, arguments = read_settings(text)
+    _register(environment)
     make = partial(gymnasium.make, environment, disable_env_checker=True)  # the adapter checks what comes back
     arguments, picture = choose_rendering(make, arguments)
     env = make(**arguments)
@@ -44,6 +46,13 @@ def adapt(text: str) -> type[Game]:
         max_arenas=MAX_ARENAS, picture=picture,
     )  # fmt: skip
     return game  # type: ignore[no-any-return]
+
+
+def _register(environment: str) -> None:
+    """Let the package of an ID "NAMESPACE/NAME" register its environments, as Gymnasium did by itself before 1.0."""
+    if ":" not in environment and environment not in gymnasium.registry:
+        for point in entry_points(group="gymnasium.envs", name=environment.rpartition("/")[0]):
+            point.load()()
 
 
 class GymnasiumGame(Game):

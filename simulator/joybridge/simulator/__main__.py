@@ -24,6 +24,9 @@ from joybridge.simulator.server import serve
 from joybridge.simulator.service import Limits
 from joybridge.v1 import bridge_pb2 as pb
 
+MAX_WORKERS = 128  # of a session
+WORKER_SHARE = 0.9  # of the time for a step: what a worker does is then said before the session ends
+
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.simulator") -> int:
     """Run a command and return its exit status: 2 for an error that the user can fix."""
@@ -79,7 +82,8 @@ def _serve(options: argparse.Namespace) -> None:
     if idle_seconds is None:
         idle_seconds = math.inf if options.with_parent else Limits().idle_seconds
     limits = Limits(options.sessions, options.step_seconds, options.start_seconds, idle_seconds)
-    asyncio.run(serve(load_games(options.game), options.address, limits, protection, options.with_parent))
+    games = load_games(options.game, options.workers, WORKER_SHARE * options.step_seconds)
+    asyncio.run(serve(games, options.address, limits, protection, options.with_parent))
 
 
 class _Printable(logging.Formatter):
@@ -125,6 +129,11 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     server.add_argument(
         "--with-parent", action="store_true", help="exit when standard input closes, i.e. with the parent process"
     )
+    server.add_argument(
+        "--workers", type=_count, default=0, metavar="N",
+        help="step the arenas of each session in N processes, for games that are given here and have one arena each, "
+        "such as environments; worth it where a step takes a millisecond or more. Default: 0, in the server's process",
+    )  # fmt: skip
     _add_protection(server.add_argument_group("protection"))
     _add_limits(server.add_argument_group("limits", "a number of seconds may be 0: no limit"))
     lists = commands.add_parser(
@@ -191,6 +200,13 @@ def _sessions(text: str) -> int:
     """Return a number of sessions. Raises ArgumentTypeError."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number, at least 1")
+    return int(text)
+
+
+def _count(text: str) -> int:
+    """Return a number of processes. Raises ArgumentTypeError."""
+    if not (text.isdecimal() and int(text) <= MAX_WORKERS):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number of processes, 0 to {MAX_WORKERS}")
     return int(text)
 
 

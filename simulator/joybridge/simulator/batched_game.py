@@ -22,6 +22,15 @@ class GameError(JoybridgeError):
     """A mistake in a game. The message names the arena where it is known."""
 
 
+class ArenaError(GameError):
+    """A mistake of a game in one arena. The message names it."""
+
+    def __init__(self, arena: int, text: str) -> None:
+        """arena: its number in the session. text: the message without it."""
+        super().__init__(f"arena {arena}: {text}")
+        self.arena, self.text = arena, text
+
+
 class BatchedGame(ABC):
     """Many arenas of one game. The session validates all inputs before they reach the game.
 

@@ -6,6 +6,8 @@ in the entry point group "joybridge.games". The places of environments of other 
 "unity-port:PORT"; arguments may follow.
 """
 
+import math
+import os
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -15,7 +17,8 @@ from joybridge.contract.spec import SpecError, check_spec, choose_options
 from joybridge.games import BUILT_IN
 from joybridge.simulator.batched_game import BatchedGame
 from joybridge.simulator.game import Game
-from joybridge.simulator.game_adapter import batched
+from joybridge.simulator.game_adapter import GameAdapter, batched
+from joybridge.simulator.workers.game import in_workers
 from joybridge.v1 import bridge_pb2 as pb
 
 Catalog = dict[str, type[BatchedGame]]  # by name
@@ -33,12 +36,20 @@ class CatalogError(JoybridgeError):
     """A game cannot be offered. The message names its place and the reason."""
 
 
-def load_games(places: Sequence[str] = ()) -> Catalog:
-    """Return all games by name: built-in, installed, and at `places`. Raises CatalogError for one that is broken."""
+def load_games(places: Sequence[str] = (), workers: int = 0, seconds: float = math.inf) -> Catalog:
+    """Return all games by name: built-in, installed, and at `places`. Raises CatalogError for one that is broken.
+
+    workers: processes that step the arenas of each one-arena game at `places`; 0 or 1: this process does. seconds: for
+    each answer of a worker.
+    """
+    if workers > 1 and os.name == "nt":
+        raise CatalogError("workers take sockets from the server, which Windows has no way for; leave out --workers")
     installed = [point.value for point in entry_points(group="joybridge.games")]
     games: Catalog = {}
-    for place in [*BUILT_IN.values(), *installed, *places]:
+    for number, place in enumerate([*BUILT_IN.values(), *installed, *places]):
         game = load_game(place)
+        if workers > 1 and number >= len(BUILT_IN) + len(installed) and issubclass(game, GameAdapter):
+            game = in_workers(game, place, workers, seconds)
         if game.name in games and games[game.name] is not game:
             raise CatalogError(f"{place}: there is already a game named {game.name!r}; rename this one")
         games[game.name] = game

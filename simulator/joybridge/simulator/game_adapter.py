@@ -1,6 +1,6 @@
 """Turn an author's one-arena `Game` into the `BatchedGame` that the server runs.
 
-Everything that an author returns is checked here: a mistake raises a GameError that names the arena.
+Everything that an author returns is checked here: a mistake raises an ArenaError.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -11,7 +11,7 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import NUMPY_TYPES, Array
-from joybridge.simulator.batched_game import BatchedGame, GameError
+from joybridge.simulator.batched_game import ArenaError, BatchedGame, GameError
 from joybridge.simulator.game import Action, Game, TimeStep
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -126,7 +126,7 @@ class GameAdapter(BatchedGame):
     def _reset(self, arena: int) -> list[TimeStep]:
         timesteps = self._timesteps(arena, self.games[arena].reset)
         if timesteps[0].terminated or timesteps[0].truncated:
-            raise GameError(f"arena {arena}: reset returned an episode's end, expected transition(...) or waiting(...)")
+            raise ArenaError(arena, "reset returned an episode's end, expected transition(...) or waiting(...)")
         return timesteps
 
     @staticmethod
@@ -147,15 +147,11 @@ class GameAdapter(BatchedGame):
             return [result]
         timesteps: list[TimeStep] = [result] if single else result
         if not (isinstance(timesteps, list | tuple) and all(isinstance(one, TimeStep) for one in timesteps)):
-            raise GameError(
-                f"arena {arena}: got {result!r}, expected a TimeStep per agent, for example from transition(...)"
-            )
+            raise ArenaError(arena, f"got {result!r}, expected a TimeStep per agent, for example from transition(...)")
         if len(timesteps) != len(self.agents):
-            raise GameError(
-                f"arena {arena}: got {len(timesteps)} timesteps, expected {len(self.agents)}, one per agent"
-            )
+            raise ArenaError(arena, f"got {len(timesteps)} timesteps, expected {len(self.agents)}, one per agent")
         if len({one.terminated or one.truncated for one in timesteps}) != 1:
-            raise GameError(f"arena {arena}: the episode ended for some agents only, expected its end for all of them")
+            raise ArenaError(arena, "the episode ended for some agents only, expected its end for all of them")
         return timesteps
 
     def _earn(self, arena: int, timesteps: list[TimeStep]) -> None:
@@ -215,15 +211,15 @@ def _column(sensor: SensorFormat, timesteps: Rows) -> Array:
     column = np.empty((len(timesteps), *sensor.shape), sensor.dtype)
     for row, (arena, timestep) in enumerate(timesteps):
         if sensor.name not in timestep.observation:
-            raise GameError(f"arena {arena}: {sensor.where} is in the spec but not in the observation")
+            raise ArenaError(arena, f"{sensor.where} is in the spec but not in the observation")
         value = timestep.observation[sensor.name]
         if np.shape(value) != sensor.shape:
             came, wanted = list(np.shape(value)), list(sensor.shape)
-            raise GameError(f"arena {arena}: {sensor.where} has shape {came}, expected {wanted}")
+            raise ArenaError(arena, f"{sensor.where} has shape {came}, expected {wanted}")
         try:
             column[row] = value
         except Exception as error:  # it is no number, or too large for the dtype
-            raise GameError(f"arena {arena}: {sensor.where}: {type(error).__name__}: {error}") from error
+            raise ArenaError(arena, f"{sensor.where}: {type(error).__name__}: {error}") from error
     return column
 
 
@@ -258,10 +254,10 @@ def _metrics(behavior: BehaviorFormat, ends: Rows) -> Array | None:
     return metrics if names else None
 
 
-def _named(arena: int, error: BaseException) -> GameError:
+def _named(arena: int, error: BaseException) -> ArenaError:
     """Return what a game has raised with the number of its arena; a call of exit() is an error as well."""
     text = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
-    return GameError(f"arena {arena}: {text}")
+    return ArenaError(arena, text)
 
 
 def _require_known(what: str, given: Iterable[str], known: Collection[str]) -> None:
@@ -279,4 +275,4 @@ def _require_finite(what: str, rows: Array, timesteps: Rows) -> None:
         return
     if not np.isfinite(rows).all():
         row, *_ = np.argwhere(~np.isfinite(rows))[0]
-        raise GameError(f"arena {timesteps[row][0]}: {what} is {rows[row].tolist()}, expected finite numbers")
+        raise ArenaError(timesteps[row][0], f"{what} is {rows[row].tolist()}, expected finite numbers")

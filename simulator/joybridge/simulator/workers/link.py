@@ -1,0 +1,54 @@
+"""What the server and a worker say to each other: a kind, a length, and JSON or a message of the contract."""
+
+import math
+import socket
+import struct
+import time
+
+HEADER = struct.Struct("<cQ")  # kind and length
+READ_BYTES = 1 << 20  # that are read at once, at most
+LOOK_SECONDS = 0.5  # after which a thread that waits may be stopped; see game_thread.py
+
+START, RESET, OBSERVE, ACT, DRAW = b"S", b"R", b"O", b"A", b"D"  # to the worker: JSON, but pb.Act for ACT
+DONE, STEP, PICTURE, FAULT = b"N", b"T", b"P", b"F"  # from it: nothing, pb.Step, pb.Tensor, JSON with what has failed
+
+Frame = tuple[bytes, bytes]  # kind and message
+
+
+class Link:
+    """One end of the connection. It closes with the process at the other end."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        """Take a connected socket."""
+        self._socket = connection
+
+    def send(self, kind: bytes, message: bytes) -> None:
+        """Send a frame. Raises OSError if the other end is closed."""
+        self._socket.settimeout(None)
+        self._socket.sendall(HEADER.pack(kind, len(message)) + message)
+
+    def receive(self, seconds: float = math.inf) -> Frame:
+        """Return the next frame. Raises EOFError if the other end is closed, TimeoutError if nothing comes in time."""
+        limit = time.monotonic() + seconds
+        kind, size = HEADER.unpack(self._read(HEADER.size, limit))
+        return kind, bytes(self._read(size, limit))
+
+    def close(self) -> None:
+        """Close this end."""
+        self._socket.close()
+
+    def _read(self, size: int, limit: float) -> bytearray:
+        data = bytearray(size)
+        missing = memoryview(data)
+        while missing:
+            self._socket.settimeout(LOOK_SECONDS)
+            try:
+                came = self._socket.recv_into(missing[:READ_BYTES])
+            except TimeoutError:
+                if time.monotonic() > limit:
+                    raise
+                continue
+            if came == 0:
+                raise EOFError
+            missing = missing[came:]
+        return data

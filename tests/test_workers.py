@@ -1,0 +1,120 @@
+"""Arenas in worker processes: the same bytes, and whatever happens to a worker is said and hurts nobody else."""
+
+import os
+import time
+from contextlib import closing, suppress
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from joybridge.contract.codec import ActArrays
+from joybridge.simulator.batched_game import GameError
+from joybridge.simulator.catalog import load_games
+from joybridge.trainer.wire.client import Session, SimulatorError
+from tests.support.doomed import EXIT, HANG, NOTHING, RAISE
+from tests.support.servers import games, server
+from tests.support.wire import SECONDS
+
+DOOMED = "tests.support.doomed:Doomed"
+
+
+def fates(*choices):
+    return [ActArrays(np.empty((len(choices), 0), np.float32), np.array(choices, np.int32)[:, None])]
+
+
+def parts(steps):
+    """Return all arrays of a step, as bytes with their types and shapes."""
+    arrays = [
+        each for step in steps for field in astuple(step) for each in (field if isinstance(field, list) else [field])
+    ]
+    return [array if array is None else (str(array.dtype), array.shape, array.tobytes()) for array in arrays]
+
+
+def test_the_bytes_are_those_of_one_process():
+    place, options = "tests.support.games:Hybrid", {"size": "small", "masks": "on"}
+    one: Any
+    several: Any
+    one, several = (load_games([place], workers)["hybrid"](options, {}, 5, 3, 2**63) for workers in (0, 3))
+    random = np.random.default_rng(0)
+    device = one.spec.behaviors[0].device
+    with closing(several):
+        assert parts(one.observe()) == parts(several.observe())
+        for turn in range(30):
+            if turn == 20:
+                one.reset(7, {})
+                several.reset(7, {})
+                assert parts(one.observe()) == parts(several.observe())
+            masks = one.observe()[0].masks or []
+            choices = np.stack([(random.random(mask.shape) * mask).argmax(1) for mask in masks], 1).astype(np.int32)
+            axes = np.array(
+                [[random.uniform(axis.low, axis.high) for axis in device.axes] for _ in range(5)], np.float32
+            )
+            step = one.step([ActArrays(axes, choices)])
+            assert parts(step) == parts(several.step([ActArrays(axes, choices)]))
+        assert one.draw(4).tobytes() == several.draw(4).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("choices", "text"),
+    [
+        ((0, 0, 0, RAISE), r"arena 3: ValueError: as told, in worker 1 \(arenas 2 to 3\)"),
+        ((0, EXIT, 0, 0), r"arena 1: worker 0 \(arenas 0 to 1\) ended with exit status 7"),
+        ((0, 0, HANG, 0), r"arena 2: worker 1 \(arenas 2 to 3\) gave no result in 0.5 s; .* --step-seconds"),
+    ],
+)
+def test_what_becomes_of_a_worker_is_said_with_the_arena(choices, text, capfd):
+    game: Any = load_games([DOOMED], 2)["doomed"]({}, {}, 4, 0, 1)
+    with closing(game):
+        game.step(fates(0, 0, 0, 0))
+        for process in game.processes:
+            process.seconds = 0.5 if HANG in choices else SECONDS
+        with pytest.raises(GameError, match=text):
+            game.step(fates(*choices))
+    if HANG in choices:  # its stack is in the log
+        assert "doomed.py" in capfd.readouterr().err
+
+
+def test_a_session_whose_worker_dies_ends_alone_and_nothing_outlives_the_server():
+    text = r"doomed failed in step 1: arena 2: worker 1 \(arenas 2 to 2\)"
+    with (
+        server("--address", "127.0.0.1:0", "--workers", "2", *games(DOOMED)) as process,
+        Session(process.address, "doomed", arenas=3, seed=1) as other,
+    ):
+        workers = children(process.pid)
+        assert len(workers) == 2
+        with Session(process.address, "doomed", arenas=3, seed=1) as unlucky, pytest.raises(SimulatorError, match=text):
+            unlucky.step(fates(NOTHING, NOTHING, EXIT))
+        other.step(fates(NOTHING, NOTHING, NOTHING))
+        until(lambda: children(process.pid) == workers)
+        other.send(fates(NOTHING, HANG, NOTHING))
+        process.kill()
+        process.wait()
+        until(lambda: not any(map(alive, workers)))
+
+
+def children(pid):
+    """Return the processes that a process has started."""
+    found = set()
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(FileNotFoundError):  # the thread has ended
+            found.update((task / "children").read_text().split())
+    return found
+
+
+def alive(pid):
+    """Return whether a process runs; a zombie does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def until(condition):
+    """Wait until something is so."""
+    limit = time.monotonic() + SECONDS
+    while not condition():
+        assert time.monotonic() < limit
+        os.sched_yield()
