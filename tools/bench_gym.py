@@ -2,8 +2,8 @@
 
 python -m tools.bench_gym [ID ...] [--number N] [--workers N] [--rounds N]
 
-All play the same environments with random actions that are drawn before, in turns of half a second, so that what else the
-machine does hits them alike. Printed are the medians of steps of one environment per second, and of the ratios to
+All play the same environments with random actions that are drawn before, in turns of half a second, so that what else
+the machine does hits them alike. Printed are the medians of steps of one environment per second, and of the ratios to
 AsyncVectorEnv in the same round.
 """
 
