@@ -395,9 +395,9 @@ class Steady(Gauntlet):
 
 
 def test_a_session_of_slow_steps_may_take_longer_than_the_deadline_of_a_response():
-    with serving(BrokenServer(set(), game=Steady)) as address, Client(address, 0.5) as client:
-        recording = subject.Subject(client, Gauntlet.name).record(subject.SHORT)
-    assert recording.end is None and len(recording.steps) == subject.SHORT + 1
+    with serving(BrokenServer(set(), game=Steady)) as address, Client(address, 1.2) as client:
+        recording = subject.Subject(client, Gauntlet.name).record(2 * subject.SHORT)
+    assert recording.end is None and len(recording.steps) == 2 * subject.SHORT + 1
 
 
 class Compiles(Gauntlet):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from joybridge.adapters.unity import process as unity_process
 from joybridge.contract.codec import ActArrays
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents import side_channels
@@ -24,7 +25,7 @@ from joybridge.trainer.wire.errors import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
 from tests.support.unity_player import DIES, HANGS, StandIn, agent, free_port, hybrid, says, vector
 
-QUICK = "wait=0.3"  # seconds, for players that say nothing
+QUICK = "wait=1"  # seconds, for players that say nothing
 
 
 def serve(script, settings=""):
@@ -183,7 +184,7 @@ def test_a_seed_that_a_player_was_not_greeted_with_is_refused():
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        (HANGS, r"the player at port \d+ said nothing for 0\.3 s"),
+        (HANGS, r"the player at port \d+ said nothing for 1 s"),
         (DIES, r"the player at port \d+ (has gone|said nothing for)"),
         (b"\x0a\x7f", "sent what is no message of ML-Agents"),
         (ml.Message(header=ml.Header(status=500)).SerializeToString(), r"has ended \(status 500\)"),
@@ -212,7 +213,7 @@ def test_a_player_that_misbehaves_ends_the_session_with_a_sentence(line, text):
 @pytest.mark.parametrize(
     ("script", "settings", "text"),
     [
-        ([HANGS], QUICK, "said nothing for 0.3 s"),
+        ([HANGS], QUICK, "said nothing for 1 s"),
         ([says()], "", "the player shows no agent that asks for a decision"),
         ([says(agent(0, 0.0))], "", "has agents, but the player has not announced its actions"),
         ([says(agent(0, 0.0), new=ml.ActionSpec())], "", "behavior 'walker' has no actions"),
@@ -246,7 +247,7 @@ def test_another_version_is_refused_with_both_versions(version):
 
 
 def test_nobody_connects():
-    with pytest.raises(CatalogError, match=r"the player at port \d+ said nothing for 0\.3 s"):
+    with pytest.raises(CatalogError, match=r"the player at port \d+ said nothing for 1 s"):
         load_game(f"unity-port:{free_port()} start=0.3")
 
 
@@ -337,7 +338,8 @@ def build(tmp_path):
     return path.with_suffix("")
 
 
-def test_a_build_is_started_for_every_player_and_seed(build):
+def test_a_build_is_started_for_every_player_and_seed(build, monkeypatch):
+    monkeypatch.setattr(unity_process, "ENDING_SECONDS", 60.0)
     game = load_game(f"unity:{build} areas=2 args='--agents 2'")
     assert (game.name, game.describe({}).max_arenas) == ("walk", 32)
     session: Any = game({}, {}, 3, 1, 7)
@@ -353,7 +355,7 @@ def test_a_build_is_started_for_every_player_and_seed(build):
     with pytest.raises(GameError, match=r"has ended with exit status -9|has gone"):
         session.step(act([[0.5]] * 3))
     session.close()
-    assert [process.wait(10) for process in processes] == [0, -9]
+    assert [process.wait(60) for process in processes] == [0, -9]
     (step,) = other.step(act([[0.5]]))  # another session is not affected
     assert step.observations[0].tolist() == [[7, 1, 1]]
     other.close()

@@ -48,6 +48,7 @@ REQUIREMENTS = (
     "setuptools<81", "numpy==1.23.5", "protobuf==3.20.3", "grpcio==1.48.2",
     "Pillow", "pyyaml", "cloudpickle", "filelock",
 )  # fmt: skip
+DRIVEN = "mlagents_envs.environment, mlagents.trainers"  # modules that drive a player and read demonstrations
 PACKAGES = ("mlagents-envs==1.1.0", "mlagents==1.1.0")
 GAMES = ("archer", "noughts", "ferry", "shooting_birds")
 TIMED = "shooting_birds"
@@ -55,7 +56,7 @@ DEMONSTRATED, DEMONSTRATED_STEPS = "archer", 300  # a game with an axis, a branc
 SEED, ARENAS, RESET_AT, STEPS = 3, 4, 70, 120  # as in tools/mlagents/drive.py
 PARAMETERS: Mapping[str, tuple[str, tuple[float, float]]] = {"shooting_birds": ("bird_speed", (0.5, 1.5))}
 TIMED_ARENAS, TIMED_STEPS = 64, 400
-INSTALL_SECONDS = 120.0  # of one command of the installation
+INSTALL_SECONDS = 900.0  # of one command of the installation
 DEADLINE = 300.0  # seconds of one command
 
 
@@ -86,31 +87,26 @@ def main() -> int:
     return 0
 
 
-def install() -> str:
-    """Make the environment of mlagents_envs where it is not there yet; return why it cannot be had, "" if it is."""
-    python = ENVIRONMENT / "bin/python"
-    if (
-        python.exists()
-        and not subprocess.run(
-            [python, "-c", "import mlagents_envs.environment, mlagents.trainers"], check=False
-        ).returncode
-    ):
+def install(environment: Path = ENVIRONMENT, requirements: Sequence[str] = REQUIREMENTS, modules: str = DRIVEN) -> str:
+    """Make the environment with these modules where it is not there yet; return why it cannot be had, "" if it is."""
+    python = environment / "bin/python"
+    if python.exists() and not subprocess.run([python, "-c", f"import {modules}"], check=False).returncode:
         return ""
     base = find_python("3.10")
     if base is None:
         return "mlagents-envs 1.1.0 needs Python 3.10, which is not installed here"
-    shutil.rmtree(ENVIRONMENT, ignore_errors=True)
+    shutil.rmtree(environment, ignore_errors=True)
     pip = [str(python), "-m", "pip", "install", "--quiet", "--no-compile", "--disable-pip-version-check"]
     for command in (
-        [str(base), "-m", "venv", str(ENVIRONMENT)],
-        [*pip, *REQUIREMENTS],
+        [str(base), "-m", "venv", str(environment)],
+        [*pip, *requirements],
         [*pip, "--no-deps", "--ignore-requires-python", *PACKAGES],
     ):
         try:
             subprocess.run(command, check=True, capture_output=True, text=True, timeout=INSTALL_SECONDS)
         except (subprocess.SubprocessError, OSError) as error:
             said = str(getattr(error, "stderr", "") or error).strip().splitlines()
-            shutil.rmtree(ENVIRONMENT, ignore_errors=True)
+            shutil.rmtree(environment, ignore_errors=True)
             return f"{' and '.join(PACKAGES)} cannot be installed: {said[-1] if said else error}"
     return ""
 

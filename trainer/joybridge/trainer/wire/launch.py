@@ -3,9 +3,11 @@
 import os
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from threading import Thread
 
 from joybridge.contract.address import READY
@@ -37,7 +39,7 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
             "a simulator cannot be started here because its games are not installed; install them with "
             "`pip install 'joybridge[simulator]'`, or give the address of a running simulator"
         )
-    folders = {"PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path)} if games else {}
+    folders = {"PYTHONPATH": os.pathsep.join(_folders_of_others())} if games else {}
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env=os.environ | folders, start_new_session=True,  # Ctrl-C and the end of a terminal are for this process
@@ -79,3 +81,16 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
         # A child process of a game may hold the pipe open; closing it would then wait for the thread that reads it.
         if process.stdout is not None and (printer is None or not printer.is_alive()):
             process.stdout.close()
+
+
+def _folders_of_others() -> list[str]:
+    """Return the folders that this process imports from, without those of Python itself.
+
+    A game may start programs that run under another Python, such as a build of Unity that is a script.
+    """
+    own = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+    return [
+        folder or os.curdir
+        for folder in sys.path
+        if not folder.endswith(".zip") and not any(Path(folder).is_relative_to(one) for one in own)
+    ]
