@@ -1,19 +1,26 @@
 """Arenas in worker processes: the same bytes, and whatever happens to a worker is said and hurts nobody else."""
 
+import json
 import os
+import socket
+import threading
 import time
 from contextlib import closing, suppress
 from dataclasses import astuple
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from joybridge.contract.codec import ActArrays
+from joybridge.contract.codec import ActArrays, pack_act
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import load_games
+from joybridge.simulator.workers.link import ACT, DONE, DRAW, FAULT, OBSERVE, RESET, START, STEP, Link
+from joybridge.simulator.workers.worker import Worker, work
 from joybridge.trainer.wire.client import Session, SimulatorError
+from joybridge.v1 import bridge_pb2 as pb
 from tests.support.doomed import EXIT, HANG, NOTHING, RAISE
 from tests.support.servers import games, server
 from tests.support.wire import SECONDS
@@ -55,6 +62,38 @@ def test_the_bytes_are_those_of_one_process():
             step = one.step([ActArrays(axes, choices)])
             assert parts(step) == parts(several.step([ActArrays(axes, choices)]))
         assert one.draw(4).tobytes() == several.draw(4).tobytes()
+
+
+def test_a_worker_answers_until_the_server_has_gone():
+    mark = memoryview(bytearray(8)).cast("q")
+    ours, theirs = socket.socketpair()
+    link = Link(ours)
+    thread = threading.Thread(target=work, args=(partial(Worker, DOOMED, mark), Link(theirs), mark))
+    thread.start()
+    start = {"options": {}, "parameters": {}, "arenas": 2, "first_arena": 0, "seed": 1}
+
+    def ask(kind, message):
+        link.send(kind, message if isinstance(message, bytes) else json.dumps(message).encode())
+        return link.receive(SECONDS)
+
+    def act(*choices):
+        return pb.Act(behaviors=map(pack_act, fates(*choices))).SerializeToString()
+
+    assert ask(START, start) == (DONE, b"")
+    first = ask(OBSERVE, b"")
+    assert ask(ACT, act(NOTHING, NOTHING))[0] == STEP
+    assert ask(RESET, {"seed": 1, "parameters": {}}) == (DONE, b"")
+    assert ask(OBSERVE, b"") == first
+    kind, message = ask(ACT, act(NOTHING, RAISE))
+    fault = json.loads(message)
+    assert kind == FAULT and (fault["arena"], fault["text"]) == (1, "ValueError: as told")
+    assert "doomed.py" in fault["traceback"] and mark[0] == -1
+    kind, message = ask(DRAW, {"arena": 0})
+    assert kind == FAULT and "no draw method" in json.loads(message)["text"]
+    link.close()
+    thread.join(SECONDS)
+    assert not thread.is_alive()
+    theirs.close()
 
 
 @pytest.mark.parametrize(
