@@ -24,6 +24,7 @@ from joybridge.contract.limits import request_bytes
 from joybridge.simulator.catalog import Catalog, specs
 from joybridge.simulator.doors import Door, Protection
 from joybridge.simulator.game_thread import game_threads
+from joybridge.simulator.memory import keep_memory
 from joybridge.simulator.service import Limits, Service
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
@@ -45,6 +46,7 @@ async def serve(games: Catalog, address: str, limits: Limits, protection: Protec
     Prints the bound address as one line. Raises OSError if it cannot bind.
     """
     sys.setswitchinterval(SWITCH_SECONDS)
+    keep_memory()
     stop = _stop_event(with_parent)
     server = grpc.aio.server(interceptors=[Door(protection.token)], options=_options(games))
     service = Service(games, limits)

@@ -25,6 +25,7 @@ from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.catalog import load_game
 from joybridge.simulator.game import TimeStep
 from joybridge.simulator.game_adapter import GameAdapter
+from joybridge.simulator.memory import keep_memory
 from joybridge.simulator.workers.link import ACT, DONE, DRAW, FAULT, OBSERVE, PICTURE, START, STEP, Frame, Link
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -122,6 +123,7 @@ def end_with_parent() -> None:
 def main() -> None:
     """Run the command line."""
     end_with_parent()
+    keep_memory()
     faulthandler.enable()  # the server ends a worker that hangs with SIGABRT
     place, link, mark = sys.argv[1:]
     played = memoryview(mmap.mmap(int(mark), 0)).cast("q")
