@@ -3,6 +3,7 @@
 python -m tools.gym_figure
 """
 
+import re
 from collections import defaultdict
 from math import ceil
 from pathlib import Path
@@ -22,9 +23,9 @@ COLUMNS = 3
 
 def main() -> None:
     """Draw the figure."""
-    seeds: dict[str, list[Path]] = defaultdict(list)  # by configuration
+    seeds: dict[str, list[Path]] = defaultdict(list)  # of each configuration, a file per seed and policy
     for path in sorted((ROOT / "results/gym").glob("*.csv")):
-        seeds[path.stem.rpartition("-s")[0]].append(path)
+        seeds[re.sub(r"-s\d+.*", "", path.stem)].append(path)
     rows = ceil(len(seeds) / COLUMNS)
     figure, panels = plt.subplots(rows, COLUMNS, figsize=(11, 2.7 * rows), layout="constrained", squeeze=False)
     for panel in panels.flat[len(seeds) :]:
