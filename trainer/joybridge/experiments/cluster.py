@@ -20,11 +20,10 @@ from joybridge.experiments.job import Job, lifeline
 from joybridge.trainer.checkpoint import checkpoints
 from joybridge.trainer.config import dump_config, load_config
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked
+from joybridge.trainer.wire.cluster import PRIVATE, import_ray, join_cluster
 
 CORES = 2  # that a run uses
 POLL_SECONDS = 0.1
-# Environment of a cluster on this machine: addresses on loopback only, no usage statistics sent.
-PRIVATE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
 
 Files = dict[str, bytes]  # path in a run's folder -> content
 
@@ -35,25 +34,16 @@ class Cluster:
     def __init__(self, address: str | None, parallel: int) -> None:
         """Connect to the cluster at `address`; None: start one on this machine with cores for `parallel` runs.
 
-        Raises SystemExit if Ray is not installed or the cluster refuses the connection.
+        Raises SystemExit if Ray is not installed, no cluster is there, or it refuses the connection.
         """
-        if address is None or address.startswith("127.0.0.1:"):
-            os.environ.update(PRIVATE)  # read when Ray is imported
-        try:
-            import ray
-        except ImportError as error:
-            raise SystemExit(f"{error}; install it with `pip install 'joybridge[cluster]'`") from error
-        self.ray = ray
         if address is None:
-            ray.init("local", num_cpus=CORES * parallel, include_dashboard=False, log_to_driver=False)
+            os.environ.update(PRIVATE)  # read when Ray is imported
+            self.ray = import_ray()
+            self.ray.init("local", num_cpus=CORES * parallel, include_dashboard=False, log_to_driver=False)
         else:
             # The folders of the namespace package, all named joybridge: Ray unpacks each at a place of its own, and
             # Python joins them again.
-            packages = {"py_modules": list(joybridge.__path__)}
-            try:
-                ray.init(address, runtime_env=packages, log_to_driver=False)
-            except ConnectionError as error:
-                raise SystemExit(f"{error}; if it asks for a token, set RAY_AUTH_MODE=token") from error
+            self.ray = join_cluster(address, runtime_env={"py_modules": list(joybridge.__path__)})
 
     def room(self) -> int:
         """Return how many runs the cluster has cores for at the same time, at least one."""

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 
+from joybridge.contract.address import address
 from joybridge.trainer.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.trainer.command_line import (
     add_simulator_options,
@@ -25,10 +26,10 @@ from joybridge.trainer.command_line import (
     seconds,
     wanted_simulators,
 )
-from joybridge.trainer.config import Config, check_run, load_config, play_config, run_config, run_name
+from joybridge.trainer.config import check_run, load_config, play_config, run_config, run_name
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.demonstration_files import find_demonstrations
-from joybridge.trainer.errors import StorageError
+from joybridge.trainer.errors import ConfigError, StorageError
 from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked
 from joybridge.trainer.signals import leaving_on_signals
@@ -41,6 +42,7 @@ from joybridge.trainer.simulators import (
 )
 from joybridge.trainer.sweep import plot, read_sweep, table
 from joybridge.trainer.video_formats import video_format
+from joybridge.trainer.wire.client import wait_for
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
@@ -80,6 +82,13 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--record-faults", action="store_true",
         help="if a simulator fails, is lost or breaks the contract, or an update diverges, write what led to it into "
         "the folder faults of the run, for `joybridge replay`",
+    )  # fmt: skip
+    trains.add_argument(
+        "--ray", type=address, metavar="HOST:PORT",
+        help="start the simulators on the nodes of this Ray cluster; see docs/grids.md",
+    )  # fmt: skip
+    trains.add_argument(
+        "--simulators", type=at_least(1), metavar="N", help="how many the cluster starts; default 1"
     )  # fmt: skip
     trains.add_argument(
         "--with-parent", action="store_true",
@@ -135,6 +144,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     check_simulator_options(parser, options)
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
+    if options.command == "train" and options.ray and options.simulator:
+        parser.error("--ray starts simulators, --simulator names running ones; give one of the two")
+    if options.command == "train" and options.simulators and not options.ray:
+        parser.error("--simulators says how many a Ray cluster starts; name the cluster with --ray")
     return options
 
 
@@ -168,11 +181,16 @@ def _train(options: argparse.Namespace) -> None:
             f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
+    if options.ray and (options.simulators or 1) > config.arenas:
+        raise ConfigError(f"--simulators got {options.simulators}, but the run has {config.arenas} arenas to divide")
     source = run if options.resume else Path(config.weights_from) if config.weights_from else None
-    simulators = _choose_simulators(options, last_simulators(source) if source else Simulators(), config)
+    last = last_simulators(source) if source else Simulators()
+    simulators = choose_simulators(_wanted(options), last, config, say)
     patience = PARENT_SECONDS if options.with_parent else 0.0
     with locked(run, patience), open_simulators(simulators, options.wait, say) as connect:
         addresses = connect()
+        for place in addresses if options.ray else ():
+            wait_for(place, options.wait, say)  # a firewall may be in the way
         with leaving_on_signals():
             from joybridge.trainer.progress import Display
             from joybridge.trainer.train import train
@@ -201,9 +219,14 @@ def _train(options: argparse.Namespace) -> None:
     say_next("evaluate", str(run))
 
 
+def _wanted(options: argparse.Namespace) -> Simulators:
+    """Return the simulators that the command line of `train` names."""
+    return replace(wanted_simulators(options), cluster=options.ray or "", count=options.simulators or 1)
+
+
 def _continuation(run: Path, options: argparse.Namespace) -> str:
     """Return what is saved of a run that has ended early, and the command that continues it."""
-    named = replace(wanted_simulators(options), games=())  # waited for, unlike simulators that the run remembers
+    named = replace(_wanted(options), games=())  # waited for, unlike simulators that the run remembers
     command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume", *named.arguments()]
     saved = checkpoints(run)
     done = f"saved at {int(saved[-1].name):,} timesteps; continue" if saved else "nothing is saved yet; begin again"
@@ -278,14 +301,9 @@ def _player(options: argparse.Namespace) -> Iterator[str]:
     """Yield the address of a simulator for a run, after its configuration and its checkpoint have been checked."""
     config = play_config(options.run, options.overrides)
     load_checkpoint(options.run, options.checkpoint)
-    simulators = _choose_simulators(options, last_simulators(options.run), config)
+    simulators = choose_simulators(wanted_simulators(options), last_simulators(options.run), config, say)
     with open_simulators(simulators, options.wait, say) as connect:
         yield connect()[0]
-
-
-def _choose_simulators(options: argparse.Namespace, last: Simulators, config: Config) -> Simulators:
-    """Return the simulators that the command line names, or those of the last training."""
-    return choose_simulators(wanted_simulators(options), last, config, say)
 
 
 def _end_with_parent() -> None:

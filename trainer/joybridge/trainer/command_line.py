@@ -74,8 +74,8 @@ def check_simulator_options(parser: argparse.ArgumentParser, options: argparse.N
 
 def wanted_simulators(options: argparse.Namespace) -> Simulators:
     """Return the simulators that the command line names."""
-    files = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
-    return Simulators(tuple(options.simulator), tuple(options.game), *files)
+    tls_ca, token_file = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
+    return Simulators(tuple(options.simulator), tuple(options.game), tls_ca, token_file)
 
 
 def at_least(least: int) -> Callable[[str], int]:

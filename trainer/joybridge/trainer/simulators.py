@@ -1,9 +1,9 @@
-"""Which simulators a command uses: the given ones, those of the run's last training, or one that it starts."""
+"""Which simulators a command uses: the given ones, those of the run's last training, or those that it starts."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -13,6 +13,7 @@ from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import read_file, storing, write_atomically
 from joybridge.trainer.wire.client import describe, wait_for
+from joybridge.trainer.wire.cluster import cluster_simulators
 from joybridge.trainer.wire.errors import NoSuchGame, SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
 
@@ -25,12 +26,14 @@ Connect = Callable[[], Sequence[str]]
 
 @dataclass(frozen=True)
 class Simulators:
-    """Simulators that somebody else runs, or the games of one that the command starts."""
+    """Simulators that somebody else runs, or the games of those that the command starts."""
 
     addresses: tuple[str, ...] = ()  # none: the command starts a simulator
     games: tuple[str, ...] = ()  # MODULE:CLASS each, besides the built-in and the installed ones
     tls_ca: str = ""  # the file of the certificates to trust at the addresses; "": no TLS
     token_file: str = ""  # the file of their token; "": none
+    cluster: str = ""  # HOST:PORT of a Ray cluster on whose nodes the command starts them; "": here
+    count: int = 1  # of those that it starts there
 
     def protected(self) -> list[str]:
         """Return the addresses with their credentials, read anew from the files. Raises CredentialsError."""
@@ -41,12 +44,14 @@ class Simulators:
     def arguments(self) -> list[str]:
         """Return the options of the command line that name them."""
         pairs = [("--simulator", address) for address in self.addresses] + [("--game", game) for game in self.games]
+        pairs += [("--ray", self.cluster), ("--simulators", f"{self.count}")] if self.cluster else []
         pairs += [(flag, file) for flag, file in (("--tls-ca", self.tls_ca), ("--token-file", self.token_file)) if file]
         return [word for pair in pairs for word in pair]
 
 
 def remember(run: Path, simulators: Simulators) -> None:
-    """Keep in the folder of a run what it is trained with. Raises StorageError."""
+    """Keep in the folder of a run what it is trained with, but no cluster. Raises StorageError."""
+    simulators = replace(simulators, cluster="", count=1)
     with storing(run):
         if simulators == Simulators():
             (run / FILE).unlink(missing_ok=True)
@@ -69,8 +74,11 @@ def last_simulators(run: Path) -> Simulators:
 def choose_simulators(wanted: Simulators, last: Simulators, config: Config, say: Callable[[str], None]) -> Simulators:
     """Return the wanted simulators or games; if none are, those of the last training.
 
-    Simulators of the last training that do not answer, or do not have the game, are left out.
+    Simulators of the last training that do not answer, or do not have the game, are left out. A cluster needs the games
+    of the last training, too.
     """
+    if wanted.cluster and not wanted.games:
+        return replace(wanted, games=last.games)
     if wanted != Simulators():
         return wanted
     try:
@@ -89,13 +97,16 @@ def choose_simulators(wanted: Simulators, last: Simulators, config: Config, say:
 def open_simulators(simulators: Simulators, wait: float, say: Callable[[str], None]) -> Iterator[Connect]:
     """Yield a function that returns addresses at which simulators answer, for the first time and after a loss.
 
-    Each call starts a simulator in place of the one before, which ends with the block; or it waits for the simulators
-    of others, `wait` seconds for each. It raises SimulatorError and CredentialsError.
+    Each call starts simulators in place of those before, which end with the block; or it waits for the simulators of
+    others, `wait` seconds for each. It raises SimulatorError and CredentialsError.
     """
     with ExitStack() as running:
 
         def connect() -> Sequence[str]:
             running.close()
+            if simulators.cluster:
+                started = cluster_simulators(simulators.cluster, simulators.count, simulators.games, wait)
+                return running.enter_context(started)
             addresses = simulators.protected()
             for address in addresses:
                 wait_for(address, wait, say)

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,7 +13,7 @@ from threading import Thread
 from joybridge.contract.address import READY
 from joybridge.trainer.wire.errors import SimulatorLost
 
-__all__ = ["simulator_process"]
+__all__ = ["announcing", "simulator_process"]
 
 ENDING_SECONDS = 5.0
 LOST_SECONDS = 0.5  # the same after an error or an interrupt: perhaps it no longer listens to anything
@@ -23,15 +23,17 @@ COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge", "serve"]
 
 
 @contextmanager
-def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
-    """Run `joybridge serve` on a free loopback port and yield its address.
+def simulator_process(
+    games: Sequence[str] = (), address: str = "127.0.0.1:0", protection: Sequence[str] = ()
+) -> Iterator[str]:
+    """Run `joybridge serve`, by default on a free loopback port, and yield its address.
 
-    games: further games as MODULE:CLASS, which are searched where this process imports from. What the simulator and
-    its games print goes to standard error. The process ends with the block, or with this process if that is killed (see
-    --with-parent). Raises SimulatorLost if it does not start, for example because the extra
-    `simulator` is not installed.
+    games: further games as MODULE:CLASS, which are searched where this process imports from. protection: options of
+    `serve` for TLS and the token, which addresses beyond loopback need. What the simulator and its games print goes to
+    standard error. The process ends with the block, or with this process if that is killed (see --with-parent). Raises
+    SimulatorLost if it does not start, for example because the extra `simulator` is not installed.
     """
-    command = [*COMMAND, "--address", "127.0.0.1:0", "--with-parent"]
+    command = [*COMMAND, "--address", address, "--with-parent", *protection]
     for game in games:
         command += ["--game", game]
     if find_spec("numba") is None:
@@ -40,9 +42,21 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
             "`pip install 'joybridge[simulator]'`, or give the address of a running simulator"
         )
     folders = {"PYTHONPATH": os.pathsep.join(_folders_of_others())} if games else {}
+    with announcing(command, "the simulator did not start: ", folders) as bound:
+        yield bound
+
+
+@contextmanager
+def announcing(command: Sequence[str], failure: str, environment: Mapping[str, str] | None = None) -> Iterator[str]:
+    """Run a program until the block ends, and yield what follows READY in the line with which it says that it is ready.
+
+    It is asked to end by SIGTERM, and by the end of its standard input, which comes even if this process is killed.
+    Raises SimulatorLost, `failure` and its last line, if it ends before it is ready.
+    """
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env=os.environ | folders, start_new_session=True,  # Ctrl-C and the end of a terminal are for this process
+        env={**os.environ, **(environment or {})},
+        start_new_session=True,  # Ctrl-C and the end of a terminal are for this process
     )  # fmt: skip
     printer: Thread | None = None
     patience = LOST_SECONDS
@@ -61,7 +75,7 @@ def simulator_process(games: Sequence[str] = ()) -> Iterator[str]:
             last_line = line.strip() or last_line
         else:
             reason = last_line.removeprefix("error: ") or f"exit status {process.wait()}"
-            raise SimulatorLost(f"the simulator did not start: {reason}")
+            raise SimulatorLost(failure + reason)
         # Without a reader, a game that prints would block once the pipe is full.
         printer = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)
         printer.start()

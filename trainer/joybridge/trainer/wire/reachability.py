@@ -5,7 +5,7 @@ from pathlib import Path
 
 CONNECT_SECONDS = 1.0
 
-__all__ = ["why_unreachable"]
+__all__ = ["why_closed", "why_unreachable"]
 
 
 def why_unreachable(address: str) -> str:
@@ -14,9 +14,15 @@ def why_unreachable(address: str) -> str:
         path = Path(address.removeprefix("unix:"))
         return "it does not answer as a simulator" if path.exists() else "there is no such socket"
     host, _, port = address.rpartition(":")
+    problem = why_closed(host, int(port))
+    return problem or "what listens there does not answer as a simulator; if it demands TLS, give --tls-ca"
+
+
+def why_closed(host: str, port: int) -> str:
+    """Return why no connection to a port can be opened, a part of a sentence; "" if one can."""
     host = host.strip("[]")
     try:
-        socket.create_connection((host, int(port)), CONNECT_SECONDS).close()
+        socket.create_connection((host, port), CONNECT_SECONDS).close()
     except socket.gaierror:
         return f"the host name {host!r} is unknown here"
     except ConnectionRefusedError:
@@ -25,4 +31,4 @@ def why_unreachable(address: str) -> str:
         return "the host does not answer"
     except OSError as error:
         return str(error.strerror or error).lower()
-    return "what listens there does not answer as a simulator; if it demands TLS, give --tls-ca"
+    return ""
