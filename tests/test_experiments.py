@@ -37,8 +37,11 @@ TIMING = {"seconds", "timesteps_per_second", "simulate", "wire", "act", "learn"}
 
 @pytest.fixture(scope="module")
 def configs(tmp_path_factory) -> Path:
-    """Return a folder of two configurations, one of which fails."""
-    folder = tmp_path_factory.mktemp("configs")
+    return write_configs(tmp_path_factory.mktemp("configs"))
+
+
+def write_configs(folder: Path) -> Path:
+    """Write two configurations, one of which fails, into a folder, and return it."""
     base = ROOT / "configs" / "beastly_rivals" / "bucket-3.yaml"
     policy = "{hidden_sizes: [32, 32], rollout_steps: 50, time_horizon: 50, minibatch_size: 100}"
     (folder / "survive.yaml").write_text(
@@ -209,19 +212,6 @@ def test_a_grid_that_is_killed_and_repeated_ends_with_the_same_results(
 
 def refuse(finished: Job) -> Process:
     raise AssertionError(f"{finished.name} was started though it had finished")
-
-
-def test_a_ray_cluster_resumes_killed_runs_to_the_same_results_and_reports_failures(whole, killed, configs, tmp_path):
-    runs = shutil.copytree(killed.runs, tmp_path / "runs")
-    arguments = command_line(configs, runs, "--experiments", "fail", "survive", "--backend", "ray", "--jobs", "1")
-    result = subprocess.run(
-        [sys.executable, "-m", "tools.paper", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 1
-    assert "survive-s0: done" in result.stdout
-    assert "failed: fail-s0: unknown key 'arenaz'; did you mean 'arenas'?" in result.stderr
-    name = "survive-s0.csv"
-    assert figures(runs / "results") == {name: figures(whole.results)[name]}
 
 
 def test_a_run_that_another_process_is_training_is_refused(configs, tmp_path, monkeypatch):
