@@ -178,7 +178,7 @@ def test_a_cluster_with_too_few_cores_is_waited_for_and_named(capsys):
     message = "1 of 3 simulators started within 60 s: 0 of 1 cores of the cluster are free, and a simulator needs one;"
     with pytest.raises(SystemExit, match=message):
         start_all(ray, [Mock(), Mock(), Mock()], [], 60.0)
-    assert "waiting up to 60 s for 2 of 3 simulators: 0 of 1 cores" in capsys.readouterr().out
+    assert "waiting up to 60 s for 2 of 3 simulators: 0 of 1 cores" in capsys.readouterr().err
 
 
 def test_a_run_remembers_games_but_no_cluster_and_the_cluster_gets_its_games(tmp_path):

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from importlib.metadata import PackageNotFoundError, version
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Timer
@@ -101,7 +102,9 @@ def start_all(ray: Any, actors: list[Any], games: list[str], seconds: float) -> 
         ready, missing = ray.wait(started, num_returns=count, timeout=notice)
         if missing:
             ray.get(ready)
-            print(f"waiting up to {seconds:g} s for {len(missing)} of {count} simulators: {cores(ray)}")
+            print(
+                f"waiting up to {seconds:g} s for {len(missing)} of {count} simulators: {cores(ray)}", file=sys.stderr
+            )
             ready, missing = ray.wait(started, num_returns=count, timeout=seconds - notice)
         places: list[Place] = ray.get(ready)
     except ray.exceptions.RayError as error:
@@ -122,7 +125,7 @@ def cores(ray: Any) -> str:
 
 def give_up(address: str) -> None:
     """End this process with an error, although Ray is still trying to join."""
-    print(f"error: the Ray cluster at {address} does not answer within {JOIN_SECONDS:g} s", flush=True)
+    print(f"error: the Ray cluster at {address} does not answer within {JOIN_SECONDS:g} s", file=sys.stderr, flush=True)
     os._exit(1)
 
 
@@ -132,15 +135,14 @@ def main() -> None:
     limit = Timer(JOIN_SECONDS, give_up, [address])
     limit.daemon = True
     limit.start()
+    output, sys.stdout = sys.stdout, StringIO()  # Ray prints pages there when a node is lost
     ray = join_cluster(address, logging_level=logging.ERROR)
     limit.cancel()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # Ray's own handler prints its stack
     # On as many nodes as possible. If a node is lost before its simulator runs, Ray starts it elsewhere.
     remote = ray.remote(num_cpus=1, scheduling_strategy="SPREAD", max_restarts=-1, max_task_retries=-1)(Simulator)
     actors = [remote.remote() for _ in range(int(count))]  # an actor ends when nothing refers to it
-    places = start_all(ray, actors, games, float(seconds))
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # of nodes that are lost, Ray prints pages; the trainer says it, too
-    print(READY + json.dumps(places))
+    print(READY + json.dumps(start_all(ray, actors, games, float(seconds))), file=output)
     try:
         sys.stdin.buffer.read()  # nothing is ever written to it
     finally:  # Ray ends actors with this process, but not if the head of the cluster is gone
