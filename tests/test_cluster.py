@@ -16,7 +16,7 @@ import pytest
 from joybridge.contract.credentials import Credentials, ProtectedAddress
 from joybridge.experiments import run_grid
 from joybridge.trainer.__main__ import main as trainer
-from joybridge.trainer.simulators import Simulators, choose_simulators, last_simulators, open_simulators, remember
+from joybridge.trainer.simulators import FILE, Simulators, choose_simulators, last_simulators, open_simulators, remember
 from joybridge.trainer.train import train
 from joybridge.trainer.wire import ray_program
 from joybridge.trainer.wire.client import list_games, wait_for
@@ -183,6 +183,8 @@ def test_a_cluster_with_too_few_cores_is_waited_for_and_named(capsys):
 
 def test_a_run_remembers_games_but_no_cluster_and_the_cluster_gets_its_games(tmp_path):
     remember(tmp_path, Simulators(games=("a:B",), cluster=NOWHERE, count=2))
+    assert last_simulators(tmp_path) == Simulators(games=("a:B",))
+    (tmp_path / FILE).write_text(f'{{"games": ["a:B"], "cluster": "{NOWHERE}", "count": 2}}')
     assert last_simulators(tmp_path) == Simulators(games=("a:B",))
     wanted = Simulators(cluster=NOWHERE, count=2)
     assert wanted.arguments() == ["--ray", NOWHERE, "--simulators", "2"]

@@ -85,7 +85,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )  # fmt: skip
     trains.add_argument(
         "--ray", type=address, metavar="HOST:PORT",
-        help="start the simulators on the nodes of this Ray cluster; see docs/grids.md",
+        help="start the simulators on the nodes of this Ray cluster, which joybridge[cluster] is needed for",
     )  # fmt: skip
     trains.add_argument(
         "--simulators", type=at_least(1), metavar="N", help="how many the cluster starts; default 1"
@@ -181,7 +181,7 @@ def _train(options: argparse.Namespace) -> None:
             f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
-    if options.ray and (options.simulators or 1) > config.arenas:
+    if options.simulators and options.simulators > config.arenas:
         raise ConfigError(f"--simulators got {options.simulators}, but the run has {config.arenas} arenas to divide")
     source = run if options.resume else Path(config.weights_from) if config.weights_from else None
     last = last_simulators(source) if source else Simulators()

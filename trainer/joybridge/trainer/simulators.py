@@ -64,7 +64,8 @@ def last_simulators(run: Path) -> Simulators:
     """Return what a run was last trained with; none if it does not say. Raises ConfigError."""
     path = run / FILE
     try:
-        return TypeAdapter(Simulators).validate_json(read_file(path, LONGEST))
+        found = TypeAdapter(Simulators).validate_json(read_file(path, LONGEST))
+        return replace(found, cluster="", count=1)  # whoever joins a cluster trusts it, which no file of others decides
     except FileNotFoundError:
         return Simulators()
     except (OSError, ValidationError) as error:
