@@ -85,7 +85,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )  # fmt: skip
     trains.add_argument(
         "--ray", type=address, metavar="HOST:PORT",
-        help="start the simulators on the nodes of this Ray cluster, which joybridge[cluster] is needed for",
+        help="start the simulators on the nodes of this Ray cluster; needs `pip install 'joybridge[cluster]'`",
     )  # fmt: skip
     trains.add_argument(
         "--simulators", type=at_least(1), metavar="N", help="how many the cluster starts; default 1"
