@@ -11,10 +11,11 @@ from joybridge.contract.credentials import Credentials, ProtectedAddress
 from joybridge.trainer.wire.launch import announcing
 from joybridge.trainer.wire.reachability import why_closed
 
-__all__ = ["PRIVATE", "cluster_simulators", "import_ray", "join_cluster"]
+__all__ = ["PRIVATE", "TOKEN", "cluster_simulators", "import_ray", "join_cluster"]
 
 # Environment of a cluster on this machine: addresses on loopback only, no usage statistics sent.
 PRIVATE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
+TOKEN = "if it asks for a token, set RAY_AUTH_MODE=token"  # as `ray start` of 2.60 does
 PROGRAM = [sys.executable, "-P", "-u", "-m", "joybridge.trainer.wire.ray_program"]
 
 
@@ -53,9 +54,7 @@ def join_cluster(address: str, **options: Any) -> Any:
     try:
         ray.init(address, log_to_driver=False, **options)
     except (ConnectionError, RuntimeError) as error:  # RuntimeError: another version of Ray or Python, in many lines
-        raise SystemExit(
-            f"error: {' '.join(str(error).split())}; if it asks for a token, set RAY_AUTH_MODE=token"
-        ) from error
+        raise SystemExit(f"error: {' '.join(str(error).split())}; {TOKEN}") from error
     return ray
 
 

@@ -20,7 +20,7 @@ from threading import Timer
 from typing import Any
 
 from joybridge.contract.address import READY
-from joybridge.trainer.wire.cluster import join_cluster
+from joybridge.trainer.wire.cluster import TOKEN, join_cluster
 
 JOIN_SECONDS = 20.0
 NOTICE_SECONDS = 10.0  # after which a wait is mentioned
@@ -125,7 +125,8 @@ def cores(ray: Any) -> str:
 
 def give_up(address: str) -> None:
     """End this process with an error, although Ray is still trying to join."""
-    print(f"error: the Ray cluster at {address} does not answer within {JOIN_SECONDS:g} s", file=sys.stderr, flush=True)
+    text = f"error: the Ray cluster at {address} did not let us join within {JOIN_SECONDS:g} s; {TOKEN}"
+    print(text, file=sys.stderr, flush=True)
     os._exit(1)
 
 
