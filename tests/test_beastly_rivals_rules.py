@@ -20,6 +20,7 @@ class Scene:
     def __init__(self, rules=r.ORIGINAL, **places):
         self.rules, self.streams, self.number = rules, open_streams(1, 0, 1), 0
         self.arenas = np.zeros(1, r.ARENA).view(np.recarray)
+        self.arenas.beast_speed = 1.0
         r.begin(self.arenas, self.streams, rules)
         self.arena = self.arenas[0]
         self.put(**{"cursor": (0, 0), "character": (5, 0), "beast": (-5, 0), "sphere": (0, -7), **places})
@@ -274,6 +275,7 @@ def test_sphere_is_held_at_7_125_and_keeps_its_velocity():
 
 def test_new_episodes_spread_the_bodies_evenly_over_the_pitch_and_begin_the_game_at_rest():
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
+    arenas.beast_speed = 1.0
     r.begin(arenas, open_streams(5, 0, len(arenas)), r.ORIGINAL)
     for body in ("cursor", "character", "sphere"):
         radius = np.hypot(arenas[body]["x"], arenas[body]["z"])

@@ -440,9 +440,10 @@ def test_a_snapshot_takes_no_more_bytes_than_the_spec_says():
         *(("ammo", ammo) for ammo in (-1, 9)),
         *(("tick", tick) for tick in (-1, 2001)),
         *product(("x", "y", "vx", "vy", "heading"), (math.nan, -math.inf)),
+        *(("bird_speed", speed) for speed in (-0.1, 4.1, math.nan)),
     ],
 )
-def test_restore_refuses_a_crosshair_gun_or_episode_that_cannot_be(field, value):
+def test_restore_refuses_a_crosshair_gun_episode_or_parameter_that_cannot_be(field, value):
     game = new_game(2)
     arenas = game.arenas.copy()
     arenas[field][1] = value
@@ -463,11 +464,10 @@ def test_restore_refuses_a_bird_that_cannot_be(field, value):
 @pytest.mark.parametrize(
     ("part", "value"),
     [
-        ("cursor", -1), ("cursor", BLOCK + 1), ("block", -1),
-        ("bird_speed", -0.1), ("bird_speed", 4.1), ("bird_speed", math.nan),
+        ("cursor", -1), ("cursor", BLOCK + 1), ("block", -1), ("episodes", 0),
     ],
 )  # fmt: skip
-def test_restore_refuses_random_streams_and_parameters_that_cannot_be(part, value):
+def test_restore_refuses_random_streams_and_numbers_of_episodes_that_cannot_be(part, value):
     game = new_game(2)
     values = game.save()[part].copy()
     values[-1] = value

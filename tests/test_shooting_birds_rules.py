@@ -52,7 +52,7 @@ class Scene:
         self.birds: Any = self.arenas.birds[0]
         self.birds.y = AWAY
         self.arena.x, self.arena.y = place
-        self.arena.level, self.arena.ammo = level, ammo
+        self.arena.level, self.arena.ammo, self.arena.bird_speed = level, ammo, 1.0
 
     @property
     def place(self) -> Point:
@@ -563,7 +563,8 @@ def test_aiming_an_empty_gun_is_paid_in_the_original_only(rules, paid):
 def crowd() -> Any:
     """Return 4096 arenas as at the start of the program."""
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
-    r.begin(arenas, open_streams(5, 0, len(arenas)), r.ORIGINAL, -1)
+    arenas.bird_speed = 1.0
+    r.begin(arenas, open_streams(5, 0, len(arenas)), -1)
     return arenas
 
 
@@ -596,9 +597,10 @@ def test_new_birds_are_of_each_size_equally_often_and_their_depth_is_0_1_to_0_2_
 @pytest.mark.parametrize("factor", [0.5, 4.0])
 def test_bird_speed_scales_the_speed_of_new_birds_and_nothing_else(crowd, factor):
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
-    r.begin(arenas, open_streams(5, 0, len(arenas)), r.ORIGINAL._replace(bird_speed=factor), -1)
+    arenas.bird_speed = factor
+    r.begin(arenas, open_streams(5, 0, len(arenas)), -1)
     assert (arenas.birds.vx == factor * crowd.birds.vx).all()
-    arenas.birds.vx = crowd.birds.vx
+    arenas.birds.vx, arenas.bird_speed = crowd.birds.vx, 1.0
     assert arenas.tobytes() == crowd.tobytes()
 
 
@@ -633,8 +635,9 @@ def test_a_bird_that_replaces_one_flies_level_in_its_first_tick_and_moves_at_onc
 
 def test_there_are_always_ten_birds_within_the_edges():
     arenas, streams = np.zeros(20, r.ARENA).view(np.recarray), open_streams(2, 0, 20)
-    rules, rewards = r.ORIGINAL._replace(bird_speed=4.0), np.zeros((20, len(CHANNELS)))
-    r.begin(arenas, streams, rules, -1)
+    rules, rewards = r.ORIGINAL, np.zeros((20, len(CHANNELS)))
+    arenas.bird_speed = 4.0
+    r.begin(arenas, streams, -1)
     press, replaced = np.ones(20, np.int32), 0
     for _ in range(500):
         reserve(streams, r.MOST_DRAWS)
@@ -714,7 +717,7 @@ def test_a_new_episode_resets_crosshair_gun_level_and_counters_and_nothing_else(
 
 def test_a_fixed_level_is_that_of_every_episode():
     arenas, streams = np.zeros(50, r.ARENA).view(np.recarray), open_streams(0, 0, 50)
-    r.begin(arenas, streams, r.ORIGINAL, 4)
+    r.begin(arenas, streams, 4)
     assert (arenas.level == 4).all()
     r.begin_episodes(arenas, streams)
     assert (arenas.level == 4).all() and len(set(arenas.ammo)) > 1

@@ -45,6 +45,8 @@ REASONS = {  # what to do
     "NO_START": "send `Start` at once, or raise `--start-seconds` of the server",
     "IDLE": "close sessions that are not used, or raise `--idle-seconds` of the server",
     "NO_TOKEN": "give the client the server's token with `--token-file`",
+    "WRONG_DISTRIBUTION": "give `low` below `high`, above 0 if it is log-uniform, or 1 to 100 values",
+    "NO_DISTRIBUTIONS": "give the parameter one value; only games with `parameters_per_episode` draw it per episode",
     "SHUTTING_DOWN": "start the server again; a trainer waits for it and goes on",
 }  # fmt: skip
 

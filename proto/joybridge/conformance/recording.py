@@ -13,6 +13,7 @@ from joybridge.contract.codec import ActArrays, pack_act
 from joybridge.v1 import bridge_pb2 as pb
 
 SAVE = pb.PlayRequest(save=pb.Save())
+Distributions = Mapping[str, pb.Distribution]
 
 
 def act_request(act: pb.Act) -> pb.PlayRequest:
@@ -20,9 +21,12 @@ def act_request(act: pb.Act) -> pb.PlayRequest:
     return pb.PlayRequest(act=act)
 
 
-def reset_request(seed: int | None = None, parameters: Mapping[str, float] | None = None) -> pb.PlayRequest:
+def reset_request(
+    seed: int | None = None, parameters: Mapping[str, float] | None = None, distributions: Distributions | None = None
+) -> pb.PlayRequest:
     """Return a request with a Reset."""
-    return pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))
+    reset = pb.Reset(seed=seed, parameters=parameters or {}, distributions=distributions or {})
+    return pb.PlayRequest(reset=reset)
 
 
 def step_bytes(step: pb.Step) -> bytes:
@@ -101,11 +105,12 @@ class Player:
         self.generators = [None if number is None else np.random.default_rng([7, number]) for number in self.numbers]
         self.send(request)
 
-    def decide(self) -> None:
-        """Play one decision."""
+    def decide(self, distributions: Distributions | None = None) -> None:
+        """Play one decision, with new distributions of parameters in its Act."""
         recording = self.recording
         if recording.steps:
-            self.send(act_request(valid_act(recording.views(len(recording.steps) - 1), self.generators)))
+            act = valid_act(recording.views(len(recording.steps) - 1), self.generators)
+            self.send(act_request(pb.Act(behaviors=act.behaviors, distributions=distributions or {})))
 
     def save(self) -> None:
         """Request a snapshot and keep it in the recording. Raises Violation if the response is no snapshot."""

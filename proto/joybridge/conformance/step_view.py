@@ -111,7 +111,8 @@ def arena_rows(step: pb.Step, spec: pb.GameSpec, arenas: int) -> list[list[bytes
         ended = np.flatnonzero(view.ended)
         per_end = [values for _, values in view.observations(final=True)]
         metrics = read_tensor(view.message.ended.metrics, pb.DTYPE_FLOAT32, (len(ended), len(behavior.metrics)))
-        per_end += [metrics] if metrics is not None else []
+        parameters = read_tensor(view.message.ended.parameters, pb.DTYPE_FLOAT32, (len(ended), len(spec.parameters)))
+        per_end += [array for array in (metrics, parameters) if array is not None]
         for arena, row in enumerate(rows):
             agents = behavior.agents_per_arena
             row += [array[arena * agents : (arena + 1) * agents].tobytes() for array in per_lane]

@@ -64,10 +64,23 @@ class Subject:
         expect(len(recording.steps) > 1, f"{recording.end} before the first Step", "a Step in response to Act")
         return recording
 
-    def record_long(self, decisions: int) -> Recording:
+    def record_long(self, decisions: int, **fields: Any) -> Recording:
         """Return a recording of so many decisions, or of those that a slow server answers in LONG_SECONDS."""
         numbers = LONG_NUMBERS[: self.spec.max_arenas]
-        return self.record(decisions, len(numbers), numbers=numbers, seconds=LONG_SECONDS)
+        return self.record(decisions, len(numbers), numbers=numbers, seconds=LONG_SECONDS, **fields)
+
+    @cached_property
+    def drawn_session(self) -> Recording:
+        """Return a long session in which every parameter is drawn from its whole range at each episode."""
+        longest = self.spec.max_episode_decisions
+        return self.record_long(min(longest or LONG // 4, self.decisions) + 1, distributions=self.uniform())
+
+    def uniform(self) -> dict[str, pb.Distribution]:
+        """Return a distribution for each parameter: uniform over its whole range, or its only value."""
+        return {
+            p.name: pb.Distribution(uniform=pb.Interval(low=p.low, high=p.high)) if p.low < p.high else only(p.low)
+            for p in self.spec.parameters
+        }
 
     @property
     def arenas(self) -> int:
@@ -160,6 +173,11 @@ class Subject:
             len({bytes(row) for row in _arena_observations(view)}) > 1
             for view in [*recording.first, *recording.later]
         )  # fmt: skip
+
+
+def only(value: float) -> pb.Distribution:
+    """Return the distribution of which every value is the same."""
+    return pb.Distribution(choice=pb.Values(values=[value]))
 
 
 def expect_error(status: Status, codes: Sequence[grpc.StatusCode], words: Sequence[str]) -> None:

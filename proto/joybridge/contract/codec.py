@@ -45,6 +45,7 @@ class StepArrays:
     ended: Array = field(default_factory=lambda: _NO_LANES)  # int32 [ended], ascending
     final_observations: list[Array] | None = None  # per sensor [ended, *shape]; None if nothing ended
     metrics: Array | None = None  # float32 [ended, metrics]; None if nothing ended or there are none
+    parameters: Array | None = None  # float32 [ended, parameters]; None if nothing ended or none is drawn per episode
 
 
 def lane_count(behavior: pb.Behavior, arenas: int) -> int:
@@ -84,6 +85,8 @@ def fill_step(message: pb.BehaviorStep, step: StepArrays) -> None:
             fill(message.ended.final_observations.add(), observation)
         if step.metrics is not None:
             fill(message.ended.metrics, step.metrics)
+        if step.parameters is not None:
+            fill(message.ended.parameters, step.parameters)
 
 
 def dtype_of(array: Array) -> "pb.Dtype":
@@ -150,11 +153,15 @@ class Format:
 class Codec:
     """Unpacks and checks the acts and steps of one behavior in one session."""
 
-    def __init__(self, behavior: pb.Behavior, arenas: int) -> None:
-        """Compute the required dtype and shape of every tensor of a session with `arenas` arenas."""
+    def __init__(self, behavior: pb.Behavior, arenas: int, parameters: int = 0) -> None:
+        """Compute the required dtype and shape of every tensor of a session with `arenas` arenas.
+
+        parameters: how many the game has.
+        """
         self.name = name = behavior.name
         self.lanes = lanes = lane_count(behavior, arenas)
         self.metrics = len(behavior.metrics)
+        self.parameters = parameters
         device = behavior.device
         self._axis_names = [axis.name for axis in device.axes]
         self._low = np.array([axis.low for axis in device.axes], np.float32)
@@ -258,6 +265,9 @@ class Codec:
             step.metrics = Format(pb.DTYPE_FLOAT32, (len(ended), self.metrics), f"{where}.metrics").unpack(
                 message.metrics
             )
+        if message.HasField("parameters"):
+            form = Format(pb.DTYPE_FLOAT32, (len(ended), self.parameters), f"{where}.parameters")
+            step.parameters = form.unpack(message.parameters)
 
     def _unpack_sensors(self, tensors: Sequence[pb.Tensor], formats: list[Format], field: str) -> list[Array]:
         if len(tensors) != len(formats):

@@ -5,6 +5,7 @@ from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = [
+    "LARGEST_FLOAT32",
     "MAX_CHOICES",
     "MAX_DESCRIPTION",
     "MAX_ELEMENTS",
@@ -18,6 +19,7 @@ __all__ = [
     "MAX_PIXELS",
     "MAX_SIZES",
     "MAX_SPEC_BYTES",
+    "MAX_VALUES",
     "element_count",
     "max_pictures",
     "request_bytes",
@@ -32,10 +34,13 @@ MAX_SIZES = 8  # of the shape of a sensor
 MAX_ELEMENTS = 2**24  # of all sensors of a behavior together
 MAX_PER_ELEMENT = 65536  # entries of the lists of a sensor that have one per element
 MAX_SPEC_BYTES = 4_000_000  # of a GameSpec; gRPC's clients receive 4 MiB by default
+LARGEST_FLOAT32 = (2 - 2**-23) * 2.0**127
 MAX_LANES = 2**31 - 1  # of a session: lane numbers are INT32
 MAX_PIXELS = 2048  # width or height of a picture
 MAX_PICTURES = 64  # pictures one Act may ask for
 MAX_PICTURE_BYTES = 2**24  # of these pictures together; a single one of any size is allowed
+MAX_VALUES = 100  # of the choice that a parameter is drawn from
+DISTRIBUTION_BYTES = 2048  # of one Distribution with its name, generously
 MAX_MESSAGE = 2**31 - 1  # bytes; protobuf's own limit, and gRPC's
 
 
@@ -57,7 +62,7 @@ def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
     """Return an upper bound of the size of a PlayResponse, for message limits on both ends."""
     total = (1 << 16) + spec.ByteSize()  # names, shapes and tags, generously
     for behavior in spec.behaviors:
-        row = 16 + 4 * (len(behavior.channels) + len(behavior.metrics))
+        row = 16 + 4 * (len(behavior.channels) + len(behavior.metrics) + len(spec.parameters))
         row += sum(2 * element_count(s) * NUMPY_TYPES[s.dtype].itemsize for s in behavior.sensors)
         row += sum(len(branch.choices) for branch in behavior.device.branches)
         total += row * lane_count(behavior, arenas)
@@ -68,4 +73,5 @@ def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
 def request_bytes(spec: pb.GameSpec, arenas: int) -> int:
     """Return an upper bound of the size of a PlayRequest: an Act, or a Start with a snapshot."""
     rows = sum(lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches)) for b in spec.behaviors)
-    return min((1 << 16) + max(rows, arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)
+    distributions = DISTRIBUTION_BYTES * len(spec.parameters) if spec.parameters_per_episode else 0
+    return min((1 << 16) + distributions + max(rows, arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)

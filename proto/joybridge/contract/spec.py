@@ -7,6 +7,7 @@ from typing import Protocol
 from joybridge.contract.codec import lane_count
 from joybridge.contract.errors import MessageError
 from joybridge.contract.limits import (
+    LARGEST_FLOAT32,
     MAX_CHOICES,
     MAX_DESCRIPTION,
     MAX_ELEMENTS,
@@ -51,18 +52,23 @@ def choose_options(options: Sequence[pb.Option], chosen: Mapping[str, str], game
     return {name: chosen.get(name, option.default_choice) for name, option in known.items()}
 
 
-def choose_parameters(parameters: Sequence[pb.Parameter], chosen: Mapping[str, float], game: str) -> dict[str, float]:
-    """Return the given parameters, checked. Raises SpecError for an unknown name or a value out of range."""
+def choose_parameters(
+    parameters: Sequence[pb.Parameter], chosen: Mapping[str, float], game: str, field: str = "parameters"
+) -> dict[str, float]:
+    """Return the given parameters, checked. Raises SpecError for an unknown name or a value out of range.
+
+    field: of the message that gives them.
+    """
     known = {parameter.name: parameter for parameter in parameters}
     for name, value in chosen.items():
-        field = f"parameters[{name}]"
+        path = f"{field}[{name}]"
         if name not in known:
             text = f"{game}: unknown parameter {name!r}, expected one of {_list(known)}"
-            raise SpecError(text, pb.REASON_UNKNOWN_PARAMETER, field)
+            raise SpecError(text, pb.REASON_UNKNOWN_PARAMETER, path)
         low, high = known[name].low, known[name].high
         if not low <= value <= high:
             text = f"{game}: parameter {name!r} got {value:g}, expected {low:g}..{high:g}"
-            raise SpecError(text, pb.REASON_PARAMETER_OUT_OF_RANGE, field)
+            raise SpecError(text, pb.REASON_PARAMETER_OUT_OF_RANGE, path)
     return dict(chosen)
 
 
@@ -93,6 +99,8 @@ def check_spec(spec: pb.GameSpec) -> None:
         _require(ok, f"{game}: parameter {parameter.name!r} has its default outside low..high")
         ok = isfinite(parameter.low) and isfinite(parameter.high)
         _require(ok, f"{game}: parameter {parameter.name!r} has no finite low and high")
+        ok = not spec.parameters_per_episode or max(-parameter.low, parameter.high) <= LARGEST_FLOAT32
+        _require(ok, f"{game}: parameter {parameter.name!r} may be too large for parameters_per_episode")
     _require(len(spec.behaviors) >= 1, f"{game}: no behaviors, expected at least one")
     _check_names(spec.behaviors, f"{game}: behaviors")
     for behavior in spec.behaviors:

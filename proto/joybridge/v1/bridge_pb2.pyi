@@ -45,6 +45,8 @@ class Reason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     REASON_IDLE: _ClassVar[Reason]
     REASON_NO_TOKEN: _ClassVar[Reason]
     REASON_SHUTTING_DOWN: _ClassVar[Reason]
+    REASON_WRONG_DISTRIBUTION: _ClassVar[Reason]
+    REASON_NO_DISTRIBUTIONS: _ClassVar[Reason]
 DTYPE_UNSPECIFIED: Dtype
 DTYPE_FLOAT32: Dtype
 DTYPE_INT32: Dtype
@@ -79,6 +81,8 @@ REASON_NO_START: Reason
 REASON_IDLE: Reason
 REASON_NO_TOKEN: Reason
 REASON_SHUTTING_DOWN: Reason
+REASON_WRONG_DISTRIBUTION: Reason
+REASON_NO_DISTRIBUTIONS: Reason
 
 class Version(_message.Message):
     __slots__ = ("product", "revision")
@@ -136,7 +140,7 @@ class DescribeGameResponse(_message.Message):
     def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class GameSpec(_message.Message):
-    __slots__ = ("name", "description", "options", "parameters", "behaviors", "decision_interval", "tick_seconds", "max_episode_decisions", "max_arenas", "picture", "snapshot_bytes_per_arena")
+    __slots__ = ("name", "description", "options", "parameters", "behaviors", "decision_interval", "tick_seconds", "max_episode_decisions", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     OPTIONS_FIELD_NUMBER: _ClassVar[int]
@@ -148,6 +152,7 @@ class GameSpec(_message.Message):
     MAX_ARENAS_FIELD_NUMBER: _ClassVar[int]
     PICTURE_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_BYTES_PER_ARENA_FIELD_NUMBER: _ClassVar[int]
+    PARAMETERS_PER_EPISODE_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     options: _containers.RepeatedCompositeFieldContainer[Option]
@@ -159,7 +164,8 @@ class GameSpec(_message.Message):
     max_arenas: int
     picture: PictureSize
     snapshot_bytes_per_arena: int
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., options: _Optional[_Iterable[_Union[Option, _Mapping]]] = ..., parameters: _Optional[_Iterable[_Union[Parameter, _Mapping]]] = ..., behaviors: _Optional[_Iterable[_Union[Behavior, _Mapping]]] = ..., decision_interval: _Optional[int] = ..., tick_seconds: _Optional[float] = ..., max_episode_decisions: _Optional[int] = ..., max_arenas: _Optional[int] = ..., picture: _Optional[_Union[PictureSize, _Mapping]] = ..., snapshot_bytes_per_arena: _Optional[int] = ...) -> None: ...
+    parameters_per_episode: bool
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., options: _Optional[_Iterable[_Union[Option, _Mapping]]] = ..., parameters: _Optional[_Iterable[_Union[Parameter, _Mapping]]] = ..., behaviors: _Optional[_Iterable[_Union[Behavior, _Mapping]]] = ..., decision_interval: _Optional[int] = ..., tick_seconds: _Optional[float] = ..., max_episode_decisions: _Optional[int] = ..., max_arenas: _Optional[int] = ..., picture: _Optional[_Union[PictureSize, _Mapping]] = ..., snapshot_bytes_per_arena: _Optional[int] = ..., parameters_per_episode: bool = ...) -> None: ...
 
 class Option(_message.Message):
     __slots__ = ("name", "description", "choices", "default_choice")
@@ -302,7 +308,7 @@ class PlayResponse(_message.Message):
     def __init__(self, started: _Optional[_Union[Started, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ...) -> None: ...
 
 class Start(_message.Message):
-    __slots__ = ("game", "options", "parameters", "arenas", "seed", "first_arena", "snapshot", "version", "local_transport")
+    __slots__ = ("game", "options", "parameters", "arenas", "seed", "first_arena", "snapshot", "version", "local_transport", "distributions")
     class OptionsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -317,6 +323,13 @@ class Start(_message.Message):
         key: str
         value: float
         def __init__(self, key: _Optional[str] = ..., value: _Optional[float] = ...) -> None: ...
+    class DistributionsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: Distribution
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[_Union[Distribution, _Mapping]] = ...) -> None: ...
     GAME_FIELD_NUMBER: _ClassVar[int]
     OPTIONS_FIELD_NUMBER: _ClassVar[int]
     PARAMETERS_FIELD_NUMBER: _ClassVar[int]
@@ -326,6 +339,7 @@ class Start(_message.Message):
     SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     LOCAL_TRANSPORT_FIELD_NUMBER: _ClassVar[int]
+    DISTRIBUTIONS_FIELD_NUMBER: _ClassVar[int]
     game: str
     options: _containers.ScalarMap[str, str]
     parameters: _containers.ScalarMap[str, float]
@@ -335,7 +349,32 @@ class Start(_message.Message):
     snapshot: Snapshot
     version: Version
     local_transport: bool
-    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ..., local_transport: bool = ...) -> None: ...
+    distributions: _containers.MessageMap[str, Distribution]
+    def __init__(self, game: _Optional[str] = ..., options: _Optional[_Mapping[str, str]] = ..., parameters: _Optional[_Mapping[str, float]] = ..., arenas: _Optional[int] = ..., seed: _Optional[int] = ..., first_arena: _Optional[int] = ..., snapshot: _Optional[_Union[Snapshot, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ..., local_transport: bool = ..., distributions: _Optional[_Mapping[str, Distribution]] = ...) -> None: ...
+
+class Distribution(_message.Message):
+    __slots__ = ("uniform", "log_uniform", "choice")
+    UNIFORM_FIELD_NUMBER: _ClassVar[int]
+    LOG_UNIFORM_FIELD_NUMBER: _ClassVar[int]
+    CHOICE_FIELD_NUMBER: _ClassVar[int]
+    uniform: Interval
+    log_uniform: Interval
+    choice: Values
+    def __init__(self, uniform: _Optional[_Union[Interval, _Mapping]] = ..., log_uniform: _Optional[_Union[Interval, _Mapping]] = ..., choice: _Optional[_Union[Values, _Mapping]] = ...) -> None: ...
+
+class Interval(_message.Message):
+    __slots__ = ("low", "high")
+    LOW_FIELD_NUMBER: _ClassVar[int]
+    HIGH_FIELD_NUMBER: _ClassVar[int]
+    low: float
+    high: float
+    def __init__(self, low: _Optional[float] = ..., high: _Optional[float] = ...) -> None: ...
+
+class Values(_message.Message):
+    __slots__ = ("values",)
+    VALUES_FIELD_NUMBER: _ClassVar[int]
+    values: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, values: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Started(_message.Message):
     __slots__ = ("spec", "step", "version", "local_socket")
@@ -350,12 +389,21 @@ class Started(_message.Message):
     def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ..., local_socket: _Optional[str] = ...) -> None: ...
 
 class Act(_message.Message):
-    __slots__ = ("behaviors", "draw")
+    __slots__ = ("behaviors", "draw", "distributions")
+    class DistributionsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: Distribution
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[_Union[Distribution, _Mapping]] = ...) -> None: ...
     BEHAVIORS_FIELD_NUMBER: _ClassVar[int]
     DRAW_FIELD_NUMBER: _ClassVar[int]
+    DISTRIBUTIONS_FIELD_NUMBER: _ClassVar[int]
     behaviors: _containers.RepeatedCompositeFieldContainer[BehaviorAct]
     draw: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorAct, _Mapping]]] = ..., draw: _Optional[_Iterable[int]] = ...) -> None: ...
+    distributions: _containers.MessageMap[str, Distribution]
+    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorAct, _Mapping]]] = ..., draw: _Optional[_Iterable[int]] = ..., distributions: _Optional[_Mapping[str, Distribution]] = ...) -> None: ...
 
 class BehaviorAct(_message.Message):
     __slots__ = ("axes", "choices")
@@ -366,7 +414,7 @@ class BehaviorAct(_message.Message):
     def __init__(self, axes: _Optional[_Union[Tensor, _Mapping]] = ..., choices: _Optional[_Union[Tensor, _Mapping]] = ...) -> None: ...
 
 class Reset(_message.Message):
-    __slots__ = ("seed", "parameters")
+    __slots__ = ("seed", "parameters", "distributions")
     class ParametersEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -374,11 +422,20 @@ class Reset(_message.Message):
         key: str
         value: float
         def __init__(self, key: _Optional[str] = ..., value: _Optional[float] = ...) -> None: ...
+    class DistributionsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: Distribution
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[_Union[Distribution, _Mapping]] = ...) -> None: ...
     SEED_FIELD_NUMBER: _ClassVar[int]
     PARAMETERS_FIELD_NUMBER: _ClassVar[int]
+    DISTRIBUTIONS_FIELD_NUMBER: _ClassVar[int]
     seed: int
     parameters: _containers.ScalarMap[str, float]
-    def __init__(self, seed: _Optional[int] = ..., parameters: _Optional[_Mapping[str, float]] = ...) -> None: ...
+    distributions: _containers.MessageMap[str, Distribution]
+    def __init__(self, seed: _Optional[int] = ..., parameters: _Optional[_Mapping[str, float]] = ..., distributions: _Optional[_Mapping[str, Distribution]] = ...) -> None: ...
 
 class Save(_message.Message):
     __slots__ = ()
@@ -426,14 +483,16 @@ class BehaviorStep(_message.Message):
     def __init__(self, observations: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., rewards: _Optional[_Union[Tensor, _Mapping]] = ..., terminated: _Optional[_Union[Tensor, _Mapping]] = ..., truncated: _Optional[_Union[Tensor, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., deciding: _Optional[_Union[Tensor, _Mapping]] = ..., ended: _Optional[_Union[Ended, _Mapping]] = ...) -> None: ...
 
 class Ended(_message.Message):
-    __slots__ = ("lanes", "final_observations", "metrics")
+    __slots__ = ("lanes", "final_observations", "metrics", "parameters")
     LANES_FIELD_NUMBER: _ClassVar[int]
     FINAL_OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
     METRICS_FIELD_NUMBER: _ClassVar[int]
+    PARAMETERS_FIELD_NUMBER: _ClassVar[int]
     lanes: Tensor
     final_observations: _containers.RepeatedCompositeFieldContainer[Tensor]
     metrics: Tensor
-    def __init__(self, lanes: _Optional[_Union[Tensor, _Mapping]] = ..., final_observations: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., metrics: _Optional[_Union[Tensor, _Mapping]] = ...) -> None: ...
+    parameters: Tensor
+    def __init__(self, lanes: _Optional[_Union[Tensor, _Mapping]] = ..., final_observations: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., metrics: _Optional[_Union[Tensor, _Mapping]] = ..., parameters: _Optional[_Union[Tensor, _Mapping]] = ...) -> None: ...
 
 class Tensor(_message.Message):
     __slots__ = ("dtype", "shape", "data")

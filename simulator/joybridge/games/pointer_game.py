@@ -12,6 +12,7 @@ import numpy as np
 
 from joybridge.games.locomotion import LOCOMOTIONS, observe_heading
 from joybridge.simulator import Array, BatchedGame, StepArrays, check_range, quiet_step
+from joybridge.simulator.distributions import draw_parameters
 from joybridge.simulator.randomness import Streams, open_streams, restore_streams, save_streams
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -19,8 +20,8 @@ from joybridge.v1 import bridge_pb2 as pb
 class PointerGame(BatchedGame):
     """Many arenas of a game with a pointer.
 
-    A subclass sets `rules` before it calls `__init__` here: a NamedTuple with a field for every parameter of the
-    game, of the same name. Its arena records have a field "heading".
+    Its arena records have a field "heading", and one for every parameter of the game, of the same name. What begins an
+    episode calls `draw_parameters` before.
     """
 
     in_event_loop: ClassVar[bool] = True
@@ -29,7 +30,6 @@ class PointerGame(BatchedGame):
     sensors: ClassVar[list[pb.Sensor]]  # without that of the locomotion
     channels: ClassVar[list[pb.RewardChannel]]
 
-    rules: Any
     streams: Streams
 
     def __init__(
@@ -41,24 +41,54 @@ class PointerGame(BatchedGame):
         self.arenas = np.zeros(arenas, self.arena_dtype).view(np.recarray)
         self.fields = self.arenas.view(np.ndarray)  # the same memory; attributes of a recarray are slow to look up
         self._shapes = [(arenas, *sensor.shape) for sensor in self.sensors]
-        self.reset(seed, parameters)
+        self.episodes = np.zeros(arenas, np.int64)  # that have begun in each arena since the seed was set
+        defaults = {parameter.name: parameter.default_value for parameter in self.parameters}
+        self.reset(seed, defaults | dict(parameters))
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin a new episode in every arena; see BatchedGame."""
-        self.rules = self.rules._replace(**parameters)
+        for name, value in parameters.items():
+            self.fields[name] = value
+        every = np.arange(len(self.arenas))
         if seed is None:
+            self.draw_parameters(every)
             self.begin_episodes()
-        else:
-            self.streams = open_streams(seed, self.first_arena, len(self.arenas))
-            self.begin()
+            return
+        self.streams = open_streams(seed, self.first_arena, len(self.arenas))
+        self.episodes[:] = 0
+        kept = {parameter.name: self.fields[parameter.name].copy() for parameter in self.parameters}
+        self.fields[:] = np.zeros((), self.arena_dtype)
+        for name, values in kept.items():
+            self.fields[name] = values
+        self.draw_parameters(every)
+        self.begin()
 
     @abstractmethod
     def begin(self) -> None:
-        """Fill all arenas as at the start of the program, with a first episode each."""
+        """Fill all arenas, which are zeros but for the parameters, as at the start of the program."""
 
     @abstractmethod
     def begin_episodes(self) -> None:
-        """Begin a new episode in every arena of a running program."""
+        """Begin a new episode in every arena of a running program. The parameters are those of the new ones."""
+
+    def draw_parameters(self, arenas: Array) -> None:
+        """Draw the parameters of the episodes that begin next in some arenas, given by their indices."""
+        if self.distributions:
+            for arena in arenas:
+                key, episode = self.streams.key[arena], int(self.episodes[arena])
+                for name, value in draw_parameters(self.distributions, self.parameters, key, episode).items():
+                    self.fields[name][arena] = value
+        self.episodes[arenas] += 1
+
+    def played_parameters(self, arenas: Array) -> Array | None:
+        """Return the parameters of episodes that end, float32 [ended, parameters]; None if none of them is drawn.
+
+        arenas: indices of the ended ones. Call it before `draw_parameters`.
+        """
+        if not self.distributions:
+            return None
+        columns = [self.fields[parameter.name][arenas] for parameter in self.parameters]
+        return np.stack(columns, axis=1).astype(np.float32)
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""
@@ -75,11 +105,11 @@ class PointerGame(BatchedGame):
         """Write the values of every sensor in `sensors`, float32 [arenas, *shape]."""
 
     def save(self) -> dict[str, Array]:
-        """Return arenas, random streams and parameters."""
+        """Return arenas, with their parameters, and random streams."""
         return {
             "arenas": np.frombuffer(self.arenas.tobytes(), np.uint8).reshape(len(self.arenas), -1),
             **save_streams(self.streams),
-            **{parameter.name: np.array([getattr(self.rules, parameter.name)]) for parameter in self.parameters},
+            "episodes": self.episodes.copy(),
         }
 
     def restore(self, state: Mapping[str, Array]) -> None:
@@ -87,10 +117,11 @@ class PointerGame(BatchedGame):
         arenas = np.frombuffer(state["arenas"].tobytes(), self.arena_dtype)
         self.check_arenas(arenas)
         for parameter in self.parameters:
-            check_range(parameter.name, state[parameter.name], parameter.low, parameter.high)
+            check_range(parameter.name, arenas[parameter.name], parameter.low, parameter.high)
+        check_range("episodes", state["episodes"], 1, 2**62)
         restore_streams(self.streams, state)
         self.arenas[:] = arenas
-        self.rules = self.rules._replace(**{p.name: float(state[p.name][0]) for p in self.parameters})
+        self.episodes[:] = state["episodes"]
 
     @abstractmethod
     def check_arenas(self, arenas: Array) -> None:

@@ -3,7 +3,7 @@
     A game       Game, TimeStep, Action, Array
     A timestep   transition, waiting, termination, truncation
     A spec       spec, behavior, sensor, axis, branch, button, channel, metric, option, parameter, GameSpec
-    For speed    BatchedGame, ActArrays, StepArrays, quiet_step, check_range, GameError
+    For speed    BatchedGame, ActArrays, StepArrays, quiet_step, check_range, draw_parameters, GameError
 
 A whole game is in the docstring of `joybridge.simulator.game`; `joybridge new` writes one to start from. Helpers for
 pictures are in `joybridge.simulator.render`, which needs pygame.
@@ -14,6 +14,7 @@ import os
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.simulator.batched_game import BatchedGame, GameError, check_range, quiet_step
+from joybridge.simulator.distributions import draw_parameters
 from joybridge.simulator.game import Action, Game, TimeStep, termination, transition, truncation, waiting
 from joybridge.simulator.spec_parts import (
     axis,
@@ -45,6 +46,7 @@ __all__ = [
     "button",
     "channel",
     "check_range",
+    "draw_parameters",
     "metric",
     "option",
     "parameter",

@@ -8,6 +8,7 @@ The two games of the paper implement it directly, for speed. Other games are wri
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -44,6 +45,10 @@ class BatchedGame(ABC):
     # True: a step takes microseconds and always ends, so the server may step the game in its event loop, where a round
     # trip is twice as fast. Everything else that the game does, and slow steps, still run in the session's thread.
     in_event_loop: ClassVar[bool] = False
+
+    # Parameter name -> how it is drawn when an episode begins (see `draw_parameters`); the others keep their values.
+    # The session sets this before a step or a reset, only for games whose spec says parameters_per_episode.
+    distributions: Mapping[str, pb.Distribution] = MappingProxyType({})
 
     @classmethod
     @abstractmethod

@@ -103,7 +103,7 @@ class Game(ABC):
 
     rng: np.random.Generator  # of this arena alone
     option: Mapping[str, str]  # option name -> chosen value
-    parameter: Mapping[str, float]  # parameter name -> current value
+    parameter: Mapping[str, float]  # parameter name -> value of this arena, which holds until the next `reset`
 
     @classmethod
     @abstractmethod

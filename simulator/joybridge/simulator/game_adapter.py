@@ -4,14 +4,16 @@ Everything that an author returns is checked here: a mistake raises an ArenaErro
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.limits import LARGEST_FLOAT32
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError, BatchedGame, GameError
+from joybridge.simulator.distributions import draw_parameters
 from joybridge.simulator.game import Action, Game, TimeStep
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -24,6 +26,13 @@ def batched(game: type[Game]) -> type["GameAdapter"]:
 
 
 Rows = list[tuple[int, TimeStep]]  # timesteps, each with the number of its arena
+
+
+class End(NamedTuple):
+    """The end of an episode of an arena."""
+
+    timesteps: list[TimeStep]  # one per agent
+    parameters: list[float]  # with which it was played
 
 
 class SensorFormat(NamedTuple):
@@ -62,8 +71,11 @@ class GameAdapter(BatchedGame):
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the author's spec."""
-        return cls.game.describe(options)
+        """Return the author's spec. Parameters can be drawn per episode, as each arena is a game of its own."""
+        spec = cls.game.describe(options)
+        largest = max((max(-one.low, one.high) for one in spec.parameters), default=inf)
+        spec.parameters_per_episode = largest <= LARGEST_FLOAT32
+        return spec
 
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
@@ -76,19 +88,22 @@ class GameAdapter(BatchedGame):
             self.behaviors.append(BehaviorFormat(behavior, sum(one.agents for one in self.behaviors)))
         # One (behavior index, agent number) per agent of an arena, in the order of the author's lists.
         self.agents = [(b, agent) for b, one in enumerate(self.behaviors) for agent in range(one.agents)]
-        self.parameters = {p.name: p.default_value for p in self.spec.parameters}
+        # Per arena: the parameters, as they are now.
+        self.parameters = [{p.name: p.default_value for p in self.spec.parameters} for _ in range(arenas)]
         self.arenas, self.option = arenas, options
         self.reset(seed, parameters)
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin a new episode in every arena; see BatchedGame."""
-        self.parameters.update(parameters)
+        for own in self.parameters:
+            own.update(parameters)
         if seed is not None:  # create the games anew: they may keep state between episodes
             self.games = [self.game() for _ in range(self.arenas)]
-            for arena, game in enumerate(self.games):
-                game.option, game.parameter = self.option, self.parameters
-                # With the dtype, because NumPy would make floats of a list with a large seed.
-                key = np.array([seed, self.first_arena + arena], np.uint64)
+            self.episodes = [0] * self.arenas  # that have begun
+            # With the dtype, because NumPy would make floats of a list with a large seed.
+            self.keys = [np.array([seed, self.first_arena + arena], np.uint64) for arena in range(self.arenas)]
+            for game, parameter, key in zip(self.games, self.parameters, self.keys, strict=True):
+                game.option, game.parameter = self.option, parameter
                 game.rng = np.random.Generator(np.random.Philox(key=key))
         self.timesteps = [self._reset(arena) for arena in range(len(self.games))]
         # Per behavior [lanes, channels]: rewards since the lane's last decision, for lanes that wait.
@@ -103,7 +118,7 @@ class GameAdapter(BatchedGame):
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision. Where the episode ends, the next one begins in the same step."""
-        ended: dict[int, list[TimeStep]] = {}
+        ended: dict[int, End] = {}
         actions = [self._actions(act, behavior) for act, behavior in zip(acts, self.behaviors, strict=True)]
         by_agent = [actions[b][agent :: self.behaviors[b].agents] for b, agent in self.agents]
         by_arena = by_agent[0] if len(by_agent) == 1 else map(list, zip(*by_agent, strict=True))
@@ -111,7 +126,7 @@ class GameAdapter(BatchedGame):
             timesteps = self._timesteps(arena, game.step, own)
             self._earn(arena, timesteps)
             if timesteps[0].terminated or timesteps[0].truncated:
-                ended[arena] = timesteps
+                ended[arena] = End(timesteps, list(self.parameters[arena].values()))
                 timesteps = self._reset(arena)
             self.timesteps[arena] = timesteps
         return [self._behavior_step(b, ended) for b in range(len(self.behaviors))]
@@ -124,6 +139,9 @@ class GameAdapter(BatchedGame):
             raise _named(arena, error) from error
 
     def _reset(self, arena: int) -> list[TimeStep]:
+        drawn = draw_parameters(self.distributions, self.spec.parameters, self.keys[arena], self.episodes[arena])
+        self.parameters[arena].update(drawn)
+        self.episodes[arena] += 1
         timesteps = self._timesteps(arena, self.games[arena].reset)
         if timesteps[0].terminated or timesteps[0].truncated:
             raise ArenaError(arena, "reset returned an episode's end, expected transition(...) or waiting(...)")
@@ -166,11 +184,11 @@ class GameAdapter(BatchedGame):
             except BaseException as error:
                 raise _named(arena, error) from error
 
-    def _behavior_step(self, b: int, ended: Mapping[int, list[TimeStep]]) -> StepArrays:
+    def _behavior_step(self, b: int, ended: Mapping[int, End]) -> StepArrays:
         """Collect one behavior's lanes into arrays."""
         behavior = self.behaviors[b]
         timesteps = [(arena, own[slot]) for arena, own in enumerate(self.timesteps) for slot in behavior.slots]
-        ends = [(arena, ended[arena][slot]) for arena in ended for slot in behavior.slots]
+        ends = [(arena, end.timesteps[slot]) for arena, end in ended.items() for slot in behavior.slots]
         step = StepArrays(
             _observations(behavior, timesteps), np.zeros_like(self.earned[b]), np.zeros(len(timesteps), bool),
             np.zeros(len(timesteps), bool), _masks(behavior, timesteps),
@@ -182,6 +200,9 @@ class GameAdapter(BatchedGame):
             step.truncated[step.ended] = [timestep.truncated for _, timestep in ends]
             step.final_observations = _observations(behavior, ends)
             step.metrics = _metrics(behavior, ends)
+            if self.distributions:
+                rows = [end.parameters for end in ended.values() for _ in behavior.slots]
+                step.parameters = np.array(rows, np.float32)
         deciding = np.array([timestep.deciding for _, timestep in timesteps])
         if not deciding.all():
             step.deciding = deciding

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill, fill_step
+from joybridge.contract.distributions import choose_distributions
 from joybridge.contract.errors import JoybridgeError, MessageError
 from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import check_spec, choose_options, choose_parameters
@@ -158,8 +159,12 @@ class Session:
         with checking("start"):
             options = choose_options(spec.options, start.options, spec.name)
             parameters = choose_parameters(spec.parameters, start.parameters, spec.name)
+            distributions = choose_distributions(spec, start.distributions, parameters)
         self.arenas = start.arenas
         game = self.games[start.game](options, parameters, start.arenas, start.first_arena, start.seed)
+        if distributions:
+            game.distributions = distributions
+            game.reset(start.seed, {})
         parameters = {parameter.name: parameter.default_value for parameter in spec.parameters} | parameters
         how = [spec.name, options, parameters, start.arenas, start.first_arena, start.seed]
         self.origin = hashlib.blake2b(json.dumps(how, sort_keys=True).encode(), digest_size=16).digest()
@@ -168,7 +173,7 @@ class Session:
             with checking("start.snapshot"):
                 restore(game, start.snapshot, self.origin)
         self.game = game
-        self.codecs = [Codec(behavior, start.arenas) for behavior in spec.behaviors]
+        self.codecs = [Codec(behavior, start.arenas, len(spec.parameters)) for behavior in spec.behaviors]
         response = pb.PlayResponse(started=pb.Started(spec=spec, version=own_version()))
         self._observe(response.started.step)
         return response
@@ -177,6 +182,11 @@ class Session:
         assert self.game is not None
         acts = self._unpack(act)
         self._check_draw(act)
+        if act.distributions:
+            with checking("act"):
+                self.game.distributions = {
+                    **self.game.distributions, **choose_distributions(self.spec, act.distributions)
+                }  # fmt: skip
         self.steps += 1
         begin = time.perf_counter()
         self.previous = self.game.step(acts)
@@ -192,6 +202,9 @@ class Session:
         assert self.game is not None
         with checking("reset"):
             parameters = choose_parameters(self.spec.parameters, reset.parameters, self.spec.name)
+            distributions = choose_distributions(self.spec, reset.distributions, parameters)
+        stay = {name: one for name, one in self.game.distributions.items() if name not in parameters}
+        self.game.distributions = stay | distributions
         self.game.reset(reset.seed if reset.HasField("seed") else None, parameters)
         response = pb.PlayResponse()
         self._observe(response.step)

@@ -26,6 +26,7 @@ def spec(
     max_arenas: int = 1024,
     picture: tuple[int, int] | None = None,
     snapshot_bytes_per_arena: int = 0,
+    parameters_per_episode: bool = False,
 ) -> pb.GameSpec:
     """Return the spec of a game; its name, description and options come from the class.
 
@@ -36,6 +37,7 @@ def spec(
     max_arenas: the most arenas that one session may run.
     picture: (width, height) of what `draw` returns; None if the game cannot be drawn.
     snapshot_bytes_per_arena: an upper bound of what `BatchedGame.save` returns; 0 if the game has no snapshots.
+    parameters_per_episode: whether a BatchedGame obeys `distributions`. Those of every Game are drawn by the server.
     """
     return pb.GameSpec(
         name=game.name,
@@ -49,6 +51,7 @@ def spec(
         max_arenas=max_arenas,
         picture=pb.PictureSize(width=picture[0], height=picture[1]) if picture else None,
         snapshot_bytes_per_arena=snapshot_bytes_per_arena,
+        parameters_per_episode=parameters_per_episode,
     )
 
 
@@ -59,7 +62,7 @@ def option(name: str, choices: Sequence[str], default: str | None = None, descri
 
 
 def parameter(name: str, low: float, high: float, default: float, description: str = "") -> pb.Parameter:
-    """Return a parameter: a number in low..high that may change at every reset of a session."""
+    """Return a parameter: a number in low..high that may change whenever an episode begins."""
     return pb.Parameter(name=name, description=description, low=low, high=high, default_value=default)
 
 

@@ -6,6 +6,7 @@ from joybridge.conformance.rules import (
     actions,
     behaviors,
     choices,
+    distributions,
     episode_ends,
     games,
     health_and_reflection,
@@ -25,8 +26,8 @@ from joybridge.conformance.rules import (
 )
 
 _MODULES = (  # what others build on comes first: a game that is not deterministic fails checks of most families
-    games, specs, behaviors, start, steps, episode_ends, seeds, sessions, versions, resets, settings, choices, order,
-    actions, action_tensors, pictures, snapshots, limits, security, health_and_reflection,
+    games, specs, behaviors, start, steps, episode_ends, seeds, sessions, versions, resets, settings, distributions,
+    choices, order, actions, action_tensors, pictures, snapshots, limits, security, health_and_reflection,
 )  # fmt: skip
 FAMILIES: dict[str, str] = {  # name -> description, in the order in which they run and are to be repaired
     module.__name__.rpartition(".")[2]: (module.__doc__ or "").partition("\n")[0] for module in _MODULES

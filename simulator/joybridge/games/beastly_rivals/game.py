@@ -124,6 +124,7 @@ class BeastlyRivals(PointerGame):
             max_arenas=4096,
             picture=PICTURE,
             snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
+            parameters_per_episode=True,
         )
 
     def __init__(
@@ -168,6 +169,8 @@ class BeastlyRivals(PointerGame):
             step.ended = np.flatnonzero(ends).astype(np.int32)
             step.final_observations = [sensor[ends] for sensor in observations]
             step.metrics = self._metrics()[ends]
+            step.parameters = self.played_parameters(step.ended)
+            self.draw_parameters(step.ended)
             self._begin_episodes(ends)
             step.observations = self.observations()
         return [step]

@@ -45,18 +45,17 @@ SURVIVAL_REWARD, DEATH_REWARD, EARLY_BLINK_REWARD = 0.01, -1.0, -0.025
 
 
 class Rules(NamedTuple):
-    """The quirks of the original, the option `slow_character` and the parameter `beast_speed`."""
+    """The quirks of the original, and the option `slow_character`."""
 
     blink_repeats: bool  # a blink is tried in every tick of its decision: five early ones follow a success
     never_arrives: bool  # the distance to the goal is in 3D: the character slows down near it and never stops
     velocities_survive: bool  # cursor, character and beast begin an episode with their last velocities
     overlaps_survive: bool  # an overlap at the end of an episode is not noticed again until it has ended
     slow_character: bool  # the sphere slows the character; not in the original's game of two agents
-    beast_speed: float  # factor on the beast's speed
 
 
-ORIGINAL = Rules(True, True, True, True, True, 1.0)
-CORRECTED = Rules(False, False, False, False, True, 1.0)
+ORIGINAL = Rules(True, True, True, True, True)
+CORRECTED = Rules(False, False, False, False, True)
 
 BODY = np.dtype([("x", "f8"), ("z", "f8"), ("vx", "f8"), ("vz", "f8")])
 ARENA = np.dtype(
@@ -71,6 +70,7 @@ ARENA = np.dtype(
         ("character_inside", "?"), ("beast_inside", "?"), ("touching", "?"),  # overlaps at the last tick
         ("blinks", "i8"), ("clicks", "i8"), ("slow_ticks", "i8"),  # of this episode
         ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since all arenas began anew
+        ("beast_speed", "f8"),  # a parameter: factor on the beast's speed
     ]
 )  # fmt: skip
 
@@ -79,8 +79,7 @@ MOST_DRAWS = 2 + 6
 
 
 def begin(arenas: Array, streams: Streams, rules: Rules) -> None:
-    """Fill arenas as at the start of the program: everything at rest, and a first episode."""
-    arenas[:] = np.zeros((), ARENA)
+    """Fill arenas, zeros but for `beast_speed`, as at the start of the program: all at rest, and a first episode."""
     reserve(streams, MOST_DRAWS)
     begin_episodes(arenas, streams, rules, np.ones(len(arenas), bool))
 
@@ -100,7 +99,7 @@ def begin_episode(arena, streams, i, rules):
     _put_on_pitch(arena.cursor, streams, i)
     _put_on_pitch(arena.sphere, streams, i)
     arena.beast.x = arena.beast.z = 0.0
-    arena.speed = START_SPEED * rules.beast_speed
+    arena.speed = START_SPEED * arena.beast_speed
     arena.accuracy = START_ACCURACY
     arena.cooldown = 0
     arena.moving = arena.character_slow = arena.beast_slow = arena.dead = False
@@ -157,7 +156,7 @@ def tick(arenas, streams, rules, number, velocity, move, blink, rewards):
         arena.cooldown = max(arena.cooldown - 1, 0)
         _drive_character(arena, rules)
         _steer_beast(arena)
-        _grow_beast(arena, rules)
+        _grow_beast(arena)
         _confine(arena.sphere, 0.0)
         _turn_sphere(arena, streams, i)
         _meet(arena, rules, rewards[i])  # before the bodies move, as in the original engine
@@ -245,9 +244,9 @@ def _steer_beast(arena):
 
 
 @compiled
-def _grow_beast(arena, rules):
+def _grow_beast(arena):
     """Increase the beast's speed and accuracy by one tick's growth."""
-    arena.speed = min(arena.speed + SPEED_GROWTH * rules.beast_speed, SPEED_LIMIT * rules.beast_speed)
+    arena.speed = min(arena.speed + SPEED_GROWTH * arena.beast_speed, SPEED_LIMIT * arena.beast_speed)
     arena.accuracy = min(arena.accuracy + ACCURACY_GROWTH, ACCURACY_LIMIT)
 
 

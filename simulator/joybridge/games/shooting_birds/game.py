@@ -116,6 +116,7 @@ class ShootingBirds(PointerGame):
             max_arenas=4096,
             picture=PICTURE,
             snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
+            parameters_per_episode=True,
         )
 
     def __init__(
@@ -128,7 +129,7 @@ class ShootingBirds(PointerGame):
 
     def begin(self) -> None:
         """Fill all arenas as at the start of the program, with a first episode each."""
-        r.begin(self.arenas, self.streams, self.rules, self.fixed_level)
+        r.begin(self.arenas, self.streams, self.fixed_level)
 
     def begin_episodes(self) -> None:
         """Begin a new episode in every arena; the birds fly on."""
@@ -151,6 +152,8 @@ class ShootingBirds(PointerGame):
             step.ended = np.arange(len(arenas), dtype=np.int32)
             step.final_observations = observations
             step.metrics = self._metrics()
+            step.parameters = self.played_parameters(step.ended)
+            self.draw_parameters(step.ended)
             r.begin_episodes(arenas, self.streams)
             step.observations = self.observations()
         return [step]

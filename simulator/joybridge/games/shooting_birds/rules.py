@@ -35,17 +35,16 @@ MISS_REWARD, DRY_SHOT_REWARD = -0.1, -1.0
 
 
 class Rules(NamedTuple):
-    """The quirks of the original, and the parameter `bird_speed`."""
+    """The quirks of the original."""
 
     hit_pays_replacement: bool  # the reward of a hit depends on the size of the bird that replaces the one hit
     whole_magazines: bool  # the ammo sensor is 1 for a full magazine, else 0
     dry_shots_are_aimed: bool  # the aiming channels also reward shots with an empty gun
     origin_x: float  # origin of the observed position; in the original it is not the arena's center
-    bird_speed: float  # factor on the speed of new birds
 
 
-ORIGINAL = Rules(True, True, True, -1.1, 1.0)
-CORRECTED = Rules(False, False, False, 0.0, 1.0)
+ORIGINAL = Rules(True, True, True, -1.1)
+CORRECTED = Rules(False, False, False, 0.0)
 
 BIRD = np.dtype(
     [
@@ -61,6 +60,7 @@ ARENA = np.dtype(
         ("shots", "i8"), ("hits", "i8"), ("reloads", "i8"),  # in this episode; shots without ammo are not counted
         ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since the start, for the birds' flight
         ("birds", BIRD, (BIRDS,)),
+        ("bird_speed", "f8"),  # a parameter: factor on the speed of new birds
     ]
 )  # fmt: skip
 
@@ -68,21 +68,20 @@ ARENA = np.dtype(
 MOST_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
 
 
-def begin(arenas: "np.recarray[Any, Any]", streams: Streams, rules: Rules, fixed_level: int) -> None:
-    """Fill arenas as at the start of the program: ten new birds each, and a first episode."""
-    arenas[:] = np.zeros((), ARENA)
+def begin(arenas: "np.recarray[Any, Any]", streams: Streams, fixed_level: int) -> None:
+    """Fill arenas, zeros but for `bird_speed`, as at the start of the program: ten new birds, and a first episode."""
     arenas.fixed_level = fixed_level
     reserve(streams, MOST_DRAWS)
-    _populate(arenas, streams, rules)
+    _populate(arenas, streams)
     begin_episodes(arenas, streams)
 
 
 @compiled
-def _populate(arenas, streams, rules):
+def _populate(arenas, streams):
     for i in range(len(arenas)):
         for bird in arenas[i].birds:
             bird.phase = uniform(streams, i, -45.0, 45.0)  # once: a bird keeps its phase when it is replaced
-            spawn(bird, streams, i, rules)
+            spawn(bird, streams, i, arenas[i].bird_speed)
 
 
 @compiled
@@ -104,14 +103,14 @@ def begin_episode(arena, streams, i):
 
 
 @compiled
-def spawn(bird, streams, i, rules):
+def spawn(bird, streams, i, bird_speed):
     """Place a bird at the left or right edge, with a new height, size, depth and speed."""
     from_left = uniform(streams, i, 0.0, 1.0) < 0.5
     bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
     bird.y = uniform(streams, i, SPAWN_LOW, SPAWN_HIGH)
     bird.kind = integer(streams, i, 3)
     bird.z = bird.kind - uniform(streams, i, 0.1, 0.2)
-    speed = uniform(streams, i, SLOWEST, FASTEST) * rules.bird_speed
+    speed = uniform(streams, i, SLOWEST, FASTEST) * bird_speed
     bird.vx = speed if from_left else -speed
     bird.vy = 0.0
 
@@ -132,7 +131,7 @@ def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
             rewards[i, RELOAD] -= arena.ammo / MAGAZINE
             arena.ammo = MAGAZINE
             arena.reloads += 1
-        _fly(arena, streams, i, rules)
+        _fly(arena, streams, i)
         _move_crosshair(arena)
         for bird in arena.birds:
             bird.x += bird.vx * TICK
@@ -162,18 +161,18 @@ def _shoot(arena, streams, i, rules, obstacles, rewards):
     arena.hits += 1
     bird = arena.birds[target]
     true_size = bird.kind
-    spawn(bird, streams, i, rules)
+    spawn(bird, streams, i, arena.bird_speed)
     rewards[HIT] += SIZE_REWARD[bird.kind if rules.hit_pays_replacement else true_size]
 
 
 @compiled
-def _fly(arena, streams, i, rules):
+def _fly(arena, streams, i):
     """Set the vertical speed of every bird and replace those that have left."""
     time = arena.clock * TICK
     for bird in arena.birds:
         bird.vy = sine(2.0 * time + bird.phase)
         if abs(bird.x) > BIRD_LIMIT_X:
-            spawn(bird, streams, i, rules)
+            spawn(bird, streams, i, arena.bird_speed)
 
 
 @compiled
