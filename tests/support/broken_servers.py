@@ -27,6 +27,7 @@ from joybridge.simulator import (
     button,
     channel,
     check_range,
+    draw_parameters,
     option,
     parameter,
     sensor,
@@ -67,19 +68,22 @@ class Gauntlet(BatchedGame):
         runner = behavior("runner", sensors=[sensor("track", [1])], axes=[axis("pace")], metrics=["pace"])
         return spec(
             cls, [player, judge, runner], parameters=[parameter("drift", 0.0, 2.0, 1.0)], tick_seconds=0.1,
-            max_episode_decisions=LONGEST, max_arenas=16, snapshot_bytes_per_arena=80, picture=(8, 6),
+            max_episode_decisions=LONGEST, max_arenas=16, snapshot_bytes_per_arena=96, picture=(8, 6),
+            parameters_per_episode=True,
         )  # fmt: skip
 
     def __init__(self, options, parameters, arenas, first_arena, seed):
         self.cells = 2 if options["size"] == "small" else 5
         self.arenas, self.first_arena = arenas, first_arena
-        self.drift = 1.0
+        self.drift = np.ones(arenas)
+        self.parameters = self.describe(options).parameters
         self.reset(seed, parameters)
 
     def reset(self, seed, parameters):
-        self.drift = parameters.get("drift", self.drift)
+        self.drift[:] = parameters.get("drift", self.drift)
         if seed is not None:
             self.seed = seed
+            self.episodes = np.zeros(self.arenas, np.int64)
             self.counts = np.zeros((self.arenas, 4), np.int64)
         self.place = np.zeros((self.arenas, 2))
         self.earned = np.zeros((self.arenas, 2), np.float32)
@@ -87,8 +91,17 @@ class Gauntlet(BatchedGame):
             self.begin(arena)
 
     def begin(self, arena):
+        self.drift[arena] = self.drawn(arena).get("drift", self.drift[arena])
+        self.episodes[arena] += 1
         self.counts[arena, :DRAWS] = 0
         self.place[arena] = self.draws(arena)
+
+    def drawn(self, arena):
+        """Return the parameters of the next episode that are drawn."""
+        if not self.distributions:
+            return {}
+        key = np.array([self.seed, self.first_arena + arena], np.uint64)
+        return draw_parameters(self.distributions, self.parameters, key, self.episodes[arena])
 
     def draws(self, arena):
         """Return two random numbers that depend on the seed, the arena and how many there were before."""
@@ -104,7 +117,7 @@ class Gauntlet(BatchedGame):
         self.counts[:, PRESSES] += player.choices[:, 1]
         self.counts[:, GEAR] = player.choices[:, 0]
         moves = np.stack([self.draws(arena) for arena in range(self.arenas)])
-        self.place += moves * self.drift + player.axes[:, :1] * player.axes[:, 1:] + runner.axes
+        self.place += moves * self.drift[:, None] + player.axes[:, :1] * player.axes[:, 1:] + runner.axes
         self.place = np.clip(self.place, -9.0, 9.0)
         self.earned += judge.choices.reshape(self.arenas, 2)
         far = np.abs(self.place).max(axis=1) > 5.0
@@ -116,6 +129,7 @@ class Gauntlet(BatchedGame):
             self.earned.reshape(-1, 1).copy(), self.place[:, 1:].astype(np.float32),
         ]  # fmt: skip
         metrics = [self.counts[ended, :2].astype(np.float32), None, runner.axes[ended]]
+        self.played = self.drift[ended, None].astype(np.float32)
         for arena in ended:
             self.begin(arena)
         due = (far | late) | self.judging()
@@ -156,6 +170,8 @@ class Gauntlet(BatchedGame):
             step.ended = (ended[:, None] * agents + np.arange(agents)).reshape(-1).astype(np.int32)
             if len(ended):
                 step.final_observations, step.metrics = [values[step.ended] for values in last], metrics
+                if self.distributions:
+                    step.parameters = np.repeat(self.played, agents, axis=0)
         return step
 
     def draw(self, arena):
@@ -165,17 +181,19 @@ class Gauntlet(BatchedGame):
         return picture
 
     def save(self):
-        set_by_reset = {"seed": np.array([self.seed], np.uint64), "drift": np.array([self.drift])}
-        return {"place": self.place, "counts": self.counts, "earned": self.earned, **set_by_reset}
+        of_episodes = {"seed": np.array([self.seed], np.uint64), "drift": self.drift, "episodes": self.episodes}
+        return {"place": self.place, "counts": self.counts, "earned": self.earned, **of_episodes}
 
     def restore(self, state):
         self.check(state)
         self.place, self.counts, self.earned = (state[name].copy() for name in ("place", "counts", "earned"))
-        self.seed, self.drift = int(state["seed"][0]), float(state["drift"][0])
+        self.seed, self.drift, self.episodes = int(state["seed"][0]), state["drift"].copy(), state["episodes"].copy()
 
     def check(self, state):
         """Raise ValueError for numbers that no session has saved."""
-        for name, low, high in (("place", -9, 9), ("counts", 0, 2**40), ("earned", 0, LONGEST), ("drift", 0, 2)):
+        for name, low, high in (
+            ("place", -9, 9), ("counts", 0, 2**40), ("earned", 0, LONGEST), ("drift", 0, 2), ("episodes", 0, 2**40)
+        ):  # fmt: skip
             check_range(name, state[name], low, high)
 
 
@@ -484,7 +502,7 @@ class ClipsParameters(Honest):
 @broken(warned={"parameters_have_an_effect"})
 class ParametersDoNothing(Gauntlet):
     def step(self, acts):
-        self.drift, drift = 1.0, self.drift
+        self.drift, drift = np.ones(self.arenas), self.drift
         steps = super().step(acts)
         self.drift = drift
         return steps
@@ -494,6 +512,69 @@ class ParametersDoNothing(Gauntlet):
 class ResetForgetsParameters(Gauntlet):
     def reset(self, seed, parameters):
         super().reset(seed, parameters if not hasattr(self, "seed") else {})
+
+
+# --------------------------------------------------------------------------------------------------- distributions
+
+
+@broken("distributions_are_refused_without_the_flag")
+class IgnoresDistributions(Honest):
+    @staticmethod
+    def describe(games, name, options):
+        spec = sessions.describe(games, name, options)
+        spec.parameters_per_episode = False
+        return spec
+
+    def request(self, request):
+        for part in (request.start, request.act, request.reset):
+            if part.distributions:
+                part.ClearField("distributions")
+        return request
+
+    def answer(self, request):
+        response = super().answer(request)
+        if response.HasField("started"):
+            response.started.spec.parameters_per_episode = False
+        return response
+
+
+@broken("values_do_not_depend_on_the_number_of_arenas")
+class DrawsByPosition(Gauntlet):
+    def drawn(self, arena):
+        return draw_parameters(
+            self.distributions, self.parameters, np.array([self.seed, arena], np.uint64), self.episodes[arena]
+        )
+
+
+@broken("every_episode_of_every_arena_draws_anew")
+class DrawsOnce(Gauntlet):
+    def drawn(self, arena):
+        return draw_parameters(self.distributions, self.parameters, np.array([self.seed, 0], np.uint64), 0)
+
+
+@broken("distributions_of_act_hold_from_the_next_episode_on")
+class ChangesRunningEpisodes(Gauntlet):
+    def step(self, acts):
+        if self.distributions:
+            self.drift = np.array([self.drawn(arena)["drift"] for arena in range(self.arenas)])
+        return super().step(acts)
+
+
+@broken("session_from_a_snapshot_draws_the_same_values")
+class ForgetsEpisodes(Gauntlet):
+    def restore(self, state):
+        super().restore(state)
+        self.episodes[:] = 1
+
+
+@broken(
+    "parameters_of_ended_episodes_are_reported", "drawn_values_are_in_the_interval",
+    "every_episode_of_every_arena_draws_anew",
+)  # fmt: skip
+class ReportsNoParameters(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            part.ended.ClearField("parameters") if part.HasField("ended") else None
 
 
 # ----------------------------------------------------------------------------------------------------------- order

@@ -96,7 +96,8 @@ def _configured(config: str, overrides: Sequence[str]) -> tuple[str, Settings]:
             raise Violation(str(error), "a configuration that fits the game") from error
         return f"{config} fits: {loaded.layout}, {loaded.arenas} arenas"
 
-    return loaded.game, Settings(loaded.options, loaded.parameters, loaded.arenas, check)
+    fixed = {name: value for name, value in loaded.parameters.items() if isinstance(value, float)}
+    return loaded.game, Settings(loaded.options, fixed, loaded.arenas, check)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,8 @@ def _join_lanes(parts: list[StepArrays]) -> StepArrays:
         joined.final_observations = [np.concatenate(columns) for columns in zip(*finals, strict=True)]
         metrics = [part.metrics for part in ending if part.metrics is not None]
         joined.metrics = np.concatenate(metrics) if metrics else None
+        parameters = [part.parameters for part in ending if part.parameters is not None]
+        joined.parameters = np.concatenate(parameters) if parameters else None
     return joined
 
 

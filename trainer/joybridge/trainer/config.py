@@ -8,13 +8,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.files import storing, write_atomically
 from joybridge.trainer.mlagents.their_config import translate
+from joybridge.trainer.parameter_keys import Checked, Lessons, Value
 
 MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
@@ -65,11 +66,7 @@ Schedule = Literal["linear", "constant"]
 T = TypeVar("T", bound=BaseModel)
 
 
-class _Checked(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True)
-
-
-class PolicyConfig(_Checked):
+class PolicyConfig(Checked):
     """What one policy observes, its rewards, and how it learns."""
 
     sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
@@ -113,12 +110,18 @@ class PolicyConfig(_Checked):
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
-class Config(_Checked):
+class Config(Checked):
     """A whole run."""
 
     game: str = Field(description="which game is trained")
     options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
-    parameters: dict[str, float] = Field({}, description="parameters of the game, as in `joybridge list`")
+    parameters: dict[str, Value] = Field(
+        {}, description="parameters of the game, as in `joybridge list`; {uniform: [LOW, HIGH]}, {log_uniform: [LOW, "
+        "HIGH]} or {choice: [VALUE, …]}: drawn at each episode"
+    )  # fmt: skip
+    curriculum: Lessons = Field(
+        [], description="lessons, one after the other: `parameters`, and `until` when, see Curricula in TRAINING.md"
+    )
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
@@ -209,6 +212,9 @@ def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -
     data, over = read_yaml(path), _read_overrides(overrides)
     if behavior:
         data = translate(data, behavior, over.get("arenas"))
+    given = data.get("parameters")
+    if isinstance(given, dict) and isinstance(over.get("parameters"), dict):  # a distribution is replaced as a whole
+        data = {**data, "parameters": {name: given[name] for name in given if name not in over["parameters"]}}
     data = merge(data, over)
     config = _validate(Config, data, "")
     for name in config.policies:
@@ -284,19 +290,23 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
 
     Only options and parameters of the game, the limits of the hand, the time to wait for a simulator and the transport
-    may differ from the training.
+    may differ from the training. Of a curriculum, the last lesson is played.
     """
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
+    given = _read_overrides(overrides).get("parameters", {})
     for key in type(config).model_fields:
         if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):
             raise ConfigError(
                 f"{key} belongs to the training of {run} and cannot change now; what can is written "
                 f"{', '.join(FORMS[key] for key in OF_THE_GAME)} and hand_KEY=VALUE"
             )
-    return config
+    if not config.curriculum:
+        return config
+    last = {name: value for name, value in config.curriculum[-1].parameters.items() if name not in given}
+    return config.model_copy(update={"parameters": config.parameters | last, "curriculum": []})
 
 
-def play_settings(config: Config) -> dict[str, str | float]:
+def play_settings(config: Config) -> dict[str, Any]:
     """Return the options, parameters and limits of the hand that are set, by key: {"parameters.size": 0.5}."""
     of_game = {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
     return of_game | {key: getattr(config, key) for key in OF_THE_HAND}
@@ -332,7 +342,7 @@ def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
             raise ConfigError(_unknown(key, value)) from None
         if first["type"] == "missing":
             raise ConfigError(f"{key}: it is missing; every configuration has this key") from None
-        reason = _expected(key, value, first["type"]) or first["msg"]
+        reason = _expected(key, value, first["type"]) or first["msg"].removeprefix("Value error, ")
         raise ConfigError(f"{key}: got {_show(value)}; {reason}") from None
 
 
@@ -351,7 +361,7 @@ def _expected(key: str, value: object, problem: str) -> str:
     if problem == "list_type" and isinstance(value, str | int | float):
         parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
         return f"expected a list, for example {key}=[{parts}]"
-    if problem == "float_parsing" and key.startswith("parameters."):
+    if problem == "value_error" and key.startswith("parameters.") and isinstance(value, str):
         return f"expected a number; if it is an option of the game, write options.{name}={value}"
     if problem in ("dict_type", "model_type"):
         form = FORMS.get(name) or FORMS["policies"]

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from joybridge.trainer.config import Config, load_config
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.game_settings import check_settings
+from joybridge.trainer.game_settings import check_drawn, check_settings, distribution_of
 from joybridge.trainer.images import find_images
 from joybridge.trainer.layouts import Role, list_roles
+from joybridge.trainer.metrics import column_name
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.options import balanced_options
 from joybridge.trainer.scaling import make_scaling
@@ -27,18 +28,39 @@ def fitting_spec(address: str, config: Config) -> pb.GameSpec:
         check_settings(config.options, config.parameters, describe(address, config.game, {}))
     spec = describe(address, config.game, config.options)
     check_settings(config.options, config.parameters, spec)
+    check_curriculum(config, spec)
     return spec
 
 
 def check_fit(config: Config, spec: pb.GameSpec) -> None:
     """Raise ConfigError unless every policy can be made for a spec."""
     check_settings(config.options, config.parameters, spec)
+    check_curriculum(config, spec)
     balanced_options(config, spec)
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]
         encoder = ObservationEncoder(role.name, behavior, policy.sensors, policy.reward_weights)
         images = find_images(role.name, policy.image_encoder, encoder.sensors)
         make_scaling(role.name, policy.scale_observations, encoder.sensors, images)
+
+
+def check_curriculum(config: Config, spec: pb.GameSpec) -> None:
+    """Raise ConfigError for a lesson with a parameter, a policy or a metric that the game does not have."""
+    for index, lesson in enumerate(config.curriculum):
+        where = f"curriculum.{index}"
+        values = {name: distribution_of(value) for name, value in lesson.parameters.items()}
+        check_drawn(values, spec, f"{where}.parameters")
+        if lesson.until is None:
+            continue
+        roles = {role.name: spec.behaviors[role.behavior] for role in fitting_roles(config, spec)}
+        policy = lesson.until.policy or next(iter(roles))
+        if policy not in roles:
+            raise ConfigError(f"{where}.until.policy: there is no policy {policy!r}; there are {', '.join(roles)}")
+        metrics = [column_name(metric.name) for metric in roles[policy].metrics]
+        known = ["reward", "length", *metrics, "progress"]
+        if lesson.until.metric not in known:
+            wrong = f"there is no metric {lesson.until.metric!r}; {policy} has {', '.join(known)}"
+            raise ConfigError(f"{where}.until.metric: {wrong}")
 
 
 def fitting_roles(config: Config, spec: pb.GameSpec) -> list[Role]:

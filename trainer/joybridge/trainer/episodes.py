@@ -1,23 +1,26 @@
 """Finished episodes of the lanes of one policy."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
-from joybridge.trainer.metrics import Row, is_trainers
+from joybridge.trainer.metrics import Row, column_name
 
 
 class Episodes:
     """Sums up the episodes of one policy's lanes."""
 
-    def __init__(self, lanes: int, metrics: Sequence[str]) -> None:
+    def __init__(self, lanes: int, metrics: Sequence[str], drawn: Mapping[int, str] | None = None) -> None:
         """Begin at an episode's first decision in every lane.
 
-        metrics: the game's, by name; those called like a column of the trainer's own get "game_" before it.
+        metrics: the game's, by name; see `column_name`. drawn: the parameters that are drawn at each episode, by their
+        place in the spec; their values are metrics as well.
         """
-        self.metrics = [f"game_{name}" if is_trainers(name) else name for name in metrics]
+        self._drawn = drawn or {}
+        self.metrics = [*map(column_name, metrics), *(f"parameters.{name}" for name in self._drawn.values())]
+        self.count = 0  # episodes that have finished since this was made
         self.reward = np.zeros(lanes)
         self.length = np.zeros(lanes, np.int64)
         self.finished = np.zeros((0, 3 + len(self.metrics)))  # lane, reward, length, metrics of each episode
@@ -36,6 +39,9 @@ class Episodes:
             columns = [ended[:, None], self.reward[ended, None], self.length[ended, None]]
             if step.metrics is not None:
                 columns.append(step.metrics)
+            if self._drawn and step.parameters is not None:
+                columns.append(step.parameters[:, list(self._drawn)])
+            self.count += len(ended)
             self.finished = np.concatenate([self.finished, np.concatenate(columns, axis=1)])
             self.reward[ended] = 0.0
             self.length[ended] = 0

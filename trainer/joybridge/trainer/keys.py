@@ -79,6 +79,10 @@ def _default(schema: Mapping[str, Any]) -> str:
 
 def _kind(schema: Mapping[str, Any]) -> str:
     """Return the type of a value and its range, as in "integer ≥ 1 or null"."""
+    if "$comment" in schema:
+        return str(schema["$comment"])
+    if "$ref" in schema:
+        return "lessons"
     if "anyOf" in schema:
         return " or ".join(map(_kind, schema["anyOf"]))
     if "enum" in schema:

@@ -17,9 +17,14 @@ ACTIVITIES = ("simulate", "wire", "act", "learn")  # fractions of the time
 # What the loss reports of a minibatch; the entropy of each branch follows.
 STATISTICS = ("policy_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
 _COLUMNS = {
-    "timesteps", "seconds", "episodes", "reward", "reward_std", "length", *STATISTICS, "value", "explained_variance",
-    "grad_norm", "epochs", "cloning_loss", "learning_rate", "timesteps_per_second", *ACTIVITIES,
+    "timesteps", "seconds", "lesson", "episodes", "reward", "reward_std", "length", *STATISTICS, "value",
+    "explained_variance", "grad_norm", "epochs", "cloning_loss", "learning_rate", "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
+
+
+def column_name(metric: str) -> str:
+    """Return the column of a metric of the game, which is its name, after "game_" if the trainer has such a column."""
+    return f"game_{metric}" if is_trainers(metric) else metric
 
 
 def is_trainers(column: str) -> bool:

@@ -5,7 +5,7 @@ configuration alone determines the arenas of each group; the seed and the number
 played in it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import islice, pairwise
 
@@ -15,7 +15,7 @@ from joybridge.trainer.hand import Hand, make_hands, rest_hands, use_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.profiler import Profiler
-from joybridge.trainer.wire.client import Session
+from joybridge.trainer.wire.client import Distributions, Session
 from joybridge.trainer.wire.sharded_session import (
     ShardedSession,
     Snapshot,
@@ -78,8 +78,13 @@ def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
     return [home[:limit] for home, limit in zip(homes, arenas, strict=True)]
 
 
-def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None) -> list[Group]:
+def open_groups(
+    config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None, parameters: Mapping[str, float],
+    distributions: Distributions,
+) -> list[Group]:  # fmt: skip
     """Open the sessions of all groups: new, or from one snapshot per session, in the order of the groups.
+
+    parameters: that have one value. distributions: how others are drawn at each episode.
 
     Raises SimulatorError, and ConfigError if the number of snapshots differs from that of sessions.
     """
@@ -97,7 +102,7 @@ def open_groups(config: Config, addresses: Sequence[str], snapshots: Sequence[Sn
         for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
             session = open_session(
                 home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
-                options=[config.options] * len(home), parameters=config.parameters,
+                options=[config.options] * len(home), parameters=parameters, distributions=distributions,
                 snapshots=list(islice(saved, len(home))), timeout=config.timeout_seconds,
                 transport=config.transport,
             )  # fmt: skip

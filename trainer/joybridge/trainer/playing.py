@@ -17,8 +17,9 @@ import torch
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.trainer.actor import Actor, make_actors
-from joybridge.trainer.config import Config, play_config, play_settings, run_config
+from joybridge.trainer.config import Config, play_config, play_settings
 from joybridge.trainer.config_fit import fitting_spec
+from joybridge.trainer.game_settings import Value, drawn, fixed, value_text
 from joybridge.trainer.hand import make_hands, rest_hands, use_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
@@ -36,8 +37,8 @@ from joybridge.v1 import bridge_pb2 as pb
 class Change:
     """An option or a parameter of the game, or a limit of the hand, that differs from the training."""
 
-    trained: str | float
-    played: str | float
+    trained: str | Value
+    played: str | Value
 
 
 @dataclass(frozen=True)
@@ -195,22 +196,22 @@ def open_play(
     policies = Policies(run, config, spec, arenas, seed, deterministic=deterministic, checkpoint=checkpoint)
     session = open_session(
         [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
-        parameters=config.parameters, timeout=config.timeout_seconds,
+        parameters=fixed(config.parameters), distributions=drawn(config.parameters), timeout=config.timeout_seconds,
         transport=config.transport,
     )  # fmt: skip
     with closing(session):
         policies.begin(session.steps)
-        changed = changed_settings(run_config(run), config, spec)
+        changed = changed_settings(play_config(run, ()), config, spec)
         yield Play(config, changed, list(options), arenas, session, policies)
 
 
 def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:
     """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand_delay"."""
-    defaults: dict[str, str | float] = {f"options.{option.name}": option.default_choice for option in spec.options}
+    defaults: dict[str, str | Value] = {f"options.{option.name}": option.default_choice for option in spec.options}
     defaults |= {f"parameters.{parameter.name}": parameter.default_value for parameter in spec.parameters}
     before, now = defaults | play_settings(trained), defaults | play_settings(played)
     return {key: Change(before[key], now[key]) for key in now if before[key] != now[key]}
 
 
-def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
+def _text(value: str | Value) -> str:
+    return value if isinstance(value, str) else value_text(value)

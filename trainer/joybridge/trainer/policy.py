@@ -1,6 +1,6 @@
 """One policy in training: the actor that plays, the rollout that it fills, and the learner that improves it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -27,8 +27,13 @@ class Policy:
     Steps and acts below are of one group of arenas and hold an entry per behavior.
     """
 
-    def __init__(self, actor: Actor, behavior: pb.Behavior, arenas: Sequence[int]) -> None:
-        """Begin with empty rollouts. arenas: the first arena of each group and, last, their number."""
+    def __init__(
+        self, actor: Actor, behavior: pb.Behavior, arenas: Sequence[int], drawn: Mapping[int, str] | None = None
+    ) -> None:
+        """Begin with empty rollouts.
+
+        arenas: the first arena of each group and, last, their number. drawn: see `Episodes`.
+        """
         self.actor, self.config = actor, actor.config
         bounds = [lane_count(behavior, arena) for arena in arenas]
         self.lanes = bounds[-1]
@@ -40,7 +45,7 @@ class Policy:
             name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd
         )
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
-        self.episodes = Episodes(self.lanes, actor.metrics)
+        self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones
         self.updates = 0
         self.rollout.draw_noise(self._rng(SAMPLES))

@@ -66,7 +66,7 @@ def replay(address: str, recording: Recording, timeout: float = CALL_SECONDS) ->
     try:
         with Session(
             address, start.game, arenas=start.arenas, seed=start.seed, first_arena=start.first_arena,
-            options=start.options, parameters=start.parameters,
+            options=start.options, parameters=start.parameters, distributions=start.distributions,
             snapshot=start.snapshot.parts if start.HasField("snapshot") else None, timeout=timeout,
         ) as session:  # fmt: skip
             if session.server != recording.server:

@@ -9,6 +9,7 @@ import numpy as np
 from joybridge.contract.tensors import Array
 from joybridge.trainer.checkpoint import Manifest, load_checkpoint, save_checkpoint, select
 from joybridge.trainer.config import run_config
+from joybridge.trainer.curriculum import Curriculum
 from joybridge.trainer.errors import CheckpointError
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.pipeline import Group
@@ -57,6 +58,19 @@ class RunState:
                 "train a new run"
             ) from error
 
+    def restore_lesson(self, curriculum: Curriculum) -> None:
+        """Put a curriculum into this state. Raises CheckpointError."""
+        if not self.arrays:
+            return
+        try:
+            curriculum.load(select(self.arrays, "curriculum/"))
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise CheckpointError(
+                f"the checkpoint holds no lesson of this curriculum ({type(error).__name__}: {error}); train a new run"
+            ) from error
+        if self.snapshots is None:
+            curriculum.begin()
+
     def session_snapshots(self) -> list[Snapshot] | None:
         """Return the snapshots of the sessions, or None where there are none. Raises CheckpointError."""
         if self.snapshots is None:
@@ -76,9 +90,12 @@ def load_state(run: Path, checkpoint: str = "") -> RunState:
     return RunState(manifest.timesteps, arrays, manifest.snapshots)
 
 
-def capture(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group]) -> RunState:
+def capture(
+    timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group],
+    curriculum: Curriculum,
+) -> RunState:  # fmt: skip
     """Return the state of a run whose rollouts are all empty; without the simulators' if the game has no snapshots."""
-    arrays: dict[str, Array] = {}
+    arrays = {f"curriculum/{name}": array for name, array in curriculum.state().items()}
     for policy, logger in zip(policies, loggers, strict=True):
         arrays |= {f"{policy.actor.name}/policy/{name}": array for name, array in policy.state().items()}
         arrays |= {f"{policy.actor.name}/means/{name}": array for name, array in logger.mean.state().items()}

@@ -21,7 +21,9 @@ from joybridge.trainer.checkpoint import best_score, has_checkpoint
 from joybridge.trainer.cloning import demonstrate
 from joybridge.trainer.config import Config, check_run, keep_config
 from joybridge.trainer.config_fit import fitting_spec
+from joybridge.trainer.curriculum import Curriculum
 from joybridge.trainer.errors import ConfigError, DivergedError
+from joybridge.trainer.game_settings import drawn
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.metrics import Row, is_trainers
 from joybridge.trainer.options import balanced_options
@@ -35,6 +37,7 @@ from joybridge.trainer.recovery import Revive, recovering
 from joybridge.trainer.run_state import RunState, capture, load_state, take_weights
 from joybridge.trainer.signals import uninterrupted
 from joybridge.trainer.wire.sharded_session import single_sessions
+from joybridge.v1 import bridge_pb2 as pb
 
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 
@@ -83,7 +86,7 @@ def play_and_learn(
     spec = fitting_spec(addresses[0], config)
     balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
     policies = [
-        Policy(actor, spec.behaviors[actor.behavior], group_bounds(config))
+        Policy(actor, spec.behaviors[actor.behavior], group_bounds(config), drawn_parameters(config, spec))
         for actor in make_actors(config, spec, config.accelerator)
     ]
     cycle, stretch = rollout_cycle(policies)
@@ -92,8 +95,11 @@ def play_and_learn(
     metric, sign = best_metric(config, policies[0])
     keep_config(config, run)
     timesteps, lanes = state.timesteps, policies[0].lanes
+    curriculum = Curriculum(config, spec, policies)
+    state.restore_lesson(curriculum)
     with ExitStack() as opened:
-        groups = open_groups(config, addresses, state.session_snapshots())
+        snapshots = state.session_snapshots()
+        groups = open_groups(config, addresses, snapshots, curriculum.parameters, curriculum.distributions)
         for group in groups:
             opened.callback(group.session.close)
         if record_faults:
@@ -110,12 +116,14 @@ def play_and_learn(
         advisers = [Adviser(policy, spec.behaviors[policy.actor.behavior]) for policy in policies]
         profiler = Profiler()
         report(timesteps, profiler.live(), None)
+        say_lesson(curriculum, say)
         while timesteps < config.end:
             score = None
             for _ in range(cycle // stretch):
                 for _ in collect(groups, policies, profiler, steps=stretch):
                     timesteps += lanes
                     profiler.timesteps += lanes
+                    curriculum.watch()
                     with profiler.measure("learn"):
                         for policy, logger, adviser in zip(policies, loggers, advisers, strict=True):
                             if policy.rollout.full:
@@ -124,12 +132,13 @@ def play_and_learn(
                                 progress = timesteps / config.total_timesteps
                                 logger.mean.add(learn(policy, progress, alone=config.cloning == "alone"))
                     if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
-                        row = log(timesteps, policies, loggers, profiler)
+                        row = log(timesteps, policies, loggers, profiler, curriculum.row())
                         report(timesteps, row, row)
                         score = sign * row[metric] if metric in row else score
                     elif profiler.due():
                         report(timesteps, profiler.live(), None)
-            yield replace(capture(timesteps, policies, loggers, groups), score=score)
+            end_lesson(curriculum, timesteps / config.total_timesteps, groups, say)
+            yield replace(capture(timesteps, policies, loggers, groups, curriculum), score=score)
             report(timesteps, profiler.live(), None)
 
 
@@ -195,11 +204,33 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
     return statistics
 
 
-def log(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], profiler: Profiler) -> Row:
-    """Write a row of metrics for each policy; return that of the first."""
+def say_lesson(curriculum: Curriculum, say: Callable[[str], None]) -> None:
+    """Tell which lesson it is, if there are any."""
+    if heading := curriculum.heading():
+        say(heading)
+
+
+def end_lesson(
+    curriculum: Curriculum, progress: float, groups: Sequence[Group], say: Callable[[str], None]
+) -> None:  # fmt: skip
+    """Begin the next lesson in all sessions if the present one is over, after a fraction `progress` of the run."""
+    if curriculum.advance(progress):
+        say_lesson(curriculum, say)
+        for group in groups:
+            group.session.distribute(curriculum.distributions)
+
+
+def drawn_parameters(config: Config, spec: pb.GameSpec) -> dict[int, str]:
+    """Return the parameters that are drawn at each episode, in any lesson, by their place in the spec."""
+    names = {name for lesson in config.curriculum for name in lesson.parameters} | drawn(config.parameters).keys()
+    return {index: one.name for index, one in enumerate(spec.parameters) if one.name in names}
+
+
+def log(timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], profiler: Profiler, lesson: Row) -> Row:
+    """Write a row of metrics for each policy; return that of the first. lesson: the column of the curriculum."""
     times = profiler.summarize()
     rows = [
-        logger.write(timesteps, policy.episodes.summarize(), times)
+        logger.write(timesteps, lesson | policy.episodes.summarize(), times)
         for policy, logger in zip(policies, loggers, strict=True)
     ]
     return rows[0]

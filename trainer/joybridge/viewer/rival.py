@@ -7,6 +7,7 @@ from pathlib import Path
 from joybridge.contract.tensors import Array
 from joybridge.trainer.config import play_config
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.game_settings import fixed
 from joybridge.trainer.playing import Play, Policies, open_play
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
@@ -56,7 +57,7 @@ def run_settings(argument: str, run: Path, game: str, settings: Settings) -> Set
     config = play_config(run, _overrides(settings))
     if config.game != game:
         raise ConfigError(f"{argument}: {run} plays {config.game}, expected {game}; name a run of this game")
-    return Settings(settings.seed, dict(config.options), dict(config.parameters))
+    return Settings(settings.seed, dict(config.options), fixed(config.parameters))
 
 
 def _overrides(settings: Settings) -> list[str]:

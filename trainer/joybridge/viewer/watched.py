@@ -16,6 +16,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.trainer.checkpoint import checkpoints
 from joybridge.trainer.errors import CheckpointError
+from joybridge.trainer.game_settings import fixed
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.metrics import read_rows
 from joybridge.trainer.opinions import opinion
@@ -34,7 +35,7 @@ class Watched:
         """Play in an open session."""
         self._run, self._play = run, play
         self.spec = play.spec
-        self.settings = Settings(seed, dict(play.config.options), dict(play.config.parameters))
+        self.settings = Settings(seed, dict(play.config.options), fixed(play.config.parameters))
         self.scores = Scores(play.spec)
         self.acts, self.steps = make_acts(play.spec, 1), play.session.steps
         self.turn = 0

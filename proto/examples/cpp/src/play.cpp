@@ -37,6 +37,7 @@ Play::Play(const Chosen& chosen, const pb::Start& start)
       lanes_(checked_arenas(chosen.spec, start.arenas())),
       first_arena_(start.first_arena()),
       parameters_(defaults(chosen.spec)) {
+  check_none(chosen.spec, start.distributions());
   set(start.parameters());
   origin_ = origin(chosen, parameters_, start);
   open(start.seed());
@@ -54,6 +55,7 @@ pb::Step Play::act(const pb::Act& act) {
   }
   const Actions actions = unpack(act.behaviors(0), behavior_, masks());
   check_draw(act);
+  check_none(spec(), act.distributions());
   ++steps_;  // everything is checked; from here on the arenas change
   const auto begin = std::chrono::steady_clock::now();
   std::vector<TimeStep> results;
@@ -65,6 +67,7 @@ pb::Step Play::act(const pb::Act& act) {
 }
 
 pb::Step Play::reset(const pb::Reset& reset) {
+  check_none(spec(), reset.distributions());
   set(reset.parameters());
   if (reset.has_seed()) {
     open(reset.seed());

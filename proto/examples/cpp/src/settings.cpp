@@ -57,4 +57,11 @@ double checked(const pb::GameSpec& spec, const std::string& name, double value) 
   throw invalid(text(spec.name(), ": parameter '", name, "' got ", value, ", expected ", low, "..", high));
 }
 
+void check_none(const pb::GameSpec& spec, const google::protobuf::Map<std::string, pb::Distribution>& distributions) {
+  if (distributions.empty()) return;
+  const std::string& name = distributions.begin()->first;
+  const std::string what = spec.name() + ": parameter '" + name + "' cannot be drawn per episode; give it a value";
+  throw Refusal(grpc::StatusCode::FAILED_PRECONDITION, what);
+}
+
 }  // namespace simulator

@@ -22,4 +22,7 @@ Parameters defaults(const pb::GameSpec& spec);
 /// Returns the value of the named parameter. Throws a Refusal for an unknown name or a value out of its range.
 double checked(const pb::GameSpec& spec, const std::string& name, double value);
 
+/// Throws a Refusal if there are distributions: this server does not draw parameters per episode.
+void check_none(const pb::GameSpec& spec, const google::protobuf::Map<std::string, pb::Distribution>& distributions);
+
 }  // namespace simulator

@@ -4,7 +4,7 @@ import { status } from "@grpc/grpc-js";
 
 import { impossible, invalid, Refusal } from "./contract.js";
 import type { Arena, Parameters, TimeStep } from "./game.js";
-import { checkParameters, type Chosen } from "./settings.js";
+import { checkNone, checkParameters, type Chosen } from "./settings.js";
 import { pack, unpackActions, zip } from "./tensors.js";
 import type { CompleteAct } from "./types/joybridge/v1/Act.js";
 import type { CompleteBehavior } from "./types/joybridge/v1/Behavior.js";
@@ -35,6 +35,7 @@ export class Play {
       throw new Refusal(code, `${name}: arenas is ${start.arenas}, expected 1..${max_arenas}`);
     }
     if (start.snapshot) throw impossible(`${name} has no snapshots; start without one`);
+    checkNone(chosen.spec, start.distributions);
     const defaults = Object.fromEntries(parameters.map(({ name, default_value }) => [name, default_value]));
     this.behavior = behavior;
     this.parameters = { ...defaults, ...checkParameters(chosen.spec, start.parameters) };
@@ -48,11 +49,12 @@ export class Play {
   }
 
   /** Advance every arena by one decision; an episode that ends is followed by the next one in the same step. */
-  act({ behaviors, draw }: CompleteAct): Step {
+  act({ behaviors, draw, distributions }: CompleteAct): Step {
     const [message, ...others] = behaviors;
     if (!message || others.length) throw invalid(`act.behaviors has ${behaviors.length} entries, expected 1`);
     const actions = unpackActions(message, this.behavior, this.arenas.map((arena) => arena.masks()));
     const drawn = this.toDraw(draw);
+    checkNone(this.chosen.spec, distributions);
     this.steps += 1;
     const begin = performance.now();
     const results = zip(this.arenas, actions).map(([arena, action]) => arena.step(action));
@@ -62,7 +64,8 @@ export class Play {
   }
 
   /** Begin new episodes everywhere; with a seed, as a new session with that seed would. */
-  reset({ seed, parameters }: CompleteReset): Step {
+  reset({ seed, parameters, distributions }: CompleteReset): Step {
+    checkNone(this.chosen.spec, distributions);
     Object.assign(this.parameters, checkParameters(this.chosen.spec, parameters));
     if (seed !== undefined) this.arenas = this.open(seed);
     else for (const arena of this.arenas) arena.begin();

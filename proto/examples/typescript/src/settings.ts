@@ -2,7 +2,7 @@
 
 import { status } from "@grpc/grpc-js";
 
-import { complete, invalid, Refusal } from "./contract.js";
+import { complete, impossible, invalid, Refusal } from "./contract.js";
 import type { Game, Options, Parameters } from "./game.js";
 import type { CompleteGameSpec } from "./types/joybridge/v1/GameSpec.js";
 
@@ -41,6 +41,13 @@ export function checkParameters(spec: CompleteGameSpec, given: Parameters): Para
     if (!within) throw invalid(`${spec.name}: parameter '${key}' got ${value}, expected ${low}..${high}`);
   }
   return given;
+}
+
+/** Throw a Refusal if there are distributions: this server does not draw parameters per episode. */
+export function checkNone(spec: CompleteGameSpec, distributions: object): void {
+  for (const name of Object.keys(distributions)) {
+    throw impossible(`${spec.name}: parameter '${name}' cannot be drawn per episode; give it a value`);
+  }
 }
 
 function find<Thing extends { name: string }>(things: Thing[], name: string, unknown: string): Thing {

@@ -16,6 +16,7 @@ from joybridge.simulator import (
     axis,
     behavior,
     branch,
+    parameter,
     sensor,
     spec,
     termination,
@@ -32,7 +33,7 @@ FLIGHT = 4  # decisions an arrow takes, fewer than drawing and loosing the next
 STEEPEST, TURN = 1.25, 0.2  # of the bow: highest slope, largest change per decision
 DROP = 0.02  # how much an arrow's climb decreases per decision
 FASTEST = 0.06  # rise of a balloon per decision
-RADIUS = 0.09  # of a balloon; the sky is 1 high, and an arrow flies a distance of 1
+RADIUS = 0.09  # of a balloon of size 1; the sky is 1 high, and an arrow flies a distance of 1
 WIDTH, HEIGHT = 360, 240
 
 
@@ -64,7 +65,10 @@ class Archer(Game):
             ],
             metrics=["hits", "accuracy"],
         )
-        return spec(cls, [archer], max_episode_decisions=DECISIONS, tick_seconds=0.1, picture=(WIDTH, HEIGHT))
+        return spec(
+            cls, [archer], parameters=[parameter("size", 0.1, 4.0, 1.0, "factor on the radius of balloons")],
+            max_episode_decisions=DECISIONS, tick_seconds=0.1, picture=(WIDTH, HEIGHT),
+        )  # fmt: skip
 
     def reset(self) -> TimeStep:
         """Begin an episode with all arrows and a balloon on the ground."""
@@ -100,7 +104,7 @@ class Archer(Game):
             return False
         self.flight, self.climb = self.flight - 1, self.climb - DROP
         self.height += self.climb
-        return not self.flight and abs(self.height - self.balloon) < RADIUS
+        return not self.flight and abs(self.height - self.balloon) < RADIUS * self.parameter["size"]
 
     def _release_balloon(self) -> None:
         self.balloon, self.rise = 0.0, float(self.rng.uniform(0.02, FASTEST))
@@ -142,7 +146,7 @@ class Archer(Game):
         balloon = frame.placed(250, 145 * self.balloon)
         line(balloon, [(0, -15), (2, -26), (-1, -38)], 3, (120, 96, 90))
         shape(canvas, balloon, [(0, -12), (4, -20), (-4, -20)], (196, 44, 58))
-        disc(canvas, balloon.origin, FINE * (145 * RADIUS + 2), (226, 62, 74))
+        disc(canvas, balloon.origin, FINE * (145 * RADIUS * self.parameter["size"] + 2), (226, 62, 74))
         disc(canvas, balloon.points([(-4, 5)])[0], 7, (252, 176, 172))
         if self.flight:
             flown, turn = 1 - self.flight / FLIGHT, np.arctan2(145 * self.climb, 250 / FLIGHT)

@@ -8,7 +8,7 @@ from joybridge.contract.codec import ActArrays, Codec, Format, StepArrays, fill_
 from joybridge.contract.parts import join, part_of, split
 from joybridge.contract.tensors import Array
 from joybridge.simulator.batched_game import BatchedGame
-from joybridge.simulator.workers.link import ACT, DRAW, OBSERVE, RESET, START
+from joybridge.simulator.workers.link import ACT, DISTRIBUTE, DRAW, OBSERVE, RESET, START
 from joybridge.simulator.workers.process import WorkerProcess
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -41,11 +41,15 @@ class WorkerGame(BatchedGame):
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
     ) -> None:
         """Start the workers, and begin a first episode in every arena."""
-        behaviors = self.describe(options).behaviors
+        spec = self.describe(options)
+        behaviors, parameters_of_game = spec.behaviors, len(spec.parameters)
         bounds = split(arenas, min(self.workers, arenas))
         ranges = [range(begin, end) for begin, end in pairwise(bounds)]
         self._lanes = [[lane_count(behavior, bound) for bound in bounds] for behavior in behaviors]
-        self._codecs = [[Codec(behavior, len(each)) for behavior in behaviors] for each in ranges]
+        self._codecs = [
+            [Codec(behavior, len(each), parameters_of_game) for behavior in behaviors] for each in ranges
+        ]
+        self._distributed = self.distributions  # what the workers draw from
         self.processes: list[WorkerProcess] = []
         common = {"options": dict(options), "parameters": dict(parameters), "seed": seed}
         try:
@@ -61,6 +65,7 @@ class WorkerGame(BatchedGame):
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin a new episode in every arena; see BatchedGame."""
+        self._distribute()
         for process in self.processes:
             process.send(RESET, {"seed": seed, "parameters": dict(parameters)})
         self._wait()
@@ -73,6 +78,7 @@ class WorkerGame(BatchedGame):
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision."""
+        self._distribute()
         for number, process in enumerate(self.processes):
             message = pb.Act()
             for act in part_of(acts, self._lanes, number):
@@ -91,6 +97,15 @@ class WorkerGame(BatchedGame):
         """End the workers."""
         for process in self.processes:
             process.end()
+
+    def _distribute(self) -> None:
+        """Tell the workers what parameters are drawn from, if the session has changed it."""
+        if self.distributions is not self._distributed:
+            self._distributed = self.distributions
+            message = pb.Act(distributions=self.distributions).SerializeToString()
+            for process in self.processes:
+                process.send(DISTRIBUTE, message)
+            self._wait()
 
     def _wait(self) -> None:
         for process in self.processes:

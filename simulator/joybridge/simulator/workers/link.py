@@ -9,7 +9,8 @@ HEADER = struct.Struct("<cQ")  # kind and length
 READ_BYTES = 1 << 20  # that are read at once, at most
 LOOK_SECONDS = 0.5  # after which a thread that waits may be stopped; see game_thread.py
 
-START, RESET, OBSERVE, ACT, DRAW = b"S", b"R", b"O", b"A", b"D"  # to the worker: JSON, but pb.Act for ACT
+# To the worker: JSON, but pb.Act for ACT and DISTRIBUTE.
+START, RESET, OBSERVE, ACT, DRAW, DISTRIBUTE = b"S", b"R", b"O", b"A", b"D", b"B"
 DONE, STEP, PICTURE, FAULT = b"N", b"T", b"P", b"F"  # from it: nothing, pb.Step, pb.Tensor, JSON with what has failed
 
 Frame = tuple[bytes, bytes]  # kind and message

@@ -26,7 +26,19 @@ from joybridge.simulator.catalog import load_game
 from joybridge.simulator.game import TimeStep
 from joybridge.simulator.game_adapter import GameAdapter
 from joybridge.simulator.memory import keep_memory
-from joybridge.simulator.workers.link import ACT, DONE, DRAW, FAULT, OBSERVE, PICTURE, START, STEP, Frame, Link
+from joybridge.simulator.workers.link import (
+    ACT,
+    DISTRIBUTE,
+    DONE,
+    DRAW,
+    FAULT,
+    OBSERVE,
+    PICTURE,
+    START,
+    STEP,
+    Frame,
+    Link,
+)
 from joybridge.v1 import bridge_pb2 as pb
 
 NONE = -1  # no arena is played
@@ -67,12 +79,16 @@ class Worker:
             return self._step(self.game.step([codec.unpack_act(act, previous) for codec, act, previous in known]))
         if kind == OBSERVE:
             return self._step(self.game.observe())
+        if kind == DISTRIBUTE:
+            self.game.distributions = dict(pb.Act.FromString(message).distributions)
+            return DONE, b""
         what = json.loads(message)
         if kind == DRAW:
             return PICTURE, pack(self.game.draw(**what)).SerializeToString()
         if kind == START:
             self.game = self._class(**what)
-            self._codecs = [Codec(behavior, what["arenas"]) for behavior in self.game.spec.behaviors]
+            spec = self.game.spec
+            self._codecs = [Codec(behavior, what["arenas"], len(spec.parameters)) for behavior in spec.behaviors]
         else:
             self.game.reset(**what)
         self._previous = self.game.observe()

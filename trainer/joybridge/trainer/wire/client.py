@@ -36,6 +36,7 @@ from joybridge.v1 import bridge_pb2 as pb
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
 
 CALL_SECONDS = 30.0  # to wait for an answer, by default
+Distributions: TypeAlias = Mapping[str, pb.Distribution]
 Transport: TypeAlias = Literal["auto", "local", "grpc"]
 
 Arguments = TypeVarTuple("Arguments")
@@ -108,12 +109,14 @@ class Session:
         first_arena: int = 0,
         options: Mapping[str, str] | None = None,
         parameters: Mapping[str, float] | None = None,
+        distributions: Distributions | None = None,
         snapshot: Mapping[str, bytes] | None = None,
         timeout: float = CALL_SECONDS,
         transport: Transport = "auto",
     ) -> None:
         """Open a session, new or from a snapshot.
 
+        distributions: parameter name -> how it is drawn at each episode; see PARAMETERS PER EPISODE in bridge.proto.
         timeout: seconds to wait for each answer. transport: "local" exchanges the messages over a Unix socket, "grpc"
         over the stream; "auto" is "local" where the simulator offers it.
 
@@ -126,13 +129,16 @@ class Session:
         self._failure: SimulatorError | None = None  # why the session has ended
         self._log: FaultLog | DemonstrationLog | None = None
         self._reader = Reader(address, self.spec, arenas)
+        self._coming: Distributions = {}  # for the next Act
+        self._drawn = bool(distributions)  # whether parameters are
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
         self._wait = Wait(address, f"{game}, arenas {first_arena} to {first_arena + arenas - 1}", timeout)
         stream = Stream(self._wait, self._largest)
         self._use(stream)
         self._start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
-            first_arena=first_arena, snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
+            distributions=distributions or {}, first_arena=first_arena,
+            snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
             version=own_version(),
         )  # fmt: skip
         try:
@@ -148,7 +154,7 @@ class Session:
 
         Raises SimulatorError.
         """
-        request = act_request(acts)
+        request = self._act(acts)
         if self._log is not None:
             self._log.sent(request)
         self._run(self._stream.send, request)
@@ -159,11 +165,15 @@ class Session:
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one timestep and return the step. Raises SimulatorError."""
-        return self._ask(act_request(acts))[0]
+        return self._ask(self._act(acts))[0]
 
     def step_and_draw(self, acts: Sequence[ActArrays], draw: Sequence[int]) -> tuple[list[StepArrays], list[Array]]:
         """Like `step`; also return pictures of some arenas, uint8 [height, width, 3] each. Raises SimulatorError."""
-        return self._ask(act_request(acts, draw), len(draw))
+        return self._ask(self._act(acts, draw), len(draw))
+
+    def distribute(self, distributions: Distributions) -> None:
+        """Draw these parameters anew in all episodes that begin from the next step on; running ones keep theirs."""
+        self._coming = {**self._coming, **distributions}
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes in all arenas and return their first observations. Raises SimulatorError."""
@@ -247,6 +257,11 @@ class Session:
         self._end_stream = weakref.finalize(self, stream.close)
         self._end_stream.atexit = False
 
+    def _act(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
+        coming, self._coming = self._coming, {}
+        self._drawn = self._drawn or bool(coming)
+        return act_request(acts, draw, coming)
+
     def _ask(self, request: pb.PlayRequest, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
         """Send a request and return the step that answers it, with so many pictures. Raises SimulatorError."""
         if self._log is not None:
@@ -255,6 +270,8 @@ class Session:
 
     def _take(self, response: pb.PlayResponse, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
         self.steps, self.simulate_seconds, drawn = self._run(self._reader.step, response, pictures)
+        if self._drawn and any(len(step.ended) and step.parameters is None for step in self.steps):
+            self._run(self._reader.refuse, "ended.parameters is missing, though parameters have distributions")
         if self._log is not None:
             self._log.came(self.steps)
         return self.steps, drawn

@@ -1,7 +1,7 @@
 """The content of a session's messages: requests from arrays, arrays from responses, and what a client waits for."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, NoReturn
 
 from joybridge.contract.codec import ActArrays, Codec, Format, StepArrays, fill_act
 from joybridge.contract.tensors import Array, TensorError
@@ -28,7 +28,7 @@ class Reader:
     def __init__(self, address: str, spec: pb.GameSpec, arenas: int) -> None:
         """Prepare for `arenas` of the game that `spec` describes."""
         self._address, self._spec = address, spec
-        self._codecs = [Codec(behavior, arenas) for behavior in spec.behaviors]
+        self._codecs = [Codec(behavior, arenas, len(spec.parameters)) for behavior in spec.behaviors]
         picture = spec.picture
         self._picture = Format(pb.DTYPE_UINT8, (picture.height, picture.width, 3), "step.pictures")
 
@@ -58,6 +58,10 @@ class Reader:
             raise SimulatorError(f"the simulator at {self._address} answered with {received}, expected {wanted}")
         return response
 
+    def refuse(self, problem: str) -> NoReturn:
+        """Raise SimulatorError for a response that breaks the contract."""
+        raise SimulatorError(f"the simulator at {self._address} broke the contract: {problem}")
+
     def _unpack(self, step: pb.Step) -> Outcome:
         messages, codecs = step.behaviors, self._codecs
         try:
@@ -66,7 +70,7 @@ class Reader:
             steps = [codec.unpack_step(message) for codec, message in zip(codecs, messages, strict=True)]
             pictures = [self._picture.unpack(tensor) for tensor in step.pictures]
         except TensorError as error:
-            raise SimulatorError(f"the simulator at {self._address} broke the contract: {error}") from error
+            self.refuse(str(error))
         return Outcome(steps, step.simulate_seconds, pictures)
 
 
@@ -104,9 +108,11 @@ class Wait:
         )
 
 
-def act_request(acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
-    """Return the request for one timestep, with pictures of the arenas in `draw`."""
-    request = pb.PlayRequest(act=pb.Act(draw=draw))
+def act_request(
+    acts: Sequence[ActArrays], draw: Sequence[int] = (), distributions: Mapping[str, pb.Distribution] | None = None
+) -> pb.PlayRequest:
+    """Return the request for one timestep, with pictures of the arenas in `draw`, and new distributions."""
+    request = pb.PlayRequest(act=pb.Act(draw=draw, distributions=distributions))
     for act in acts:
         fill_act(request.act.behaviors.add(), act)
     return request

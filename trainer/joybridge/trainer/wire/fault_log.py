@@ -28,6 +28,7 @@ class FaultLog:
     def __init__(self, path: Path, start: pb.Start, server: str, steps: Sequence[StepArrays]) -> None:
         """Begin with a session that has just started. path: of the file. server: its product."""
         self._path, self._server = path, server
+        self._drawn: dict[str, pb.Distribution] = {}  # since the start, by parameter: a snapshot has none
         self._begin(start, digest(steps))
 
     def _begin(self, start: pb.Start, first: int | None) -> None:
@@ -38,6 +39,7 @@ class FaultLog:
     def sent(self, request: pb.PlayRequest) -> None:
         """Note a request."""
         self._bytes += request.ByteSize()
+        self._drawn.update(request.act.distributions)
         if self._bytes <= LONGEST:
             self._requests.append(request)
 
@@ -51,6 +53,8 @@ class FaultLog:
         start = pb.Start()
         start.CopyFrom(self._start)
         start.snapshot.CopyFrom(pb.Snapshot(parts=parts))
+        for name, distribution in self._drawn.items():
+            start.distributions[name].CopyFrom(distribution)
         self._begin(start, None)
 
     def failed(self, error: str) -> None:

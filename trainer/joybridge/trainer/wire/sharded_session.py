@@ -9,7 +9,7 @@ from contextlib import ExitStack
 
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.parts import join, part_of, split
-from joybridge.trainer.wire.client import CALL_SECONDS, Session, Transport
+from joybridge.trainer.wire.client import CALL_SECONDS, Distributions, Session, Transport
 from joybridge.trainer.wire.errors import SimulatorError
 
 __all__ = ["ShardedSession", "Snapshot", "check_alike", "split"]
@@ -39,6 +39,7 @@ class ShardedSession:
         first_arena: int = 0,
         options: Sequence[Mapping[str, str]],
         parameters: Mapping[str, float] | None = None,
+        distributions: Distributions | None = None,
         snapshots: Sequence[Snapshot] | None = None,
         timeout: float = CALL_SECONDS,
         transport: Transport = "auto",
@@ -54,6 +55,7 @@ class ShardedSession:
                 session = Session(
                     address, game, arenas=bounds[index + 1] - bounds[index], seed=seed,
                     first_arena=first_arena + bounds[index], options=options[index], parameters=parameters,
+                    distributions=distributions,
                     snapshot=snapshots[index] if snapshots else None, timeout=timeout, transport=transport,
                 )  # fmt: skip
                 self.sessions.append(opened.enter_context(session))
@@ -72,6 +74,11 @@ class ShardedSession:
         """Send the actions of one timestep without waiting; `receive` returns the step. Raises SimulatorError."""
         for index, session in enumerate(self.sessions):
             session.send(part_of(acts, self.bounds, index))
+
+    def distribute(self, distributions: Distributions) -> None:
+        """Draw these parameters anew in all episodes that begin from the next step on; running ones keep theirs."""
+        for session in self.sessions:
+            session.distribute(distributions)
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
@@ -97,6 +104,7 @@ def open_session(
     first_arena: int = 0,
     options: Sequence[Mapping[str, str]],
     parameters: Mapping[str, float] | None = None,
+    distributions: Distributions | None = None,
     snapshots: Sequence[Snapshot] | None = None,
     timeout: float = CALL_SECONDS,
     transport: Transport = "auto",
@@ -105,11 +113,12 @@ def open_session(
     if len(addresses) > 1:
         return ShardedSession(
             addresses, game, arenas=arenas, seed=seed, first_arena=first_arena, options=options, parameters=parameters,
-            snapshots=snapshots, timeout=timeout, transport=transport,
+            distributions=distributions, snapshots=snapshots, timeout=timeout, transport=transport,
         )  # fmt: skip
     return Session(
         addresses[0], game, arenas=arenas, seed=seed, first_arena=first_arena, options=options[0],
-        parameters=parameters, snapshot=snapshots[0] if snapshots else None, timeout=timeout, transport=transport,
+        parameters=parameters, distributions=distributions, snapshot=snapshots[0] if snapshots else None,
+        timeout=timeout, transport=transport,
     )  # fmt: skip
 
 

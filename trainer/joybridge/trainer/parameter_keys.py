@@ -1,0 +1,97 @@
+"""Keys about parameters of a game: what is drawn at each episode, and the lessons of a curriculum."""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, TypeAlias
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
+
+KINDS = ("uniform", "log_uniform", "choice")  # of distributions, as in bridge.proto
+MOST_LESSONS = 1000
+MOST_EPISODES = 100_000  # that a lesson looks at
+
+
+class Checked(BaseModel):
+    """What all parts of a configuration share: unknown keys are refused, and numbers are finite."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True)
+
+
+def read_value(value: Any) -> Any:
+    """Return a number as float, and a distribution as {kind: numbers}. Raises ValueError for anything else."""
+    if not isinstance(value, Mapping):
+        return _number(value)
+    (kind, numbers), *others = value.items() or [(None, None)]
+    if others or kind not in KINDS or not isinstance(numbers, list | tuple):
+        raise ValueError(
+            "expected a number, {uniform: [LOW, HIGH]}, {log_uniform: [LOW, HIGH]} or {choice: [VALUE, …]}"
+        )
+    if kind != "choice" and len(numbers) != 2:
+        raise ValueError(f"expected two numbers, {{{kind}: [LOW, HIGH]}}")
+    return {kind: [_number(number) for number in numbers]}
+
+
+def _number(value: Any) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError("expected a number, or a distribution such as {uniform: [LOW, HIGH]}")
+    return number
+
+
+Value: TypeAlias = Annotated[
+    float | dict[str, list[float]],
+    BeforeValidator(read_value),
+    WithJsonSchema({
+        "$comment": "number or distribution",
+        "anyOf": [
+            {"type": "number"},
+            *(
+                {
+                    "type": "object", "required": [kind], "additionalProperties": False,
+                    "properties": {kind: {"type": "array", "items": {"type": "number"}}},
+                }
+                for kind in KINDS
+            ),
+        ],
+    }),
+]  # fmt: skip
+
+
+class Until(Checked):
+    """When a lesson is over: a mean over its last episodes is above, or below, a threshold."""
+
+    metric: str = Field("reward", description="reward, length, a metric of the game, or progress: the share of the run")
+    policy: str | None = Field(None, description="whose episodes count; null: those of the first policy")
+    above: float | None = Field(None, description="the mean must be larger")
+    below: float | None = Field(None, description="or it must be smaller")
+    episodes: int = Field(
+        100, ge=1, le=MOST_EPISODES, description="episodes of the lesson over which the mean is taken, the last ones"
+    )
+
+    @model_validator(mode="after")
+    def _one_threshold(self) -> Self:
+        if (self.above is None) == (self.below is None):
+            raise ValueError("expected one threshold, `above: NUMBER` or `below: NUMBER`")
+        return self
+
+
+class Lesson(Checked):
+    """A part of a curriculum."""
+
+    name: str = Field("", max_length=100, description="for messages")
+    parameters: dict[str, Value] = Field(description="parameters in this lesson; others as outside of the curriculum")
+    until: Until | None = Field(None, description="when the next lesson begins; only the last one has none")
+
+
+def _check_lessons(lessons: list[Lesson]) -> list[Lesson]:
+    for number, lesson in enumerate(lessons, 1):
+        if (lesson.until is None) != (number == len(lessons)):
+            wanted = "the last lesson has no `until`" if lesson.until else "every lesson but the last has `until`"
+            raise ValueError(f"lesson {number} of {len(lessons)}: {wanted}")
+    return lessons
+
+
+Lessons: TypeAlias = Annotated[list[Lesson], Field(max_length=MOST_LESSONS), AfterValidator(_check_lessons)]
