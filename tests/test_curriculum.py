@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,14 +116,14 @@ class Run:
 
     def __init__(self, chosen):
         self.episodes = Episodes(3, ["hits", "accuracy"], {0: "size"})
-        policy = SimpleNamespace(actor=SimpleNamespace(name="archer"), lanes=3, episodes=self.episodes)
+        policy: Any = SimpleNamespace(actor=SimpleNamespace(name="archer"), lanes=3, episodes=self.episodes)
         self.curriculum = Curriculum(chosen, ARCHER, [policy])
 
     def end(self, *lanes, accuracy=0.0, length=1):
         """End the episodes of some lanes after so many decisions, in one step."""
         ended, quiet = np.array(lanes, np.int32), np.zeros(3, bool)
         step = StepArrays([], np.zeros((3, 1), np.float32), quiet, quiet, ended=ended)
-        step.metrics = np.tile(np.float32([0.0, accuracy]), (len(lanes), 1))
+        step.metrics = np.array([[0.0, accuracy]] * len(lanes), np.float32)
         step.parameters = np.ones((len(lanes), 1), np.float32)
         self.episodes.length[ended] = length - 1
         self.episodes.add(step, np.zeros(3))

@@ -54,7 +54,7 @@ def test_a_word_finds_keys_by_name_by_meaning_and_by_the_name_of_another_library
         ("policy.autograd=false", "(true or false)"),
         ("accelerator=cpu", "(cpu or cuda)"),
         ("stop=null", "(integer ≥ 1 or null)"),
-        ("parameters.NAME=VALUE", "(number by name)"),
+        ("parameters.NAME=VALUE", "(number or distribution by name)"),
     ],
 )
 def test_type_and_range_are_listed(key, kind):

@@ -56,7 +56,7 @@ def test_a_configuration_of_ml_agents_becomes_one_of_ours(tmp_path):
         ("summary_freq", "sumary_freq", "sumary_freq: got 10000; PPO of ML-Agents 1.1.0 has no such key"),
         ("{extrinsic:", "{curiosity: {strength: 1.0}, extrinsic:", "curiosity.strength: got 1.0; rewards are"),
         ("strength: 1.0", "strength: 0.5", "reward_signals.extrinsic.strength: got 0.5; set policy.reward_weights"),
-        ("bird_speed: 0.5", "bird_speed: {curriculum: []}", "bird_speed: got .* without samplers"),
+        ("bird_speed: 0.5", "bird_speed: {curriculum: []}", "bird_speed.curriculum: got .*, expected a list"),
         ("num_areas: 8", "env_path: game.x86_64", "env_settings.env_path: got 'game.x86_64'; use --unity BUILD"),
         ("buffer_size: 8192", "buffer_size: many", "buffer_size: got 'many', expected a whole number"),
         ("hidden_units: 64", "hidden_units: 0", "hidden_units: got 0, expected a whole number, at least 1"),

@@ -7,7 +7,7 @@ from joybridge.contract.codec import ActArrays
 from joybridge.games.archer.game import Archer
 from joybridge.games.beastly_rivals.game import BeastlyRivals
 from joybridge.games.shooting_birds.game import ShootingBirds
-from joybridge.simulator import draw_parameters, parameter
+from joybridge.simulator import BatchedGame, draw_parameters, parameter
 from joybridge.simulator.catalog import Catalog
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.session import Refusal, Session
@@ -75,7 +75,7 @@ def test_a_value_does_not_depend_on_which_other_parameters_are_drawn():
 
 # --------------------------------------------------------------------------------------------------------- the games
 
-GAMES = {
+GAMES: dict[str, tuple[type[BatchedGame], dict[str, str], str]] = {
     "shooting_birds": (ShootingBirds, {"rules": "original", "locomotion": "axes", "level": "random"}, "bird_speed"),
     "beastly_rivals": (BeastlyRivals, {"rules": "original", "locomotion": "axes", "slow_character": "on"},
                        "beast_speed"),
@@ -130,8 +130,7 @@ def test_arenas_draw_the_same_alone_and_together_and_after_a_snapshot(name):
 
 
 def test_a_drawn_parameter_is_what_the_rules_use():
-    game, options, _ = GAMES["shooting_birds"]
-    playing = game(options, {}, 50, 0, 1)
+    playing = ShootingBirds(GAMES["shooting_birds"][1], {}, 50, 0, 1)
     playing.distributions = {"bird_speed": choice(0.0, 2.0)}
     playing.reset(1, {})
     speeds = abs(playing.arenas.birds.vx).max(axis=1)

@@ -33,7 +33,7 @@ REASONS = [name.removeprefix("REASON_") for name in pb.Reason.keys() if name != 
 
 
 class Plain(Gauntlet):
-    """Without pictures and snapshots."""
+    """Without pictures, snapshots and parameters per episode."""
 
     name = "plain"
 
@@ -42,6 +42,7 @@ class Plain(Gauntlet):
         spec = super().describe(options)
         spec.ClearField("picture")
         spec.snapshot_bytes_per_arena = 0
+        spec.parameters_per_episode = False
         return spec
 
 
@@ -112,6 +113,13 @@ CASES = {
     "NO_START": Case([b""], limits=Limits(start_seconds=0.0)),
     "IDLE": Case([START, b""], limits=Limits(idle_seconds=0.5)),
     "NO_TOKEN": Case([START], token=TOKEN),
+    "WRONG_DISTRIBUTION": Case(
+        [START, reset(distributions={"drift": pb.Distribution()})], "reset.distributions[drift]"
+    ),
+    "NO_DISTRIBUTIONS": Case(
+        [start("plain", distributions={"drift": pb.Distribution(choice=pb.Values(values=[1.0]))})],
+        "start.distributions[drift]",
+    ),
     "SHUTTING_DOWN": Case([START, b""], ends=True),
 }
 

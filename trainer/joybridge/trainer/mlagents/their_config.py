@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from joybridge.trainer.config_files import merge
 from joybridge.trainer.errors import ConfigError
+from joybridge.trainer.mlagents.environment_parameters import settings
 
 ARENAS = 75  # where the file does not say
 
@@ -100,7 +101,7 @@ def translate(data: Mapping[str, Any], behavior: str, arenas: Any) -> dict[str, 
     areas = _number(run, "env_settings.num_areas") * _number(run, "env_settings.num_envs")
     if not isinstance(arenas, int) or arenas < 1:
         arenas = areas if areas > 1 else ARENAS
-    ours: dict[str, Any] = {"arenas": arenas, "parameters": _parameters(parameters), "policy": {"frame_stack": 1}}
+    ours: dict[str, Any] = {"arenas": arenas, **settings(parameters, behavior), "policy": {"frame_stack": 1}}
     simple = {key: _value(key, value) for key, value in theirs.items() if key not in SIZES}
     for key in SCHEDULES:
         simple[key] = simple[key] or simple["hyperparameters.learning_rate_schedule"]
@@ -172,13 +173,3 @@ def _number(values: Mapping[str, Any], key: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 1 or value != int(value):
         raise ConfigError(f"{key}: got {value!r}, expected a whole number, at least 1")
     return int(value)
-
-
-def _parameters(given: Mapping[str, Any]) -> dict[str, float]:
-    for name, value in given.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ConfigError(
-                f"environment_parameters.{name}: got {value!r}, expected a number: parameters are constant here, "
-                "without samplers and curricula"
-            )
-    return dict(given)
