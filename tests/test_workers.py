@@ -40,7 +40,7 @@ def parts(steps):
     return [array if array is None else (str(array.dtype), array.shape, array.tobytes()) for array in arrays]
 
 
-def test_the_bytes_are_those_of_one_process():
+def test_the_bytes_are_those_of_one_process_also_with_parameters_per_episode():
     place, options = "tests.support.games:Hybrid", {"size": "small", "masks": "on"}
     one: Any
     several: Any
@@ -50,6 +50,9 @@ def test_the_bytes_are_those_of_one_process():
     with closing(several):
         assert parts(one.observe()) == parts(several.observe())
         for turn in range(30):
+            if turn == 10:
+                drift = pb.Distribution(uniform=pb.Interval(low=0.0, high=2.0))
+                one.distributions = several.distributions = {"drift": drift}
             if turn == 20:
                 one.reset(7, {})
                 several.reset(7, {})

@@ -46,9 +46,7 @@ class WorkerGame(BatchedGame):
         bounds = split(arenas, min(self.workers, arenas))
         ranges = [range(begin, end) for begin, end in pairwise(bounds)]
         self._lanes = [[lane_count(behavior, bound) for bound in bounds] for behavior in behaviors]
-        self._codecs = [
-            [Codec(behavior, len(each), parameters_of_game) for behavior in behaviors] for each in ranges
-        ]
+        self._codecs = [[Codec(behavior, len(each), parameters_of_game) for behavior in behaviors] for each in ranges]
         self._distributed = self.distributions  # what the workers draw from
         self.processes: list[WorkerProcess] = []
         common = {"options": dict(options), "parameters": dict(parameters), "seed": seed}
