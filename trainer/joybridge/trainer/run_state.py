@@ -60,7 +60,7 @@ class RunState:
 
     def restore_lesson(self, curriculum: Curriculum) -> None:
         """Put a curriculum into this state. Raises CheckpointError."""
-        if not self.arrays:
+        if not self.arrays or not curriculum.lessons:
             return
         try:
             curriculum.load(select(self.arrays, "curriculum/"))
