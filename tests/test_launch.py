@@ -31,8 +31,9 @@ def test_games_are_found_in_the_current_folder(tmp_path, monkeypatch):
 
 def test_the_simulator_ends_with_the_block():
     with pytest.raises(LookupError), simulator_process() as address:
+        wait_for(address, 60.0, lambda text: None)
         raise LookupError
-    with pytest.raises(SimulatorLost):
+    with pytest.raises(SimulatorLost, match="nothing listens there"):
         wait_for(address, 0.0, lambda text: None)
 
 
