@@ -2,7 +2,7 @@
 
 import pytest
 
-from joybridge.trainer.wire.client import SimulatorLost, describe, wait_for
+from joybridge.trainer.wire.client import SimulatorLost, describe, list_games, wait_for
 from joybridge.trainer.wire.launch import simulator_process
 
 GAME = """
@@ -31,8 +31,7 @@ def test_games_are_found_in_the_current_folder(tmp_path, monkeypatch):
 
 def test_the_simulator_ends_with_the_block():
     with pytest.raises(LookupError), simulator_process() as address:
-        wait_for(address, 60.0, lambda text: None)
-        raise LookupError
+        raise LookupError(list_games(address))
     with pytest.raises(SimulatorLost, match="nothing listens there"):
         wait_for(address, 0.0, lambda text: None)
 

@@ -25,7 +25,7 @@ PAGE = ROOT / "results/environments.md"
 MISSING = 77  # exit status: nothing was checked
 REQUIREMENTS = (
     "gymnasium[classic-control,box2d,mujoco]==1.4.0", "pettingzoo[classic]==1.27.0", "ale-py==0.12.1",
-    "Box2D==2.3.10", "mpe2==1.1.1", "mujoco==4.0.0",
+    "Box2D==2.3.10", "minigrid==3.2.0", "mpe2==1.1.1", "mujoco==4.0.0",
 )  # fmt: skip
 ENVIRONMENTS: Mapping[str, tuple[tuple[str, ...], ...]] = {  # by package: the options of `joybridge serve`
     "gymnasium, classic control": (
@@ -44,6 +44,7 @@ ENVIRONMENTS: Mapping[str, tuple[tuple[str, ...], ...]] = {  # by package: the o
         ("--gym", "HalfCheetah-v5"), ("--gym", "Hopper-v5"), ("--gym", "InvertedPendulum-v5"), ("--gym", "Ant-v5"),
     ),
     "ale-py": (("--gym", "ale_py:ALE/Pong-v5"), ("--gym", "ale_py:ALE/Breakout-v5 obs_type=ram")),
+    "minigrid": (("--gym", "tools.minigrid_images:MiniGridImages-v0"),),
     "pettingzoo, AEC": (
         ("--pettingzoo", "pettingzoo.classic.tictactoe_v3"), ("--pettingzoo", "pettingzoo.classic.connect_four_v3"),
         ("--pettingzoo", "pettingzoo.classic.rps_v2"),
