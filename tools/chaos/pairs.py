@@ -22,7 +22,7 @@ def pairs(folder: Path, faults: int) -> Outcome:
         kept = run_config(run).policy.learning_rate
         winner = both[0] if both[0].process.returncode == 0 else both[1]
         winners.append(RATES[both.index(winner)])
-        right = statuses == [0, 1] and "is being trained by process" in said and "Traceback" not in said
+        right = statuses == [0, 1] and "is being trained by " in said and "Traceback" not in said
         if not right or kept != float(winners[-1]) or not has_checkpoint(run):
             problems.append(f"pair {number}: statuses {statuses}, learning rate {kept}, said {said[-300:]!r}")
     return Outcome(
