@@ -159,8 +159,9 @@ def page(results: Sequence[Result]) -> str:
     lines = [
         "# Environments of other packages",
         "",
-        "Written by `python -m tools.check_environments`: the conformance kit on environments that `joybridge serve` "
-        "adapts. Each has a server of its own.",
+        "Written by `python -m tools.check_environments` in a checkout: the conformance kit on environments that",
+        "`joybridge serve` adapts. Each has a server of its own. MiniGrid is served with the wrapper that leaves out its",
+        "text, because `--gym` refuses texts.",
         "",
         "| package | served with | passed | failed | warnings | not applicable |",
         "| --- | --- | --- | --- | --- | --- |",
