@@ -39,8 +39,13 @@ PLACES = ("/dev/", "/proc/", "/sys/", "/tmp/")
 NAMES = {f"{module}.{name}" for module, names in LACKING.items() for name in names.split()}
 GUARDED = {  # where another function has made sure
     "proto/joybridge/conformance/examination.py": {"socket.AF_UNIX"},  # `address` refuses unix: without it
-    "proto/joybridge/contract/local_socket.py": {"os.getuid", "socket.AF_UNIX"},  # a client asks for it if it has both
-    "simulator/joybridge/simulator/local_socket.py": {"asyncio.start_unix_server"},  # `offer` returns None before
+    "proto/joybridge/contract/local_socket.py": {
+        "os.getuid",
+        "select.poll",
+        "socket.AF_UNIX",
+        "socket.MSG_DONTWAIT",
+    },  # a client asks for it if it has both
+    "simulator/joybridge/simulator/local_socket.py": {"socket.AF_UNIX"},  # `offer` returns None before
     "simulator/joybridge/simulator/workers/process.py": {"subprocess.pass_fds"},  # `load_games` refuses workers
     "simulator/joybridge/simulator/workers/worker.py": {"signal.SIGKILL"},  # on Linux only
     "simulator/joybridge/simulator/server.py": {"socket.AF_UNIX"},  # `address`, as above

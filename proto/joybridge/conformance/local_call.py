@@ -36,7 +36,7 @@ class LocalCall:
             return self._begin()
         if self._socket is not None:
             with suppress(OSError):  # the session has ended
-                if data := self._socket.receive(self._seconds):
+                if (data := self._socket.receive(self._seconds)) is not None:
                     return pb.PlayResponse.FromString(data)
             self._socket.close()
         response: pb.PlayResponse = next(self._responses)

@@ -11,6 +11,7 @@ import logging
 import math
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -36,11 +37,28 @@ class GameThread(threading.Thread):
         self.seconds = seconds
         self._jobs: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
 
-    async def answer(self, function: Callable[[*Arguments], T], *args: *Arguments) -> T:
-        """Return the result of a function. Raises TimeoutError if it takes too long, and whatever it raises."""
+    async def answer(
+        self, function: Callable[[*Arguments], T], *args: *Arguments, busy: Callable[[], float] | None = None
+    ) -> T:
+        """Return the result of a function. Raises TimeoutError if it takes too long, and whatever it raises.
+
+        busy: for a function that also waits for others, the seconds that the game has been at work.
+        """
         loop = asyncio.get_running_loop()
         result: asyncio.Future[T] = loop.create_future()
-        alarm = loop.call_later(self.seconds, self._abandon, result) if self.seconds < math.inf else None
+        alarm: asyncio.TimerHandle | None = None
+        begin = time.monotonic()
+
+        def look() -> None:
+            nonlocal alarm
+            left = self.seconds - (busy() if busy is not None else time.monotonic() - begin)
+            if left > 0.0:
+                alarm = loop.call_later(left, look)
+            else:
+                self._abandon(result)
+
+        if self.seconds < math.inf:
+            look()
 
         def deliver(value: Any, error: BaseException | None) -> None:
             if alarm is not None:

@@ -1,19 +1,17 @@
 """The server's end of the Unix socket that carries the messages of a session; see LOCAL TRANSPORT in bridge.proto.
 
-A round trip of gRPC in Python takes several times as long as that of a socket.
+The thread of the session's game reads and writes it, so a message passes neither an event loop nor another thread.
 """
 
-import asyncio
 import shutil
 import socket
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Self
+from threading import Lock
+from typing import Self
 
-import grpc
-
-from joybridge.contract.local_socket import LENGTH
+from joybridge.contract.local_socket import FrameError, MessageSocket
 from joybridge.simulator.session import Refusal
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -21,19 +19,24 @@ _NEAR = ("unix:", "ipv4:127.", "ipv6:[::1]", "ipv6:%5B::1%5D")  # how gRPC write
 
 
 class LocalSocket:
-    """Listens for the client of one session, once. It is read and written like the stream of a call."""
+    """Listens for the client of one session, once. Its methods block, but for `offer`, `end` and `close`."""
 
     def __init__(self, largest: int, seconds: float) -> None:
-        """Prepare a socket. largest: bytes of a request. seconds: how long it waits for the client to connect."""
+        """Listen. largest: bytes of a request. seconds: how long it waits for the client. Raises OSError."""
         self._largest, self._seconds = largest, seconds
+        self._lock = Lock()  # held to change what `end` ends
+        self._ended = False
+        self._client: MessageSocket | None = None
         self._folder = Path(tempfile.mkdtemp(prefix="joybridge-"))  # only this user may enter it
         self.path = str(self._folder / "session")
-        self._server: asyncio.Server | None = None
-        self._connected: asyncio.Future[tuple[asyncio.StreamReader, asyncio.StreamWriter]]
-        self._connected = asyncio.get_running_loop().create_future()
+        try:
+            self._listener = _listen(self.path, seconds)
+        except OSError:
+            shutil.rmtree(self._folder)
+            raise
 
     @classmethod
-    async def offer(cls, peer: str, largest: int, seconds: float) -> Self | None:
+    def offer(cls, peer: str, largest: int, seconds: float) -> Self | None:
         """Return a socket for a client with this gRPC address, or None if it cannot have one.
 
         largest: bytes of a request. seconds: how long it waits for the client to connect.
@@ -41,70 +44,80 @@ class LocalSocket:
         if not peer.startswith(_NEAR) or not hasattr(socket, "AF_UNIX"):
             return None
         try:
-            local = cls(largest, seconds)
-        except OSError:  # there is no place for temporary files
+            return cls(largest, seconds)
+        except OSError:  # such as no place for temporary files, or a path that is too long
             return None
-        try:
-            local._server = await asyncio.start_unix_server(local._accept, local.path, start_serving=False)
-            await local._server.start_serving()
-        except OSError:  # such as a path that is too long
-            local.close()
-            return None
-        except BaseException:  # the session ends
-            local.close()
-            raise
-        return local
 
-    async def read(self) -> Any:
-        """Return the next request, or EOF.
+    def accept(self) -> bool:
+        """Wait for the client, take its connection and no other. Return False if the socket has been ended.
 
-        Raises DecodeError if it is no message, and Refusal if it is too large or the client does not connect in time.
+        Raises Refusal if the client does not connect in time.
         """
-        if not self._connected.done():
-            await self._wait_for_client()
-        reader, _ = self._connected.result()
         try:
-            (size,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
-            if size > self._largest:
-                text = f"a request of {size} bytes, expected at most {self._largest} bytes for this session"
-                raise Refusal(pb.REASON_MESSAGE_TOO_LARGE, text)
-            data = await reader.readexactly(size)
-        except (asyncio.IncompleteReadError, ConnectionError):
-            return grpc.aio.EOF
-        return pb.PlayRequest.FromString(data)
-
-    async def write(self, response: pb.PlayResponse) -> None:
-        """Send a response. Raises ConnectionError if the client has gone."""
-        _, writer = await self._connected
-        data = response.SerializeToString()
-        writer.write(LENGTH.pack(len(data)) + data)
-        await writer.drain()
-
-    async def _wait_for_client(self) -> None:
-        try:
-            async with asyncio.timeout(self._seconds):  # wait_for would lose a cancellation that comes with the client
-                await self._connected
+            connection, _ = self._listener.accept()
         except TimeoutError:
             text = f"no connection to the socket (see --start-seconds) for {self._seconds:g} s; open a new stream"
             raise Refusal(pb.REASON_IDLE, text) from None
+        except OSError:
+            return False
+        connection.setblocking(True)
+        with self._lock:
+            self._client = MessageSocket(connection, self._largest)
+            self._stop_listening()
+            return not self._ended
+
+    def read(self) -> pb.PlayRequest | None:
+        """Return the next request, None at the end. Raises DecodeError if it is no message, Refusal if too large."""
+        assert self._client is not None
+        try:
+            data = self._client.receive()
+        except FrameError as error:
+            text = f"a request of {error.size} bytes, expected at most {self._largest} bytes for this session"
+            raise Refusal(pb.REASON_MESSAGE_TOO_LARGE, text) from None
+        except OSError:
+            return None
+        return None if data is None else pb.PlayRequest.FromString(data)
+
+    def write(self, response: pb.PlayResponse) -> bool:
+        """Send a response. Return False if the client has gone."""
+        assert self._client is not None
+        try:
+            self._client.send(response.SerializeToString())
+        except OSError:
+            return False
+        return True
+
+    def end(self) -> None:
+        """End the connection, also for the thread that waits for the client. Nothing that was written is lost."""
+        with self._lock, suppress(OSError):
+            self._ended = True
+            if self._client is not None:
+                self._client.end()
+                return
+            with socket.socket(socket.AF_UNIX) as waking:  # a thread that waits for a connection hears of nothing else
+                waking.setblocking(False)
+                waking.connect(self.path)
 
     def close(self) -> None:
-        """Close the socket."""
+        """Free what the socket holds. No thread may use it any more."""
         self._stop_listening()
-        if self._connected.done() and not self._connected.cancelled():
-            _, writer = self._connected.result()
-            writer.close()
-
-    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Take the first connection and no other."""
-        if self._connected.done():
-            writer.close()
-            return
-        self._connected.set_result((reader, writer))
-        self._stop_listening()
+        if self._client is not None:
+            self._client.close()
 
     def _stop_listening(self) -> None:
-        if self._server is not None:
-            self._server.close()
+        self._listener.close()
         with suppress(OSError):
             shutil.rmtree(self._folder)
+
+
+def _listen(path: str, seconds: float) -> socket.socket:
+    """Return a socket that listens at a path. seconds: how long it waits for a client. Raises OSError."""
+    listener = socket.socket(socket.AF_UNIX)
+    try:
+        listener.bind(path)
+        listener.listen(1)
+        listener.settimeout(seconds)
+    except OSError:
+        listener.close()
+        raise
+    return listener

@@ -1,15 +1,16 @@
 """The calls of joybridge.v1.SimulatorService: who may play, for how long, and where the game runs.
 
-One event loop serves all sessions, and each session has a thread for its game (see game_thread.py). Only the steps of
-games that declare `in_event_loop` run in the loop itself: handing a step to a thread and back costs more than such a
-step (measured: 330 against 160 µs per round trip of 64 lanes).
+One event loop serves all sessions, and each session has a thread for its game (see game_thread.py). Over gRPC, only the
+steps of games that declare `in_event_loop` run in the loop itself: handing a step to a thread and back costs more than
+such a step (measured: 330 against 160 µs per round trip of 64 lanes). If the messages go over a Unix socket, the thread
+reads and writes them itself.
 """
 
 import asyncio
 import math
 import time
-from collections.abc import Awaitable
-from typing import Any, NamedTuple, TypeAlias, cast
+from collections.abc import Awaitable, Callable
+from typing import Any, NamedTuple, TypeAlias, TypeVar, TypeVarTuple, cast
 
 import grpc
 from google.protobuf.message import DecodeError
@@ -27,6 +28,8 @@ from joybridge.v1 import bridge_pb2_grpc as rpc
 READING, ANSWERING, WRITING = "reading", "answering", "writing"  # what a stream is doing
 SWEEP_SECONDS = 1.0  # between two looks at the streams that wait for their clients
 Context: TypeAlias = Any  # grpc.aio.ServicerContext; gRPC has no types
+Arguments = TypeVarTuple("Arguments")
+T = TypeVar("T")
 
 
 class Limits(NamedTuple):
@@ -43,6 +46,7 @@ class Stream:
 
     def __init__(self, games: Catalog, step_seconds: float) -> None:
         self.session = Session(games)
+        self.game = ""  # its name
         self.thread = GameThread(step_seconds)
         self.task = cast("asyncio.Task[Any]", asyncio.current_task())
         self.local: LocalSocket | None = None  # what replaces it for messages, if the client asked for that
@@ -52,20 +56,47 @@ class Stream:
 
     def now(self, doing: str) -> None:
         """Note what the stream is doing from now on."""
+        self.since = time.monotonic()  # first, as another thread may look
         self.doing = doing
-        self.since = time.monotonic()
 
     def silent_seconds(self) -> float:
         """Return how long the stream has been waiting for its client."""
         return 0.0 if self.doing == ANSWERING else time.monotonic() - self.since
 
-    async def offer_socket(self, peer: str, seconds: float) -> LocalSocket | None:
+    def busy_seconds(self) -> float:
+        """Return how long the game has been at work for the present request."""
+        return time.monotonic() - self.since if self.doing == ANSWERING else 0.0
+
+    def offer_socket(self, peer: str, seconds: float) -> LocalSocket | None:
         """Return a Unix socket for the rest of the session, None if a client with this gRPC address cannot have one.
 
         seconds: how long the socket waits for the client to connect.
         """
-        self.local = await LocalSocket.offer(peer, request_bytes(self.session.spec, self.session.arenas), seconds)
+        self.local = LocalSocket.offer(peer, request_bytes(self.session.spec, self.session.arenas), seconds)
         return self.local
+
+    def play_locally(self, local: LocalSocket) -> None:
+        """Answer what comes over the socket, until the client closes it. This blocks, in the thread of the game.
+
+        Raises Refusal and DecodeError.
+        """
+        if not local.accept():
+            return
+        while (request := local.read()) is not None:
+            self.now(ANSWERING)
+            response = self.session.answer(request)
+            self.now(WRITING)
+            if not local.write(response):
+                return
+            self.now(READING)
+            if self.ending is not None:
+                raise self.ending
+
+    def close(self) -> None:
+        """Free what the game and the socket hold."""
+        self.session.close()
+        if self.local is not None:
+            self.local.close()
 
     def end(self, reason: Refusal) -> None:
         """End the stream with a status. A response that is being sent is sent completely before the status."""
@@ -119,29 +150,30 @@ class Service(rpc.SimulatorServiceServicer):
         """Run one session until either side ends it."""
         stream = Stream(self.games, self.limits.step_seconds)
         self.streams.add(stream)
-        channel: Context | LocalSocket = context
         try:
-            while (request := await cast(Awaitable[Any], channel.read())) is not grpc.aio.EOF:
+            while (request := await cast(Awaitable[Any], context.read())) is not grpc.aio.EOF:
                 if stream.session.is_brief(request):
                     response = stream.session.answer(request)
                 else:
                     stream.now(ANSWERING)
-                    response = await self._answer_in_thread(stream, request)
+                    response = await self._begin_or_answer(stream, request)
                     if request.start.local_transport:
-                        local = await stream.offer_socket(context.peer(), self.limits.start_seconds)
+                        local = stream.offer_socket(context.peer(), self.limits.start_seconds)
                         response.started.local_socket = local.path if local else ""
                 stream.now(WRITING)
-                await channel.write(response)
+                await context.write(response)
                 stream.now(READING)
-                channel = stream.local or context
                 if stream.ending is not None:
                     raise stream.ending
+                if stream.local is not None:
+                    await self._in_thread(stream, stream.play_locally, stream.local, busy=stream.busy_seconds)
+                    return
         except Refusal as refusal:
             await context.abort(*refusal.status())
         except DecodeError as error:
             malformed = Refusal(pb.REASON_MALFORMED_MESSAGE, f"not a PlayRequest: {error}")
             await context.abort(*malformed.status())
-        except (grpc.aio.InternalError, ConnectionError):  # the client has gone while a response was on its way
+        except grpc.aio.InternalError:  # the client has gone while a response was on its way
             raise asyncio.CancelledError from None
         except asyncio.CancelledError:
             # Without a reason the client has gone. And while a response is being sent, no status can be.
@@ -150,23 +182,34 @@ class Service(rpc.SimulatorServiceServicer):
             await context.abort(*stream.ending.status())
         finally:
             self.streams.discard(stream)
-            stream.thread.end(stream.session.close)
             if stream.local is not None:
-                stream.local.close()
+                stream.local.end()
+            stream.thread.end(stream.close)
             self.ended = True
 
-    async def _answer_in_thread(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:
-        session = stream.session
+    async def _begin_or_answer(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:
+        """Answer in the thread of the game. The first request takes a place of the server."""
         if not stream.playing:
             self._take_place(stream)
-        game = self.games.get(request.start.game)
+        stream.game = stream.game or request.start.game
+        game = self.games.get(stream.game)
         if game is not None and game.in_event_loop:
             stream.thread.seconds = math.inf  # its steps always end, but the first ones compile its rules
+        return await self._in_thread(stream, stream.session.answer, request)
+
+    async def _in_thread(
+        self,
+        stream: Stream,
+        function: Callable[[*Arguments], T],
+        *args: *Arguments,
+        busy: Callable[[], float] | None = None,
+    ) -> T:
+        """Call a function in the thread of the game; see GameThread.answer. Raises Refusal if the game is too slow."""
         try:
-            return await stream.thread.answer(session.answer, request)
+            return await stream.thread.answer(function, *args, busy=busy)
         except TimeoutError:
-            spec, steps = session.spec, session.steps
-            raise self._too_slow(spec.name or request.start.game, f"step {steps}", session.arenas) from None
+            session = stream.session
+            raise self._too_slow(stream.game, f"step {session.steps}", session.arenas) from None
 
     def _take_place(self, stream: Stream) -> None:
         """Give the stream one of the places of the server. Raises Refusal if all are taken."""

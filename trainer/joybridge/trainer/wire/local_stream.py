@@ -38,7 +38,7 @@ class LocalStream:
         if not self._pending:
             raise SimulatorError("receive() without send(): no response is on its way")
         self._pending = False
-        data = b""
+        data = None
         try:
             data = self._socket.receive(self._wait.seconds)
         except TimeoutError:
@@ -47,7 +47,7 @@ class LocalStream:
             raise SimulatorError(f"the simulator at {self._stream.address} broke the contract: {error}") from error
         except OSError:
             pass  # the session has ended
-        if not data:
+        if data is None:
             raise self._stream.reason()
         return parse(pb.PlayResponse, data, self._stream.address)
 
