@@ -3,7 +3,7 @@
 python -m tools.bench [simulator | wire | learner | train | start | peers | all] [--json]
 
 simulator   a game alone, in this process, by number of arenas
-wire        simulator process and client with random actions, and the round trip of one arena
+wire        simulator process and client with random actions, and the round trip of one arena beside a bare echo
 learner     sample passes of an update, beside the bare matrix products of the same shapes
 train       all of it: what `joybridge train` reaches
 start       seconds that a simulator takes, seconds until a run's first update, and memory of both (Linux)
@@ -15,6 +15,7 @@ import json
 import math
 import os
 import platform
+import socket
 import statistics
 import subprocess
 import sys
@@ -92,7 +93,7 @@ def bench_simulator() -> Figures:
 
 def bench_wire() -> Figures:
     """Agent-steps per second through a simulator process, and round trips of one arena."""
-    figures: Figures = {}
+    figures: Figures = {"an echo, round trip in µs (p50, p5, p95)": _echo()}
     with simulator_process() as address:
         for name in GAMES:
             for arenas in (1, 64, 128, 256):
@@ -118,11 +119,40 @@ def bench_wire() -> Figures:
 def _round_trips(name: str, address: str) -> dict[str, float]:
     """Return percentiles of the microseconds that a decision of a single arena takes."""
     with Session(address, name, arenas=1, seed=0) as session:
-        acts, trips = random_acts(session.spec, 1, np.random.default_rng(0)), []
-        for step in range(4000):
-            begin = time.perf_counter()
-            session.step(acts[step % len(acts)])
-            trips.append(time.perf_counter() - begin)
+        acts = random_acts(session.spec, 1, np.random.default_rng(0))
+        return _percentiles(lambda step: session.step(acts[step % len(acts)]))
+
+
+def _echo() -> dict[str, float]:
+    """Return the same for messages as long as those of Shooting Birds, between two processes that do nothing else."""
+    request, response = bytes(40), bytes(549)
+    ours, other = socket.socketpair()
+    answer = f"""
+import socket
+with socket.socket(fileno={other.fileno()}) as other:
+    while other.recv(65536):
+        other.sendall(bytes({len(response)}))
+"""
+    with ours, subprocess.Popen([sys.executable, "-c", answer], pass_fds=[other.fileno()]) as process:
+        other.close()
+
+        def exchange(step: int) -> None:
+            ours.sendall(request)
+            ours.recv(65536)
+
+        figures = _percentiles(exchange)
+        ours.shutdown(socket.SHUT_RDWR)
+        process.wait()
+    return figures
+
+
+def _percentiles(exchange: Callable[[int], object]) -> dict[str, float]:
+    """Return percentiles of the microseconds that an exchange takes. It is given the number of the step."""
+    trips = []
+    for step in range(4000):
+        begin = time.perf_counter()
+        exchange(step)
+        trips.append(time.perf_counter() - begin)
     low, median, high = np.percentile(trips[1000:], [5, 50, 95]) * 1e6
     return {"median": median, "low": low, "high": high}
 

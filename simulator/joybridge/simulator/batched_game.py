@@ -42,8 +42,9 @@ class BatchedGame(ABC):
     name: ClassVar[str]
     description: ClassVar[str]
     options: ClassVar[Sequence[pb.Option]] = ()
-    # True: a step takes microseconds and always ends, so the server may step the game in its event loop, where a round
-    # trip is twice as fast. Everything else that the game does, and slow steps, still run in the session's thread.
+    # True: a step takes microseconds and always ends, so it has no time limit, and for clients over gRPC the server may
+    # step the game in its event loop, where a round trip is twice as fast. Everything else that the game does, and slow
+    # steps, still run in the session's thread.
     in_event_loop: ClassVar[bool] = False
 
     # Parameter name -> how it is drawn when an episode begins (see `draw_parameters`); the others keep their values.
