@@ -10,20 +10,20 @@ from pathlib import Path
 
 from tools.curves import plot
 
-CONFIG = "shooting_birds/bucket-11"
-TIMESTEPS = 3_000_000
+CONFIG = "shooting_birds/fast"
 
 
 def main() -> int:
     """Run the demonstration and return its exit status."""
     parser = argparse.ArgumentParser(description="Train on Shooting Birds for a few minutes and show the policy.")
-    parser.add_argument("--timesteps", type=int, default=TIMESTEPS, help="length of the run; default: %(default)s")
+    parser.add_argument("--timesteps", type=int, help="end earlier, after so many timesteps")
     parser.add_argument("--run", type=Path, default=Path("runs/demo"), help="folder of the run; default: %(default)s")
     options = parser.parse_args()
     run, video, picture = options.run, options.run / "play.mp4", options.run / "curves.png"
+    stop = [f"stop={options.timesteps}"] if options.timesteps is not None else []
     resume = ["--resume"] if (run / "checkpoints").exists() else []
     commands = (
-        ["train", CONFIG, "--run", str(run), f"stop={options.timesteps}", *resume],
+        ["train", CONFIG, "--run", str(run), *stop, *resume],
         ["evaluate", str(run), "--episodes", "70"],
         ["record", str(run), str(video), "--seconds", "40"],
     )
@@ -33,8 +33,7 @@ def main() -> int:
         if status:
             return status
     plot([run], picture)
-    print(f"\nlearning curve and the original's: {picture}\nvideo of the trained policy: {video}")
-    print(f"continue training: joybridge train {CONFIG} --run {run} --resume stop=30000000")
+    print(f"\nlearning curve: {picture}\nvideo of the trained policy: {video}")
     return 0
 
 
