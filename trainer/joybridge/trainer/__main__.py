@@ -29,7 +29,8 @@ from joybridge.trainer.command_line import (
 from joybridge.trainer.config import check_run, load_config, play_config, run_config, run_name
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.demonstration_files import find_demonstrations
-from joybridge.trainer.errors import ConfigError, StorageError
+from joybridge.trainer.errors import ConfigError, LearnerError, StorageError
+from joybridge.trainer.learners.choice import Learners
 from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked
 from joybridge.trainer.signals import leaving_on_signals
@@ -85,10 +86,15 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )  # fmt: skip
     trains.add_argument(
         "--ray", type=address, metavar="HOST:PORT",
-        help="start the simulators on the nodes of this Ray cluster; needs `pip install 'joybridge[cluster]'`",
+        help="start simulators and learners on the nodes of this Ray cluster; needs `pip install 'joybridge[cluster]'`",
     )  # fmt: skip
     trains.add_argument(
         "--simulators", type=at_least(1), metavar="N", help="how many the cluster starts; default 1"
+    )  # fmt: skip
+    trains.add_argument(
+        "--learners", type=at_least(1), default=1, metavar="N",
+        help="share each update among so many processes, with the trainer; with --ray, the others are on the cluster; "
+        "pays for large networks, such as those for images; default %(default)s",
     )  # fmt: skip
     trains.add_argument(
         "--with-parent", action="store_true",
@@ -183,6 +189,8 @@ def _train(options: argparse.Namespace) -> None:
         )
     if options.simulators and options.simulators > config.arenas:
         raise ConfigError(f"--simulators got {options.simulators}, but the run has {config.arenas} arenas to divide")
+    learners = Learners(options.learners, options.ray or "", options.wait)
+    learners.check(config)
     source = run if options.resume else Path(config.weights_from) if config.weights_from else None
     last = last_simulators(source) if source else Simulators()
     simulators = choose_simulators(_wanted(options), last, config, say)
@@ -210,8 +218,9 @@ def _train(options: argparse.Namespace) -> None:
                     revive=connect,
                     say=display.say,
                     record_faults=options.record_faults,
+                    learners=learners,
                 )
-        except (KeyboardInterrupt, SimulatorError, StorageError) as error:
+        except (KeyboardInterrupt, SimulatorError, LearnerError, StorageError) as error:
             refused = isinstance(error, SimulatorError) and not isinstance(error, SimulatorLost)
             if checkpoints(run) or not refused:  # a request that was refused would be refused again
                 say(_continuation(run, options))
@@ -228,6 +237,7 @@ def _continuation(run: Path, options: argparse.Namespace) -> str:
     """Return what is saved of a run that has ended early, and the command that continues it."""
     named = replace(_wanted(options), games=())  # waited for, unlike simulators that the run remembers
     command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume", *named.arguments()]
+    command += Learners(options.learners).arguments()
     saved = checkpoints(run)
     done = f"saved at {int(saved[-1].name):,} timesteps; continue" if saved else "nothing is saved yet; begin again"
     return f"{done} with: {shlex.join(command)}"

@@ -8,6 +8,8 @@ JoybridgeError
 ├── StorageError       a file or folder that cannot be written
 ├── RunLockedError     a run that another process is training
 ├── DivergedError      an update has made a network useless
+├── LearnerError       learners beside the trainer cannot be started, or do not fit the run
+│   └── LearnerLost    one of them went away or does not answer; training can be resumed
 └── ExportError        an exported policy that does not play as the trainer does
 """
 
@@ -40,6 +42,14 @@ class RunLockedError(JoybridgeError):
 
 class DivergedError(JoybridgeError):
     """An update has made a network useless; the run keeps its state from before."""
+
+
+class LearnerError(JoybridgeError):
+    """Learners beside the trainer cannot be started or do not fit the run; the text says why."""
+
+
+class LearnerLost(LearnerError):
+    """A learner beside the trainer went away or does not answer; the run keeps its state from before the update."""
 
 
 class ExportError(JoybridgeError):

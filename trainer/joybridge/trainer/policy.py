@@ -21,6 +21,11 @@ from joybridge.v1 import bridge_pb2 as pb
 SAMPLES, SHUFFLES, DEMONSTRATIONS = range(3)  # what random numbers are for
 
 
+def random_numbers(seed: int, updates: int, purpose: int) -> np.random.Generator:
+    """Return the generator of a policy's rollout, after so many updates, for one purpose."""
+    return np.random.Generator(np.random.Philox(key=[seed, updates], counter=[0, 0, 0, purpose]))
+
+
 class Policy:
     """A policy that acts in every lane of one behavior and learns from what follows.
 
@@ -52,7 +57,7 @@ class Policy:
 
     def _rng(self, purpose: int) -> np.random.Generator:
         """Return the generator of the present rollout for one purpose; so no state of one need be saved."""
-        return np.random.Generator(np.random.Philox(key=[self.actor.seed, self.updates], counter=[0, 0, 0, purpose]))
+        return random_numbers(self.actor.seed, self.updates, purpose)
 
     def begin(self, groups: Sequence[Sequence[StepArrays]]) -> None:
         """Take the first observations of new episodes: the steps of each group."""

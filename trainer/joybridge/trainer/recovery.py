@@ -1,10 +1,11 @@
-"""Training goes on when a simulator is lost: with new sessions, from the last state between two rollouts."""
+"""Training goes on when a simulator or a learner is lost: with new ones, from the last state between two rollouts."""
 
 import logging
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 
+from joybridge.trainer.errors import LearnerLost
 from joybridge.trainer.run_state import RunState
 from joybridge.trainer.wire.errors import SimulatorLost, SimulatorShutDown
 
@@ -21,10 +22,10 @@ def recovering(
 ) -> States:  # fmt: skip
     """Yield the states of `proceed`, which continues a run from a state with the simulators at some addresses.
 
-    When a simulator is lost, `revive` returns the addresses of simulators that answer, and `proceed` is called again
-    with the last state. This happens at most `restarts` times. A simulator that announced its end does not count,
-    unless the run has not reached a new state since the last loss. After that, and without `revive`, raises
-    SimulatorLost.
+    When a simulator or a learner is lost, `revive` returns the addresses of simulators that answer, and `proceed` is
+    called again with the last state. This happens at most `restarts` times. A simulator that announced its end does
+    not count, unless the run has not reached a new state since the last loss. After that, and without `revive`, raises
+    SimulatorLost or LearnerLost.
     """
     used = 0
     losses = 0  # since the last state
@@ -35,7 +36,7 @@ def recovering(
                     losses = 0
                     yield state
             return
-        except SimulatorLost as lost:
+        except (SimulatorLost, LearnerLost) as lost:
             losses += 1
             if losses > 1 or not isinstance(lost, SimulatorShutDown):
                 used += 1

@@ -24,6 +24,8 @@ from joybridge.trainer.config_fit import fitting_spec
 from joybridge.trainer.curriculum import Curriculum
 from joybridge.trainer.errors import ConfigError, DivergedError
 from joybridge.trainer.game_settings import drawn
+from joybridge.trainer.learners.choice import Learners
+from joybridge.trainer.learners.team import Team, open_team
 from joybridge.trainer.logger import Logger
 from joybridge.trainer.metrics import Row, is_trainers
 from joybridge.trainer.options import balanced_options
@@ -31,7 +33,7 @@ from joybridge.trainer.pipeline import Group, collect, group_bounds, open_groups
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.ppo.gae import gae
 from joybridge.trainer.ppo.schedule import anneal
-from joybridge.trainer.ppo.update import ppo_update
+from joybridge.trainer.ppo.update import explained_variance, ppo_update
 from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.recovery import Revive, recovering
 from joybridge.trainer.run_state import RunState, capture, load_state, take_weights
@@ -39,21 +41,22 @@ from joybridge.trainer.signals import uninterrupted
 from joybridge.trainer.wire.sharded_session import single_sessions
 from joybridge.v1 import bridge_pb2 as pb
 
+ALONE = Learners()
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 
 
 def train(
     config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report, revive: Revive | None = None,
-    say: Callable[[str], None] = print, record_faults: bool = False,
+    say: Callable[[str], None] = print, record_faults: bool = False, learners: Learners = ALONE,
 ) -> None:  # fmt: skip
     """Train `config` in the folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
     revive: called when a simulator is lost; returns the addresses of simulators that answer. Without it, training ends.
     say: called with remarks on the run, a line each. record_faults: write what led to a fault of a simulator, or to an
-    update that diverged, into the folder faults of the run.
+    update that diverged, into the folder faults of the run. learners: which share the updates.
 
-    Raises ConfigError, CheckpointError, StorageError, SimulatorError and DivergedError. The last state between two
-    rollouts is saved on any exception.
+    Raises ConfigError, CheckpointError, StorageError, SimulatorError, LearnerError and DivergedError. The last state
+    between two rollouts is saved on any exception.
     """
     torch.set_num_threads(1)  # two threads are slower than one when the simulator keeps the other core busy
     check_run(config, run, resume=resume)
@@ -61,7 +64,11 @@ def train(
     saved, saved_at = state.timesteps, time.monotonic()
     highest, best = best_score(run), None
     states = recovering(
-        partial(play_and_learn, config, run, report, say, record_faults), state, addresses, revive, config.restarts
+        partial(play_and_learn, config, run, report, say, record_faults, learners),
+        state,
+        addresses,
+        revive,
+        config.restarts,
     )
     try:
         with closing(states):
@@ -79,7 +86,7 @@ def train(
 
 
 def play_and_learn(
-    config: Config, run: Path, report: Report, say: Callable[[str], None], record_faults: bool,
+    config: Config, run: Path, report: Report, say: Callable[[str], None], record_faults: bool, learners: Learners,
     addresses: Sequence[str], state: RunState,
 ) -> Generator[RunState, None, None]:  # fmt: skip
     """Continue a run from a state, with new sessions. Yield the state after each cycle."""
@@ -98,6 +105,7 @@ def play_and_learn(
     curriculum = Curriculum(config, spec, policies)
     state.restore_lesson(curriculum)
     with ExitStack() as opened:
+        team = opened.enter_context(open_team(learners, config, spec, policies, say))
         snapshots = state.session_snapshots()
         groups = open_groups(config, addresses, snapshots, curriculum.parameters, curriculum.distributions)
         for group in groups:
@@ -130,7 +138,7 @@ def play_and_learn(
                                 for remark in adviser.look():
                                     say(remark)
                                 progress = timesteps / config.total_timesteps
-                                logger.mean.add(learn(policy, progress, alone=config.cloning == "alone"))
+                                logger.mean.add(learn(policy, progress, team, alone=config.cloning == "alone"))
                     if timesteps // config.log_interval > (timesteps - lanes) // config.log_interval:
                         row = log(timesteps, policies, loggers, profiler, curriculum.row())
                         report(timesteps, row, row)
@@ -175,10 +183,11 @@ def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
     return metric, -1 if config.best.startswith("-") else 1
 
 
-def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
+def learn(policy: Policy, progress: float, team: Team | None = None, *, alone: bool = False) -> Row:
     """Improve a policy on its full rollout, after a fraction `progress` of the run, and begin the next rollout.
 
-    alone: demonstrations, if there are any, replace PPO, which then only teaches the critic.
+    team: the learners that do so together, if there are several. alone: demonstrations, if there are any, replace PPO,
+    which then only teaches the critic.
 
     Return statistics, none if no decision was made in the rollout. Raises DivergedError.
     """
@@ -190,15 +199,19 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
             rollout.final_values, decided,
             gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
         )  # fmt: skip
+        batch = rollout.batch(advantages, decided).to(policy.actor.accelerator)
+        coefficients = anneal(progress, config)
         try:
             statistics = ppo_update(
-                policy.learner, rollout.batch(advantages, decided).to(policy.actor.accelerator),
-                anneal(progress, config), epochs=config.epochs, minibatch_size=config.minibatch_size,
+                policy.learner, batch if team is None else team.share(policy, batch, coefficients), coefficients,
+                epochs=config.epochs, minibatch_size=config.minibatch_size,
                 rng=policy.shuffles(), max_grad_norm=config.max_grad_norm, target_kl=config.target_kl,
                 cloning=policy.cloning(progress, alone=alone),
             )  # fmt: skip
         except DivergedError as error:
             raise DivergedError(f"after update {policy.updates + 1:,}, {error}") from None
+        if team is not None:
+            statistics["explained_variance"] = explained_variance(batch.values, batch.returns)  # of all learners' rows
         statistics["value"] = float(rollout.values[decided].mean())
     policy.restart()
     return statistics

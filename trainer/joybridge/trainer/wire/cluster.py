@@ -1,4 +1,4 @@
-"""Simulators on the nodes of a Ray cluster, and how a program joins one."""
+"""Simulators and learners on the nodes of a Ray cluster, and how a program joins one."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from joybridge.contract.credentials import Credentials, ProtectedAddress
 from joybridge.trainer.wire.launch import announcing
 from joybridge.trainer.wire.reachability import why_closed
 
-__all__ = ["PRIVATE", "TOKEN", "cluster_simulators", "import_ray", "join_cluster"]
+__all__ = ["PRIVATE", "TOKEN", "cluster_learners", "cluster_simulators", "import_ray", "join_cluster"]
 
 # Environment of a cluster on this machine: addresses on loopback only, no usage statistics sent.
 PRIVATE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
@@ -28,11 +28,21 @@ def cluster_simulators(cluster: str, count: int, games: Sequence[str], wait: flo
 
     A process of its own joins the cluster, because Ray ends a process whose cluster is lost, and a trainer must save.
     """
-    with announcing([*PROGRAM, cluster, f"{count}", f"{wait}", *games], "") as places:
+    with announcing([*PROGRAM, cluster, f"{count}", f"{wait}", "simulator", *games], "") as places:
         yield [
             ProtectedAddress(address, Credentials(certificate.encode(), token))
             for address, certificate, token in json.loads(places)
         ]
+
+
+@contextmanager
+def cluster_learners(cluster: str, place: str, count: int, wait: float) -> Iterator[None]:
+    """Run so many learners on the nodes of the cluster, otherwise like `learner_processes`; `wait` is for free cores.
+
+    Raises SimulatorLost.
+    """
+    with announcing([*PROGRAM, cluster, f"{count}", f"{wait}", "learner", place], ""):
+        yield
 
 
 def join_cluster(address: str, **options: Any) -> Any:

@@ -1,11 +1,12 @@
-"""Start a simulator as a child process, and always end it."""
+"""Start simulators and learners as child processes, and always end them."""
 
 import os
 import subprocess
 import sys
 import sysconfig
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
@@ -13,13 +14,14 @@ from threading import Thread
 from joybridge.contract.address import READY
 from joybridge.trainer.wire.errors import SimulatorLost
 
-__all__ = ["announcing", "simulator_process"]
+__all__ = ["announcing", "learner_processes", "simulator_process"]
 
 ENDING_SECONDS = 5.0
 LOST_SECONDS = 0.5  # the same after an error or an interrupt: perhaps it no longer listens to anything
 # -P: a folder joybridge/ or a file tools.py in the current folder is not imported in place of the installed modules.
 # -u: what games print appears at once.
 COMMAND = [sys.executable, "-P", "-u", "-m", "joybridge", "serve"]
+LEARNER = [sys.executable, "-P", "-u", "-m", "joybridge.trainer.learners.worker"]
 
 
 @contextmanager
@@ -44,6 +46,18 @@ def simulator_process(
     folders = {"PYTHONPATH": os.pathsep.join(_folders_of_others())} if games else {}
     with announcing(command, "the simulator did not start: ", folders) as bound:
         yield bound
+
+
+@contextmanager
+def learner_processes(place: str, count: int) -> Iterator[None]:
+    """Run so many learners beside the trainer whose store is at `place`, HOST:PORT, until the block ends.
+
+    Raises SimulatorLost if one does not start, for example because the extra `train` is not installed.
+    """
+    with ExitStack() as running, ThreadPoolExecutor(count) as threads:  # loading torch takes seconds
+        started = [announcing([*LEARNER, place], "a learner did not start: ") for _ in range(count)]
+        list(threads.map(running.enter_context, started))
+        yield
 
 
 @contextmanager
