@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from torch.distributed import HashStore
+from torch.distributed import HashStore  # type: ignore[attr-defined]
 
 from joybridge.simulator.catalog import load_games
 from joybridge.trainer.__main__ import main
@@ -102,7 +102,7 @@ def test_the_gradient_of_shares_is_that_of_the_whole_minibatch(name, connected):
     learner, batch = make(name)
     statistics = learner.gradient(batch, COEFFICIENTS)
 
-    def share(number: int) -> tuple[np.ndarray, torch.Tensor]:
+    def share(number: int) -> tuple[np.ndarray, torch.Tensor | None]:
         other, shard = shared(name, connected[number])
         return other.gradient(shard, COEFFICIENTS), other.weights.grad
 
