@@ -94,7 +94,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains.add_argument(
         "--learners", type=at_least(1), default=1, metavar="N",
         help="share each update among so many processes, with the trainer; with --ray, the others are on the cluster; "
-        "pays for large networks, such as those for images; default %(default)s",
+        "for networks whose gradients take long; default %(default)s",
     )  # fmt: skip
     trains.add_argument(
         "--with-parent", action="store_true",
