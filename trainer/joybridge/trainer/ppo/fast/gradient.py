@@ -1,17 +1,23 @@
 """The gradient of the PPO loss in closed form: what autograd would compute, without its bookkeeping.
 
-Matrix products are torch's; what lies between them is compiled (`kernels.py`). A test holds the result to
-autograd's within 1e-6.
+All of it is one compiled function. A test holds the result to autograd's within 1e-6.
 """
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.ppo.fast.kernels import NO_MASKS, Action, Gradient, Head, Target, loss_gradient
+from joybridge.trainer.ppo.fast.kernels import (
+    NO_MASKS,
+    Action,
+    Gradient,
+    Head,
+    Target,
+    compiled,
+    loss_gradient,
+)
+from joybridge.trainer.ppo.fast.towers import Dense, Form, backward, dense, form, forward, hidden_width
 from joybridge.trainer.ppo.loss import Batch
-from joybridge.trainer.ppo.networks import Network, Tower
+from joybridge.trainer.ppo.networks import Network
 from joybridge.trainer.ppo.schedule import Coefficients
 
 
@@ -20,83 +26,62 @@ class ClosedFormGradient:
 
     def __init__(self, network: Network) -> None:
         """Work on `network`, whose parameters must have gradients to write to (see `flatten_parameters`)."""
-        self.network = network
-        self.actor = TowerPass(network.actor)
-        self.critic = TowerPass(network.critic) if network.critic is not None else None
-        sizes = np.array(network.space.branches, np.int64)
-        self.head = Head(network.mean_bias.detach().numpy(), network.log_variance.detach().numpy(), sizes)
+        self.form = form(network)
+        self.parameters, self.gradients = dense(network), dense(network, gradients=True)
+        self.head = Head(
+            network.mean_bias.detach().numpy(), network.log_variance.detach().numpy(),
+            np.array(network.space.branches, np.int64),
+        )  # fmt: skip
+        assert network.mean_bias.grad is not None
+        assert network.log_variance.grad is not None
+        self.head_gradients = network.mean_bias.grad.numpy(), network.log_variance.grad.numpy()
 
-    @torch.no_grad()
     def __call__(self, batch: Batch, coefficients: Coefficients) -> Array:
         """Set the gradient of the loss on `batch`; return the statistics that `ppo_loss` returns."""
-        network = self.network
-        outputs = self.actor.forward(batch.observations)
-        values = (outputs if self.critic is None else self.critic.forward(batch.observations))[:, -1]
-        if network.sums is not None:
-            outputs = torch.mm(outputs, network.sums)
-        d_outputs, d_values = torch.empty_like(outputs), torch.empty(len(outputs))
         action = Action(batch.continuous.numpy(), batch.discrete.numpy(), batch.log_probs.numpy())
-        statistics = loss_gradient(
-            outputs.numpy(), (values + network.value_bias).numpy(), self.head,
+        return network_gradient(
+            self.parameters, self.gradients, self.form, batch.observations.numpy(), self.head, self.head_gradients,
             NO_MASKS if batch.masks is None else batch.masks.numpy(),
             Target(action, batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy()),
             coefficients.clip_range, coefficients.entropy_coef,
-            Gradient(
-                d_outputs.numpy(), d_values.numpy(), _gradient(network.mean_bias), _gradient(network.log_variance)
-            ),
         )  # fmt: skip
-        if self.critic is None:
-            d_values = d_outputs[:, -1].copy_(d_values)
-        _into(network.value_bias, d_values.sum())
-        if self.critic is not None:
-            self.critic.backward(d_values.unsqueeze(-1))
-        self.actor.backward(d_outputs if network.sums is None else torch.mm(d_outputs, network.sums.t()))
-        return statistics
 
 
-class TowerPass:
-    """Forward and backward pass of one tower, with its intermediate results kept between the two."""
+@compiled
+def network_gradient(
+    network: Dense, gradients: Dense, form: Form, observations: Array, head: Head, head_gradients: tuple[Array, Array],
+    masks: Array, target: Target, clip: float, entropy_coef: float,
+) -> Array:  # fmt: skip
+    """Write the gradients of the loss by all parameters; return the statistics that `ppo_loss` returns.
 
-    def __init__(self, tower: Tower) -> None:
-        self.layers = [(layer.weight, layer.bias) for layer in tower.layers]
-        self.activation = tower.activation.with_slope
-        self.head = tower.head.weight
-        self.inputs: list[Tensor] = []  # of each layer, and of the head last
-        self.slopes: list[Tensor] = []  # derivative of each layer's activation
+    head_gradients: where those of mean_bias and log_variance are written. masks: see `softmax`.
+    """
+    n = len(observations)
+    kept = n * hidden_width(network.actor)
+    values, slopes = np.empty(kept, np.float32), np.empty(kept, np.float32)
+    outputs = forward(network.actor, form.activation, observations, values, slopes)
+    value_outputs, critic_values, critic_slopes = outputs, values, slopes
+    if not form.shared:
+        kept = n * hidden_width(network.critic)
+        critic_values, critic_slopes = np.empty(kept, np.float32), np.empty(kept, np.float32)
+        value_outputs = forward(network.critic, form.activation, observations, critic_values, critic_slopes)
+    estimates = value_outputs[:, -1] + network.value_bias[0]
+    if len(form.sums):
+        outputs = np.dot(outputs, form.sums)
 
-    def forward(self, features: Tensor) -> Tensor:
-        """Return the outputs of the head [n, outputs]."""
-        self.inputs, self.slopes = [features], []
-        for weight, bias in self.layers:
-            features, slope = self.activation(torch.addmm(bias, features, weight.t()))
-            self.slopes.append(slope)
-            self.inputs.append(features)
-        return torch.mm(features, self.head.t())
+    d_outputs, d_values = np.empty_like(outputs), np.empty(n, np.float32)
+    statistics = loss_gradient(
+        outputs, estimates, head, masks, target, clip, entropy_coef,
+        Gradient(d_outputs, d_values, head_gradients[0], head_gradients[1]),
+    )  # fmt: skip
 
-    def backward(self, d_outputs: Tensor) -> None:
-        """Set the gradients of all parameters from d loss / d outputs [n, outputs]."""
-        _product_into(self.head, d_outputs, self.inputs[-1])
-        d_features = torch.mm(d_outputs, self.head)
-        for index in reversed(range(len(self.layers))):
-            weight, bias = self.layers[index]
-            d_features.mul_(self.slopes[index])
-            _product_into(weight, d_features, self.inputs[index])
-            _into(bias, d_features.sum(0))
-            if index:
-                d_features = torch.mm(d_features, weight)
-
-
-def _gradient(parameter: Tensor) -> Array:
-    """Return the gradient of a parameter as an array to write to."""
-    assert parameter.grad is not None
-    return parameter.grad.numpy()
-
-
-def _product_into(parameter: Tensor, d_outputs: Tensor, features: Tensor) -> None:
-    assert parameter.grad is not None
-    torch.mm(d_outputs.t(), features, out=parameter.grad)
-
-
-def _into(parameter: Tensor, gradient: Tensor) -> None:
-    assert parameter.grad is not None
-    parameter.grad.copy_(gradient)
+    if form.shared:
+        d_outputs[:, -1] = d_values
+    else:
+        d_value_outputs = d_values.reshape((n, 1))
+        backward(network.critic, gradients.critic, observations, critic_values, critic_slopes, d_value_outputs)
+    gradients.value_bias[0] = d_values.sum()
+    if len(form.sums):
+        d_outputs = np.dot(d_outputs, form.sums.T)
+    backward(network.actor, gradients.actor, observations, values, slopes, d_outputs)
+    return statistics  # type: ignore[no-any-return]
