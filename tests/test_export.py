@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime as ort
 import pytest
+import torch
 
 from joybridge import cli
 from joybridge.trainer import export as exporting
@@ -187,7 +188,7 @@ def test_noise_in_even_steps_gives_choices_in_proportion_to_their_probabilities(
         feeds["uniform"] = np.repeat((np.arange(lanes, dtype=np.float32)[:, None] + 0.5) / lanes, 2, axis=1)
         axes, choices, _ = session.run(None, feeds)
         frame = np.concatenate([feeds["state"][:1], actor.encoder.frames(before.observations)], axis=1)
-        outputs = actor.network(actor._tensor(frame))
+        outputs = actor.network(torch.from_numpy(frame))
     logits = outputs.logits.detach().numpy()[0]
     logits[0, ~before.masks[0][0]] = -np.inf
     for branch, size in enumerate((3, 2)):

@@ -40,6 +40,7 @@ from joybridge.trainer.ppo.loss import Batch
 from joybridge.trainer.ppo.networks import Network
 from joybridge.trainer.ppo.schedule import Coefficients
 from joybridge.trainer.ppo.update import Learner, ppo_update
+from joybridge.trainer.threads import use_one_thread
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
@@ -196,7 +197,7 @@ def _two_sessions(name: str, first: str, second: str, how: str) -> Figures:
 
 def bench_learner() -> Figures:
     """Sample passes per second of an update of Shooting Birds bucket-11, batch 256, and of its matrix products."""
-    torch.set_num_threads(1)
+    use_one_thread()
     rows, minibatch, inputs, hidden = 4425, 256, 132, 100
     figures: Figures = {}
     layout = make_layouts("bucket-11", _device())[""]

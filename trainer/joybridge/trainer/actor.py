@@ -1,7 +1,7 @@
 """What plays: the observation encoder, the network and the layout of one policy, without anything that learns."""
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from joybridge.trainer.images import find_images
 from joybridge.trainer.layouts import Role
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.ppo.convolutions import ImageEncoder
+from joybridge.trainer.ppo.fast.towers import Dense, Form, dense, form, heads
 from joybridge.trainer.ppo.networks import Network
 from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.ppo.sampling import sample_actions
@@ -66,7 +67,7 @@ class Actor:
         behavior's device. deterministic: take the likeliest actions instead.
         """
         network, action = self.network, decision.action
-        outputs, values = network.heads(self._tensor(decision.observations))
+        outputs, values = self._heads(decision.observations)
         sample_actions(network, outputs, decision.masks, decision.noise, action, deterministic=deterministic)
         decision.values[:] = values.numpy(force=True)
         self.layout.write(action.continuous, action.discrete, act, step.masks)
@@ -74,10 +75,21 @@ class Actor:
     @torch.inference_mode()
     def values(self, observations: Array) -> Array:
         """Return the values, float32 [rows], of observations, float32 [rows, observation]."""
-        return self.network.value(self._tensor(observations)).numpy(force=True)
+        return self._heads(observations)[1].numpy(force=True)
 
-    def _tensor(self, array: Array) -> torch.Tensor:
-        return torch.from_numpy(array).to(self.accelerator)
+    def _heads(self, observations: Array) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return what `Network.heads` does."""
+        if self._compiled is None:
+            return self.network.heads(torch.from_numpy(observations).to(self.accelerator))
+        outputs, values = heads(*self._compiled, observations)
+        return torch.from_numpy(outputs), torch.from_numpy(values)
+
+    @cached_property
+    def _compiled(self) -> tuple[Dense, Form] | None:
+        """The parameters as the compiled pass takes them; made late because a learner moves them when it is made."""
+        if self.network.actor.images is not None or self.accelerator.type != "cpu":
+            return None
+        return dense(self.network), form(self.network)
 
     def state(self) -> dict[str, Array]:
         """Return copies of the parameters, and of what scales observations, for a checkpoint."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
@@ -28,6 +27,7 @@ from joybridge.trainer.ppo.distributions import fill_masks
 from joybridge.trainer.ppo.fast.kernels import Action, draw_noise
 from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.run_state import load_state, policy_state
+from joybridge.trainer.threads import use_one_thread
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.sharded_session import ShardedSession, open_session
 from joybridge.v1 import bridge_pb2 as pb
@@ -104,7 +104,7 @@ class Policies:
         checkpoint: str = "",
     ) -> None:  # fmt: skip
         """Load a checkpoint of a run; see `open_play`. Raises CheckpointError and ConfigError."""
-        torch.set_num_threads(1)  # networks this small are slower with more
+        use_one_thread()
         state = load_state(run, checkpoint)
         self.timesteps = state.timesteps
         self.players = []

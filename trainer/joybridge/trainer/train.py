@@ -13,8 +13,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import torch
-
 from joybridge.trainer.actor import make_actors
 from joybridge.trainer.advice import Adviser
 from joybridge.trainer.checkpoint import best_score, has_checkpoint
@@ -38,6 +36,7 @@ from joybridge.trainer.profiler import Profiler
 from joybridge.trainer.recovery import Revive, recovering
 from joybridge.trainer.run_state import RunState, capture, load_state, take_weights
 from joybridge.trainer.signals import uninterrupted
+from joybridge.trainer.threads import use_one_thread
 from joybridge.trainer.wire.sharded_session import single_sessions
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -58,7 +57,7 @@ def train(
     Raises ConfigError, CheckpointError, StorageError, SimulatorError, LearnerError and DivergedError. The last state
     between two rollouts is saved on any exception.
     """
-    torch.set_num_threads(1)  # two threads are slower than one when the simulator keeps the other core busy
+    use_one_thread()
     check_run(config, run, resume=resume)
     state = load_state(run) if has_checkpoint(run) else RunState()
     saved, saved_at = state.timesteps, time.monotonic()

@@ -53,7 +53,7 @@ class Activate(nn.Module):
     def __init__(self, activation: str) -> None:
         """Take the name of an activation."""
         super().__init__()
-        self.function: Callable[[Tensor], Tensor] = ACTIVATIONS[activation].value
+        self.function: Callable[[Tensor], Tensor] = ACTIVATIONS[activation]
 
     def forward(self, values: Tensor) -> Tensor:
         """Return the activation of each value."""

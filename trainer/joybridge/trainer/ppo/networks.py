@@ -46,7 +46,7 @@ class Tower(nn.Module):
         if self.images is not None:
             features = self.images(features)
         for layer in self.hidden:
-            features = self.activation.value(layer(features))
+            features = self.activation(layer(features))
         return self.head(features)  # type: ignore[no-any-return]
 
 

@@ -84,4 +84,4 @@ def network_gradient(
     if len(form.sums):
         d_outputs = np.dot(d_outputs, form.sums.T)
     backward(network.actor, gradients.actor, observations, values, slopes, d_outputs)
-    return statistics  # type: ignore[no-any-return]
+    return statistics

@@ -11,6 +11,7 @@ Shapes: n rows. What the hidden layers of a tower keep for the backward pass is 
 from typing import NamedTuple
 
 import numpy as np
+from torch import Tensor
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.ppo.activations import ACTIVATIONS
@@ -48,8 +49,10 @@ class Form(NamedTuple):
 def dense(network: Network, *, gradients: bool = False) -> Dense:
     """Return the parameters of a network as arrays, or their gradients. They are valid until parameters move."""
 
-    def array(parameter):  # type: ignore[no-untyped-def]
-        return (parameter.grad if gradients else parameter.detach()).numpy()
+    def array(parameter: Tensor) -> Array:
+        tensor = parameter.grad if gradients else parameter.detach()
+        assert tensor is not None
+        return tensor.numpy()
 
     def arrays(tower: TorchTower) -> Tower:
         layers = tower.layers
@@ -66,7 +69,7 @@ def form(network: Network) -> Form:
 
 
 @compiled
-def logistic(x: float) -> float:
+def logistic(x: np.float32) -> np.float32:
     """Return the sigmoid of x, float32, within 2e-7.
 
     It is 1/2 + tanh(x / 2) / 2 with the tanh as a quotient of polynomials, fitted to be best in the largest relative
@@ -79,7 +82,7 @@ def logistic(x: float) -> float:
     lower = np.float32(0.0003285546251995628) + t * np.float32(7.776046756974994e-07)
     lower = np.float32(0.467142967737394) + t * (np.float32(0.025876779923792472) + t * lower)
     tanh = half * (np.float32(0.9999999796284383) + t * upper) / (np.float32(1.0) + t * lower)
-    return np.float32(0.5) + np.float32(0.5) * tanh  # type: ignore[no-any-return]
+    return np.float32(0.5) + np.float32(0.5) * tanh
 
 
 @compiled
@@ -167,7 +170,7 @@ def backward(
 def tower_outputs(tower: Tower, activation: int, features: Array) -> Array:
     """Return the outputs of a tower's head, [n, outputs]."""
     kept = len(features) * hidden_width(tower)
-    return forward(tower, activation, features, np.empty(kept, np.float32), np.empty(kept, np.float32))  # type: ignore[no-any-return]
+    return forward(tower, activation, features, np.empty(kept, np.float32), np.empty(kept, np.float32))
 
 
 @compiled
