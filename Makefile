@@ -1,7 +1,8 @@
 # make install   .venv with everything, at the versions in constraints.txt
 # make demo      train Shooting Birds for a few minutes; ends with scores, a plot and a video
 # make check     style, types and the quick tests, in about two minutes
-# make test      style, types and all tests, with the coverage of the quick ones
+# make test      style, types and all tests
+# make coverage  which lines the quick tests reach
 # make docs      the site with all pages and the reference, into site/; needs no PyTorch
 # make bench     how fast it is on this machine
 
@@ -12,7 +13,7 @@ BIN := .venv/bin
 # the many programs that the tests start would compile PyTorch again, which takes longer than the tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install demo check test docs bench proto
+.PHONY: install demo check test coverage docs bench proto
 
 install: .venv/installed
 
@@ -32,6 +33,9 @@ check: install
 
 test: install
 	$(BIN)/python -m tools.check
+
+coverage: install
+	$(BIN)/python -m tools.check --coverage
 
 docs: .venv-docs/installed
 	.venv-docs/bin/python -m tools.docs

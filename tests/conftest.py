@@ -18,14 +18,8 @@ settings.load_profile("joybridge")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Measure the coverage of the quick tests only, and run the files with slow tests first.
-
-    Measuring doubles the time of a test that trains. A long file at the end would keep one process busy alone.
-    """
-    slow = [item for item in items if item.get_closest_marker("slow")]
-    for item in slow:
-        item.add_marker("no_cover")
-    files = {item.path for item in slow}
+    """Run the files with slow tests first: a long file at the end would keep one process busy alone."""
+    files = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in files)
 
 

@@ -1,8 +1,8 @@
 """Check style, types and tests.
 
 Wrong style ends the check at once. Types are checked while modules and kernels are compiled and the tests run, in one
-process per core, at most four. With --quick, tests marked `slow` are left out. Without it, all tests run, and the quick
-ones are measured: the line coverage of proto, simulator and trainer has a lower limit, see pyproject.toml.
+process per core, at most four. With --quick, tests marked `slow` are left out. With --coverage, the quick tests run
+alone and are measured: the line coverage of proto, simulator and trainer has a lower limit, see pyproject.toml.
 """
 
 import argparse
@@ -17,19 +17,25 @@ TESTS = (
     "pytest", "--numprocesses=auto", "--maxprocesses=4", "--dist=loadfile", "--no-loadscope-reorder",
 )  # fmt: skip
 QUICK = ("-m", "not slow")
-ALL = ("--cov", "--cov-report=term")
+MEASURED = (*QUICK, "--cov", "--cov-report=term")
 
 
 def main() -> int:
     """Run the checks and return an exit status that is not 0 if one fails."""
     parser = argparse.ArgumentParser(description="Check style, types and tests.")
-    parser.add_argument("--quick", action="store_true", help="leave out the tests marked slow, and coverage")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--quick", action="store_true", help="leave out the tests marked slow")
+    which.add_argument("--coverage", action="store_true", help="only measure the coverage of the quick tests")
     options = parser.parse_args()
+    if options.coverage:
+        subprocess.run(module(COMPILING), check=False)
+        show(TESTS + MEASURED)
+        return subprocess.run(module(TESTS + MEASURED), check=False).returncode
     for command in STYLE:
         show(command)
         if status := subprocess.run(module(command), check=False).returncode:
             return status
-    tests = TESTS + (QUICK if options.quick else ALL)
+    tests = TESTS + (QUICK if options.quick else ())
     with subprocess.Popen(module(TYPES), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as types:
         subprocess.run(module(COMPILING), check=False)  # the tests say what is wrong if it fails
         show(tests)

@@ -24,6 +24,7 @@ from joybridge.trainer.ppo.rollout import RolloutBuffer
 from joybridge.trainer.ppo.schedule import Coefficients
 from joybridge.trainer.ppo.shared import SharedGradient
 from joybridge.trainer.ppo.update import Learner, ppo_update
+from joybridge.trainer.threads import use_one_thread
 from joybridge.v1 import bridge_pb2 as pb
 
 # Keys of the store; the last is that of a learner, which writes there why it cannot take part, or nothing.
@@ -44,7 +45,7 @@ class Run(BaseModel):
 def main() -> None:
     """Run the program."""
     Thread(target=_end_with_parent, daemon=True).start()
-    torch.set_num_threads(1)
+    use_one_thread()
     host, _, port = sys.argv[1].rpartition(":")
     print(READY, flush=True)
     try:
