@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from joybridge.contract.codec import StepArrays
 from joybridge.simulator import axis, behavior, branch, button, sensor
@@ -10,6 +9,7 @@ from joybridge.trainer.actor import make_actors
 from joybridge.trainer.config import Config, PolicyConfig
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.policy import Policy
+from joybridge.trainer.threads import use_one_thread
 from joybridge.trainer.train import learn
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -29,7 +29,7 @@ class Identity:
     """The game: a target for both axes, and choices that are right."""
 
     def __init__(self, layout: str) -> None:
-        torch.set_num_threads(1)
+        use_one_thread()
         config = Config(game="identity", layout=layout, policy=FAST)
         self.policies = [Policy(actor, PLAYER, [0, LANES]) for actor in make_actors(config, SPEC)]
         self.acts, self.rng = make_acts(SPEC, LANES), np.random.default_rng(0)

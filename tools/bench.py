@@ -327,20 +327,20 @@ def bench_start(timesteps: int = 1_500_000) -> Figures:
     }  # fmt: skip
     config = load_config(experiment, [f"stop={timesteps}", "log_interval=150000"])
     with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
-        simulator, *_ = _children()
+        simulator, *_ = children()
         held: dict[str, list[float]] = {"trainer": [], "simulator": []}
 
         def report(done: int, live: dict[str, float], row: dict[str, float] | None) -> None:
             if row is not None:
-                held["trainer"].append(_megabytes(os.getpid()))
-                held["simulator"].append(_megabytes(simulator))
+                held["trainer"].append(megabytes(os.getpid()))
+                held["simulator"].append(megabytes(simulator))
 
         train(config, Path(folder) / "run", [address], resume=False, report=report)
         with Session(address, "shooting_birds", arenas=256, seed=0) as session:
             acts = random_acts(session.spec, 256, np.random.default_rng(0))
             for step in range(400):
                 session.step(acts[step % len(acts)])
-            large = _megabytes(simulator)
+            large = megabytes(simulator)
     for name, sizes in held.items():
         key = f"memory of the {name} in training, MB (at the end, at first, at most)"
         figures[key] = {"median": sizes[-1], "low": sizes[0], "high": max(sizes)}
@@ -348,12 +348,12 @@ def bench_start(timesteps: int = 1_500_000) -> Figures:
     return figures
 
 
-def _children() -> list[int]:
-    """Return this process's children."""
-    return [int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+def children() -> list[int]:
+    """Return the children of this process, the newest last."""
+    return sorted(int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split())
 
 
-def _megabytes(process: int) -> float:
+def megabytes(process: int) -> float:
     """Return the resident memory of a process."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 

@@ -26,7 +26,7 @@ from joybridge.trainer.metrics import Row
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.launch import simulator_process
-from tools.bench import CONFIGS, GAMES, machine, random_acts
+from tools.bench import CONFIGS, GAMES, children, machine, megabytes, random_acts
 
 ARENAS = (1, 4, 16, 64, 256, 1024, 4096)
 SESSIONS = (1, 4, 16, 64)
@@ -177,16 +177,6 @@ def training(experiment: str, simulators: int, timesteps: int) -> Figures:
         "learn": cost("learn"), "waited": cost("simulate", "wire"),
         "simulators_cpu": (used[-1] - used[1]) / between, "memory": memory,
     }  # fmt: skip
-
-
-def children() -> list[int]:
-    """Return the children of this process, the newest last."""
-    return sorted(int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split())
-
-
-def megabytes(process: int) -> float:
-    """Return the resident memory of a process."""
-    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def processor_seconds(process: int) -> float:

@@ -63,12 +63,9 @@ def train(
     saved, saved_at = state.timesteps, time.monotonic()
     highest, best = best_score(run), None
     states = recovering(
-        partial(play_and_learn, config, run, report, say, record_faults, learners),
-        state,
-        addresses,
-        revive,
+        partial(play_and_learn, config, run, report, say, record_faults, learners), state, addresses, revive,
         config.restarts,
-    )
+    )  # fmt: skip
     try:
         with closing(states):
             for state in states:

@@ -6,15 +6,7 @@ All of it is one compiled function. A test holds the result to autograd's within
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.ppo.fast.kernels import (
-    NO_MASKS,
-    Action,
-    Gradient,
-    Head,
-    Target,
-    compiled,
-    loss_gradient,
-)
+from joybridge.trainer.ppo.fast.kernels import NO_MASKS, Action, Gradient, Head, Target, compiled, loss_gradient
 from joybridge.trainer.ppo.fast.towers import Dense, Form, backward, dense, form, forward, hidden_width
 from joybridge.trainer.ppo.loss import Batch
 from joybridge.trainer.ppo.networks import Network
