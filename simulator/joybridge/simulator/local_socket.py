@@ -56,6 +56,8 @@ class LocalSocket:
         try:
             connection, _ = self._listener.accept()
         except TimeoutError:
+            with self._lock:
+                self._stop_listening()  # before the client hears of it, so it finds nothing left
             text = f"no connection to the socket (see --start-seconds) for {self._seconds:g} s; open a new stream"
             raise Refusal(pb.REASON_IDLE, text) from None
         except OSError:
