@@ -27,6 +27,8 @@ def test_more_simulators_help_until_the_policies_are_slower():
 
 def test_several_learners_divide_the_work_and_pay_for_their_gradients():
     assert predict(COSTS, 1000, learners=10, gradients=0.5).rate == pytest.approx(10.0 / 19e-6)
+    assert predict(COSTS._replace(wait=20e-6), 1000, learners=10, gradients=0.5).rate == pytest.approx(10.0 / 39e-6)
+    assert predict(COSTS._replace(wait=20e-6), 2).saturated == "wait"
     with pytest.raises(ValueError, match="4 cores for 4 learners"):
         predict(COSTS, 4, learners=4)
 
@@ -46,6 +48,7 @@ def test_the_page_is_drawn_from_figures_alone(tmp_path):
     }
     scale.write_page(json.loads(json.dumps(figures)), tmp_path)
     text = (tmp_path / "README.md").read_text()
-    assert "simulate 4.0, wire 4.0, act 4.0, learn 10.0" in text
-    assert "| shooting_birds/bucket-11 | 1 | 55 556 | 40 000 | 1.39 |" in text
+    assert "simulate 4.0, wire 4.0, act 4.0, wait 7.0, learn 10.0" in text
+    assert "| shooting_birds/bucket-11 | 1 | 40 000 | 40 000 | 1 |" in text
+    assert "| shooting_birds/bucket-11 | 2 | 47 619 | 40 000 | 1.19 |" in text
     assert (tmp_path / "curves.png").stat().st_size > 1000

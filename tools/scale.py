@@ -45,6 +45,7 @@ class Costs(NamedTuple):
     wire: float  # messages, in a simulator
     act: float  # all that the trainer does to play
     learn: float
+    wait: float = 0.0  # of the trainer for messages, also where simulators are fast enough
 
 
 class Prediction(NamedTuple):
@@ -58,19 +59,19 @@ class Prediction(NamedTuple):
 def predict(costs: Costs, cores: int, learners: int = 1, gradients: float = 0.0, simulators: int = 0) -> Prediction:
     """Return how fast training is. The other cores run simulators, or only so many of them, if given.
 
-    While the arenas are played, simulators and policies work at the same time; learning waits for both. Several
-    learners divide the arenas, and learning takes a fraction `gradients` longer. Raises ValueError without a core for
-    simulators.
+    While the arenas are played, simulators and policies work at the same time; learning waits for both, and for the
+    messages. Several learners divide the arenas, and learning takes a fraction `gradients` longer. Raises ValueError
+    without a core for simulators.
     """
     simulators = simulators or cores - learners
     if not 1 <= simulators <= cores - learners:
         raise ValueError(f"{cores} cores for {learners} learners and {simulators} simulators, expected one each")
     played = {"simulate": costs.simulate / simulators, "wire": costs.wire / simulators}
     learn = costs.learn * (1.0 + gradients * (learners > 1)) / learners
-    act = costs.act / learners
-    seconds = max(sum(played.values()), act) + learn
+    act, wait = costs.act / learners, costs.wait / learners
+    seconds = max(sum(played.values()), act) + wait + learn
     waits_for_simulators = sum(played.values()) > act
-    parts = {**(played if waits_for_simulators else {"act": act}), "learn": learn}
+    parts = {**(played if waits_for_simulators else {"act": act}), "wait": wait, "learn": learn}
     saturated = max(parts, key=lambda name: parts[name])
     return Prediction(saturated, 1.0 / seconds, 1e9 * seconds * cores / 3600.0)
 
@@ -189,14 +190,15 @@ def processor_seconds(process: int) -> float:
 
 
 def costs_of(figures: Figures, experiment: str) -> Costs:
-    """Return the costs that were measured in a training with one simulator."""
+    """Return the costs that were measured in a training with one simulator. Wait is what the others leave of it."""
     game = experiment.split("/")[0]
     one = figures["trainings"][experiment][0]
     arenas = load_config(CONFIGS / f"{experiment}.yaml").arenas
     nearest = min(figures["arenas"][game], key=lambda point: abs(np.log(point["arenas"] / arenas)))
     share = min(1.0, nearest["simulate_us"] / nearest["simulator_cpu_us"]) if nearest["simulator_cpu_us"] else 1.0
     total = one["simulators_cpu"]
-    return Costs(total * share, total * (1.0 - share), one["act"], one["learn"])
+    wait = max(0.0, 1.0 / one["per_second"] - max(total, one["act"]) - one["learn"])
+    return Costs(total * share, total * (1.0 - share), one["act"], one["learn"], wait)
 
 
 def write_page(figures: Figures, folder: Path) -> None:
@@ -206,7 +208,7 @@ def write_page(figures: Figures, folder: Path) -> None:
 
 
 def draw(figures: Figures, folder: Path) -> None:
-    """Draw the curves: cost, latency and memory by arenas and by sessions, and memory over a training."""
+    """Draw the curves: cost, latency and memory by arenas, rate and latency by sessions, memory over a training."""
     figure, panels = plt.subplots(2, 3, figsize=(12, 7), layout="constrained")
     for game in GAMES:
         points, many = figures["arenas"][game], figures["sessions"][game]
@@ -216,8 +218,7 @@ def draw(figures: Figures, folder: Path) -> None:
         panels[0, 1].plot(arenas, [p["p95_us"] for p in points], ":", color=line.get_color(), label=f"{game}, p95")
         panels[0, 2].plot(arenas, [p["mb"] for p in points], "o-", label=game)
         panels[1, 0].plot(sessions, [p["per_second"] for p in many], "o-", label=game)
-        (line,) = panels[1, 1].plot(sessions, [p["p95_us"] for p in many], "o-", label=f"{game}, p95, µs")
-        panels[1, 1].plot(sessions, [p["mb"] for p in many], ":", color=line.get_color(), label=f"{game}, MB")
+        panels[1, 1].plot(sessions, [p["p95_us"] for p in many], "o-", label=game)
     for experiment, runs in figures["trainings"].items():
         memory = runs[0]["memory"]
         for name, style in (("trainer", "-"), ("simulator", ":")):
@@ -225,7 +226,7 @@ def draw(figures: Figures, folder: Path) -> None:
             panels[1, 2].plot(x, [point[name] for point in memory], style, label=f"{experiment}, {name}")
     titles = [
         ("µs per agent-step", "arenas"), ("round trip, µs", "arenas"), ("memory of the simulator, MB", "arenas"),
-        ("agent-steps per second", "sessions of 16 arenas"), ("round trip and memory", "sessions of 16 arenas"),
+        ("agent-steps per second", "sessions of 16 arenas"), ("round trip p95, µs", "sessions of 16 arenas"),
         ("memory in training, MB", "million timesteps"),
     ]  # fmt: skip
     for panel, (title, below) in zip(panels.flat, titles, strict=True):
@@ -233,8 +234,11 @@ def draw(figures: Figures, folder: Path) -> None:
         panel.set_xlabel(below, fontsize=9)
         if below != "million timesteps":
             panel.set_xscale("log", base=2)
+            panel.xaxis.set_major_formatter("{x:.0f}")
+        if "µs" in title:
             panel.set_yscale("log")
-        panel.set_ylim(bottom=0.0 if below == "million timesteps" else None)
+        else:
+            panel.set_ylim(0.0, 1.1 * panel.get_ylim()[1])
         panel.legend(frameon=False, fontsize=7)
         panel.grid(alpha=0.3)
         panel.spines[["top", "right"]].set_visible(False)
@@ -247,8 +251,8 @@ def page(figures: Figures) -> list[str]:
     lines = [
         "# Scale", "",
         "How time and memory grow with arenas, sessions and timesteps, and a model of more cores.",
-        "`python -m tools.scale` measures all of it anew and writes this page. It needs a machine of its own.",
-        "",
+        "`python -m tools.scale`, in a checkout, measures all of it anew and writes this page. It needs a machine of its",
+        "own.", "",
         f"Measured on {figures['machine']}, over a Unix socket, with random actions.", "",
         "![Curves](curves.png)", "",
     ]  # fmt: skip
@@ -278,13 +282,13 @@ def page(figures: Figures) -> list[str]:
                 rows.append([experiment, learners, cores, found.saturated, found.rate, found.core_hours])
         lines.append(
             f"{experiment}, µs per timestep: simulate {1e6 * costs.simulate:.1f}, wire {1e6 * costs.wire:.1f}, "
-            f"act {1e6 * costs.act:.1f}, learn {1e6 * costs.learn:.1f}."
+            f"act {1e6 * costs.act:.1f}, wait {1e6 * costs.wait:.1f}, learn {1e6 * costs.learn:.1f}."
         )
         lines.append("")
     lines += table(
         ["training", "learners", "cores", "saturated", "timesteps per second", "core-hours per 1 B timesteps"], rows
     )
-    lines += ["Predicted beside measured, on this machine:", ""]
+    lines += ["Predicted beside measured, on this machine (with one simulator, wait makes them equal):", ""]
     lines += table(["training", "simulators", "predicted", "measured", "ratio"], checks)
     return lines[:-1]
 
@@ -292,10 +296,11 @@ def page(figures: Figures) -> list[str]:
 MODEL = [
     "A timestep costs four parts of processor time: *simulate* and *wire* in a simulator, *act* and *learn* in a",
     "learner. Simulators are spread over all cores but those of the learners. While arenas are played, simulators and",
-    "policies work at the same time, and the slower of both counts; learning comes after that. Several learners divide",
-    f"act and learn; to add their gradients is assumed to cost {GRADIENTS:.0%} of learning. The network is",
-    "assumed to be fast enough. The part that the others wait for most is *saturated*. All cores are counted, also",
-    "those that wait.",
+    "policies work at the same time, and the slower of both counts. Learning comes after that. *Wait* is the rest of a",
+    "timestep with one simulator: the trainer waits for messages, also where the simulator is fast enough. Several",
+    f"learners divide act, wait and learn; to add their gradients is assumed to cost {GRADIENTS:.0%} of learning. The",
+    "network is assumed to be fast enough. The largest part is *saturated*. All cores are counted, also those that",
+    "wait.",
 ]
 
 
