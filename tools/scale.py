@@ -251,8 +251,8 @@ def page(figures: Figures) -> list[str]:
     lines = [
         "# Scale", "",
         "How time and memory grow with arenas, sessions and timesteps, and a model of more cores.",
-        "`python -m tools.scale`, in a checkout, measures all of it anew and writes this page. It needs a machine of its",
-        "own.", "",
+        "`python -m tools.scale`, in a checkout, measures all of it anew and writes this page. It needs a machine of",
+        "its own.", "",
         f"Measured on {figures['machine']}, over a Unix socket, with random actions.", "",
         "![Curves](curves.png)", "",
     ]  # fmt: skip
