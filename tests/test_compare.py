@@ -334,6 +334,19 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
     assert "**Too few runs for a significance test**: the smallest p value that is possible with them is 0.1." in text
 
 
+def test_nothing_is_bold_if_no_difference_can_be_significant():
+    scores = {"good": runs([10.0], [11.0]), "bad": runs([0.0], [1.0])}
+    text = text_of(analyze("reward", scores))
+    assert "| good |  | 100 % [100, 100] |" in text and "| good | 2 | 10.5 [10, 11] |" in text
+    assert "Nothing is bold: with so few runs the smallest p value that is possible is 0.33," in text
+    assert "**Bold**" not in text and "**100" not in text and "**good**" not in text
+    three = {name: runs(*([score + i] for i in range(4))) for name, score in (("a", 0.0), ("b", 10.0), ("c", 20.0))}
+    text = text_of(analyze("reward", three))  # four runs are enough for one pair, but not for three
+    assert "possible is 0.086," in text and "| a |  | 0 % [0, 0] | 0 % [0, 0] |" in text
+    del three["c"]
+    assert "| a |  | **0 % [0, 0]** |" in text_of(analyze("reward", three))
+
+
 def test_variants_that_play_the_same_are_named():
     text = text_of(analyze("reward", {"hybrid": runs([1.0], [2.0]), "x": runs([1.0]), "y": runs([1.0], [2.0])}))
     assert "**hybrid and y have the same score with every seed.**" in text and text.count("the same score") == 1

@@ -155,7 +155,7 @@ def compare(options: argparse.Namespace) -> int:
     analysis = analyze(options.metric, {label: runs[label] for label in policies if label in runs}, options.score)
     setting = Setting(variants[0].config.game, [job.timesteps for job in jobs], policies, repetition(options), missing)
     paths = write_page(analysis, setting, options.output)
-    print(final_scores(analysis.results), "", *paths, sep="\n")
+    print(final_scores(analysis), "", *paths, sep="\n")
     if (best := best_run(analysis, jobs)).exists():
         say_next("evaluate", str(best))
     return 1 if missing else 0

@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from statistics import mean
@@ -74,19 +75,21 @@ def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]
 
 def page_text(analysis: Analysis, setting: Setting) -> str:
     """Return the page as Markdown. Only the section "Wall-clock time" differs when a comparison is made again."""
-    results, blocks = analysis.results, [f"# {escaped(setting.game)}: {_count(len(analysis.results), 'variant')}"]
+    blocks = [f"# {escaped(setting.game)}: {_count(len(analysis.results), 'variant')}"]
     blocks += [_introduction(analysis, setting), *_warnings(analysis, setting)]
-    blocks += ["## Final scores", final_scores(results), picture_block("scores", CAPTIONS["scores"])]
+    enough = analysis.smallest_p < SIGNIFICANCE
+    blocks += ["## Final scores", final_scores(analysis), picture_block("scores", CAPTIONS["scores"])]
     blocks += ["## Learning curves", picture_block("curves", CAPTIONS["curves"])]
     if analysis.pairs:
         blocks += ["## Which variant is better", _better(analysis)]
         blocks += [
             "The probability that a run of the row has a higher score than one of the column, with its 95 % "
-            "interval. **Bold**: the interval does not contain 50 %.",
-            _matrix(analysis, _improvement_cell),
+            f"interval. {'**Bold**: the interval does not contain 50 %.' if enough else _nothing_bold(analysis)}",
+            _matrix(analysis, partial(_improvement_cell, bold=enough)),
         ]
-        blocks += ["The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method. "
-                   "**Bold**: below 0.05.", _matrix(analysis, _p_cell)]  # fmt: skip
+        bold = " **Bold**: below 0.05." if enough else ""
+        blocks += [f"The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method."
+                   f"{bold}", _matrix(analysis, _p_cell)]  # fmt: skip
     blocks += ["## Performance profiles", picture_block("profiles", CAPTIONS["profiles"])]
     blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
     blocks += ["## Wall-clock time", _wall_clock(analysis)]
@@ -181,14 +184,27 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
             f"**Too few runs for a significance test**: the smallest p value that is possible with them is "
-            f"{min(1.0, analysis.smallest_p):.2g}. Repeat the command with more `--seeds`; finished runs are kept."
+            f"{_smallest_p(analysis)}. Repeat the command with more `--seeds`; finished runs are kept."
         )
     return blocks
 
 
-def final_scores(results: Sequence[Result]) -> str:
-    """Return the scores of all variants as a table in Markdown; the best is bold."""
-    best = max(result.iqm.value for result in results)
+def _nothing_bold(analysis: Analysis) -> str:
+    """Return why nothing is bold: a bootstrap over two runs, for example, only knows these two."""
+    return (
+        f"Nothing is bold: with so few runs the smallest p value that is possible is {_smallest_p(analysis)}, and "
+        "their bootstrap intervals are too narrow."
+    )
+
+
+def _smallest_p(analysis: Analysis) -> str:
+    return f"{min(1.0, analysis.smallest_p):.2g}"
+
+
+def final_scores(analysis: Analysis) -> str:
+    """Return the scores of all variants as a table in Markdown; the best is bold if differences can be significant."""
+    results = analysis.results
+    best = max(result.iqm.value for result in results) if analysis.smallest_p < SIGNIFICANCE else None
     rows = [
         (
             f"**{escaped(result.label)}**" if result.iqm.value == best else escaped(result.label),
@@ -224,12 +240,12 @@ def _matrix(analysis: Analysis, cell: Callable[[Pair, bool], str]) -> str:
     return table(("", *map(escaped, labels)), rows)
 
 
-def _improvement_cell(pair: Pair, reverse: bool) -> str:
+def _improvement_cell(pair: Pair, reverse: bool, *, bold: bool) -> str:
     value, low, high = pair.improvement
     if reverse:
         value, low, high = 1 - value, 1 - high, 1 - low
     text = f"{100 * value:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
-    return text if low <= 0.5 <= high else f"**{text}**"
+    return f"**{text}**" if bold and not low <= 0.5 <= high else text
 
 
 def _p_cell(pair: Pair, reverse: bool) -> str:
