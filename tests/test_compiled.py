@@ -1,6 +1,8 @@
 """Rules are compiled with a cache on disk, or without one where no folder can be written."""
 
 import logging
+import subprocess
+import sys
 from importlib import import_module
 
 import pytest
@@ -16,5 +18,17 @@ def test_without_a_folder_for_the_cache_functions_are_compiled_all_the_same(modu
     with caplog.at_level(logging.WARNING):
         double = compiled(lambda x: 2 * x)
     assert double(21) == 42
-    assert double.signatures
+    assert getattr(double, "dispatcher", double).signatures
     assert ("set NUMBA_CACHE_DIR to one" in caplog.text) == (module == MODULES[0])
+
+
+def test_numba_is_imported_when_a_compiled_function_is_called_and_not_before():
+    program = """
+import sys
+from joybridge.simulator.catalog import load_games
+from joybridge.simulator.trigonometry import sine
+load_games()
+print("numba" in sys.modules, sine(0.0), "numba" in sys.modules)
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["False", "0.0", "True"]
