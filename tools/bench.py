@@ -308,7 +308,7 @@ def bench_start(timesteps: int = 1_500_000) -> Figures:
     def update() -> float:
         """Return when the first row of metrics is there, which the first update is followed by."""
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "joybridge.trainer", "train", str(experiment), "--run", f"{folder}/run"]
+            command = [sys.executable, "-m", "joybridge", "train", str(experiment), "--run", f"{folder}/run"]
             begin = time.perf_counter()
             silence = subprocess.DEVNULL
             with subprocess.Popen([*command, "log_interval=4425"], stdout=silence, stderr=silence) as process:

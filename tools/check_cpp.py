@@ -135,7 +135,7 @@ def check_export(address: str, folder: Path, reward: float) -> None:
 
 def learn(address: str, folder: Path, overrides: Sequence[str]) -> float:
     """Train a policy and return its mean reward per episode."""
-    trainer = (sys.executable, "-m", "joybridge.trainer")
+    trainer = (sys.executable, "-m", "joybridge")
     run(*trainer, "train", str(CONFIG), "--simulator", address, "--run", str(folder), *overrides)
     *_, last = run(*trainer, "evaluate", str(folder), "--simulator", address, "--episodes", "64", "--json")
     result: dict[str, Any] = json.loads(last)

@@ -14,6 +14,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
+from joybridge.conformance.process import leave
+
 INTERRUPTED = 128 + signal.SIGINT  # exit status, as of a shell
 
 
@@ -107,12 +109,7 @@ def run() -> NoReturn:
     open_streams()
     if sys.argv[1:2] not in (["serve"], ["train"]) and hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # ends quietly once the reader of its output has, as in `| head`
-    status = main()
-    if sys.argv[1:2] in (["check"], ["doctor"]) or status == INTERRUPTED:
-        from joybridge.conformance.process import leave
-
-        leave(status)
-    sys.exit(status)
+    leave(main())
 
 
 def usage() -> str:

@@ -4,8 +4,9 @@ import atexit
 import os
 import signal
 import sys
-from contextlib import suppress
 from typing import NoReturn
+
+LOST = 120  # exit status, as of Python: output could not be written
 
 
 def leave(status: int) -> NoReturn:
@@ -18,6 +19,10 @@ def leave(status: int) -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError):  # nobody reads the output any more
+        try:
             stream.flush()
+        except BrokenPipeError:  # nobody reads the output any more
+            pass
+        except OSError:
+            status = status or LOST
     os._exit(status)

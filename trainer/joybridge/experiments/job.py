@@ -99,7 +99,7 @@ class Job:
         The command's standard input must be `lifeline()`.
         """
         resume = ["--resume"] if has_checkpoint(run) else []
-        trainer = [sys.executable, "-m", "joybridge.trainer", "train", "--with-parent"]
+        trainer = [sys.executable, "-m", "joybridge", "train", "--with-parent"]
         return [*trainer, str(config), "--run", str(run), *self.arguments, *self.settings(), *resume]
 
     def failure(self, status: int) -> str:
