@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from joybridge.conformance.expectations import expect
+from joybridge.conformance.expectations import Violation, expect
 from joybridge.conformance.step_view import StepView, tensor_error
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -27,8 +27,9 @@ def expect_finite(view: StepView, final: bool = False) -> None:
     """Raise Violation if an observation is NaN or infinite."""
     for sensor, values in view.observations(final):
         if sensor.dtype == pb.DTYPE_FLOAT32:
-            bad = values[~np.isfinite(values)]
-            expect(not bad.size, f"{bad[:1]} from sensor {sensor.name!r} of {view.where}", "finite numbers")
+            finite = np.isfinite(values)
+            if not finite.all():
+                raise Violation(f"{values[~finite][:1]} from sensor {sensor.name!r} of {view.where}", "finite numbers")
 
 
 def expect_in_bounds(view: StepView, final: bool = False) -> None:
@@ -39,9 +40,10 @@ def expect_in_bounds(view: StepView, final: bool = False) -> None:
         for bounds, sign, side in ((sensor.low, 1, "at least"), (sensor.high, -1, "at most")):
             if len(bounds) in (1, size):
                 bad = sign * flat < sign * np.array(bounds)
-                limit = np.broadcast_to(np.array(bounds), flat.shape)[bad][:1]
-                got = f"{flat[bad][:1]} from sensor {sensor.name!r} of {view.where}"
-                expect(not bad.any(), got, f"{side} {limit}")
+                if bad.any():
+                    limit = np.broadcast_to(np.array(bounds), flat.shape)[bad][:1]
+                    got = f"{flat[bad][:1]} from sensor {sensor.name!r} of {view.where}"
+                    raise Violation(got, f"{side} {limit}")
 
 
 def expect_masks(view: StepView) -> None:
