@@ -7,6 +7,8 @@ The wheel holds `configs/` as `joybridge/configs`. An editable install has no co
 
 import difflib
 import io
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,8 @@ _CHECKOUT = Path(__file__).parents[3] / "configs"
 FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 LARGEST = 2**16  # bytes of a file, and values in it
 DEEPEST = 10  # mappings and lists inside each other; files that extend each other
+OPENING = "[{-:?"  # each mapping and list has one of these characters
+OPENING = "[{-:?"  # each mapping and list has one of these characters
 BASE = "common"  # stem of files that other files extend; they are not trained themselves
 
 
@@ -77,19 +81,27 @@ def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
 def parse_yaml(text: str, what: str) -> Any:
     """Return the content of a YAML text; `what` names it in errors. Raises ConfigError."""
     try:
-        _check_depth(text)
-        data = YAML(typ="safe", pure=True).load(text)
-        _check_size(data)
+        return deepcopy(_parse(text))
     except (YAMLError, ValueError) as error:  # ValueError: a date that does not exist
         problem = getattr(error, "problem", None) or str(error)
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark is not None else ""
         raise ConfigError(f"{what} is not YAML{where}: {problem}") from error
+
+
+@lru_cache(256)  # a comparison or a search reads the same files and overrides hundreds of times
+def _parse(text: str) -> Any:
+    """Return the content of a YAML text. Raises YAMLError and ValueError."""
+    _check_depth(text)
+    data = YAML(typ="safe", pure=True).load(text)
+    _check_size(data)
     return data
 
 
 def _check_depth(text: str) -> None:
     """Raise ValueError for a text that is nested so deeply that reading it would take very long."""
+    if sum(map(text.count, OPENING)) <= DEEPEST:
+        return
     depth = 0
     for event in YAML(typ="safe", pure=True).parse(text):
         depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
