@@ -1,5 +1,6 @@
 """What tests share: a real server process, with the tests' own games."""
 
+import gc
 import signal
 from collections.abc import Iterator
 
@@ -12,6 +13,8 @@ from tests.support.games import PLACES
 # A shell that starts the tests in the background lets them, and the programs that they start, ignore interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+gc.disable()  # until all tests are imported, which makes no garbage
+
 # A busy machine is no failure.
 settings.register_profile("joybridge", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("joybridge")
@@ -21,6 +24,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the files with slow tests first: a long file at the end would keep one process busy alone."""
     files = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in files)
+
+
+def pytest_collection_finish() -> None:
+    """Let garbage collection pass over what was imported: there are hundreds of thousands of objects."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

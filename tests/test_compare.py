@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from joybridge.experiments import compare as command
-from joybridge.experiments import launch
+from joybridge.experiments import grid, launch
 from joybridge.experiments import page as pages
 from joybridge.experiments.analysis import Analysis, analyze
 from joybridge.experiments.job import Job
@@ -43,6 +43,7 @@ def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done
             patch.setattr(pages, "draw_pictures", lambda *_: None)
         patch.chdir(folder)
         patch.setattr(launch, "start", train_here)
+        patch.setattr(grid, "POLL_SECONDS", 0.0)  # they have ended when they are polled
         Path("small.yaml").write_text(SMALL)
         shared = ["--layouts", "hybrid", "bucket-3", "--seeds", "2", "--output", str(OUT), "--simulator", simulator]
         return joybridge("compare", "small.yaml", *shared, *more)
