@@ -16,7 +16,7 @@ from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.options import balanced_options
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.client import describe
-from tools.paper import behavior, videos
+from tools.paper import behavior, birds, videos
 from tools.paper.behavior import Trace, add_measures, beastly_rivals, lap_radius, measure, shooting_birds
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -88,7 +88,8 @@ def test_a_window_counts_if_three_episodes_last_through_it():
 
 
 def rivals(decisions=12, lanes=3) -> dict[str, Any]:
-    sensors = {"character": np.zeros((decisions, lanes, 4)), "slow_sphere": np.full((decisions, lanes, 4), 1.0)}
+    sensors = {name: np.zeros((decisions, lanes, 4)) for name in ("character", "cursor")}
+    sensors["slow_sphere"] = np.full((decisions, lanes, 4), 1.0)
     pressed = {name: np.zeros((decisions, lanes), bool) for name in ("move", "blink")}
     metrics = {name: np.full((decisions, lanes), np.nan) for name in ("survival", "blinks")}
     return {
@@ -115,6 +116,12 @@ def test_blinks_and_survival_are_means_over_episodes():
     assert measures["survival_seconds"] == pytest.approx(9 * 0.12) and measures["blinks_per_episode"] == 1.5
 
 
+def test_a_clock_is_survived_if_its_only_episode_ends_with_it():
+    made = rivals(lanes=4)
+    made["ended"][[3, 7, 5], [0, 0, 2]] = True
+    assert beastly_rivals(trace(**made))["clocks_survived"] == 0.5
+
+
 def test_time_in_the_slow_sphere_and_the_same_by_chance():
     made = rivals()
     made["sensors"]["character"][:, 0, :2] = 6.0 / 7.0, 0.0
@@ -131,7 +138,7 @@ def test_time_in_the_slow_sphere_and_the_same_by_chance():
 # -------------------------------------------------------------------------------------------------- Shooting Birds
 
 
-def birds(decisions=40, lanes=2) -> dict[str, Any]:
+def shooter(decisions=40, lanes=2) -> dict[str, Any]:
     sensors = {"crosshair": np.zeros((decisions, lanes, 5)), "gun": np.ones((decisions, lanes, 2))}
     pressed = {"shoot": np.zeros((decisions, lanes), bool)}
     metrics = {name: np.full((decisions, lanes), np.nan) for name in ("hits", "click_accuracy")}
@@ -145,7 +152,7 @@ def birds(decisions=40, lanes=2) -> dict[str, Any]:
 
 
 def test_speeds_are_in_units_per_second_whatever_their_sign():
-    made = birds()
+    made = shooter()
     made["sensors"]["crosshair"][::2, :, 2:] = 0.6, -0.8, 0.5
     made["sensors"]["crosshair"][1::2, :, 2:] = -0.8, 0.6, 1.0
     measures = shooting_birds(trace(**made))
@@ -153,13 +160,13 @@ def test_speeds_are_in_units_per_second_whatever_their_sign():
 
 
 def test_a_shot_every_ten_decisions_is_one_every_fifth_of_a_second():
-    made = birds()
+    made = shooter()
     made["pressed"]["shoot"][3::10] = True
     assert shooting_birds(trace(**made))["seconds_between_shots"] == pytest.approx(0.2)
 
 
 def test_an_empty_gun_does_not_shoot_and_the_last_episode_does_not_count():
-    made = birds()
+    made = shooter()
     made["pressed"]["shoot"][3::10] = True
     made["sensors"]["gun"][13, :, 0] = 0.0
     assert shooting_birds(trace(**made))["seconds_between_shots"] == pytest.approx((0.4 + 0.2) / 2)
@@ -170,7 +177,7 @@ def test_an_empty_gun_does_not_shoot_and_the_last_episode_does_not_count():
 
 
 def test_hits_are_counted_per_level():
-    made = birds(lanes=6)
+    made = shooter(lanes=6)
     made["metrics"]["hits"][-1] = 10, 20, 1, 3, 5, 5
     made["metrics"]["click_accuracy"][-1] = 0.5, 1.0, 1.0, 1.0, 0.5, 0.5
     measures = shooting_birds(trace(**made, groups=3))
@@ -209,20 +216,21 @@ def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, ca
     levels = balanced_options(config, describe(simulator, config.game, {}))
     assert list(levels) == list("0123456")
     fewer = {level: levels[level] for level in "26"}
+    monkeypatch.setattr(birds, "EPISODE_TICKS", 200)
     monkeypatch.setattr(playing, "balanced_options", lambda config, _: fewer if config.evaluate_over else {"": {}})
     output = tmp_path / "behavior.json"
     assert behavior.main([*map(str, runs.values()), "--episodes", "4", "--output", str(output)]) == 0
     found = json.loads(output.read_text())
     assert list(found) == ["beastly_rivals/bucket-3-s0", "shooting_birds/bucket-3-s0"]
-    rivals, birds = found.values()
-    assert birds["episodes"] == 4 and birds["timesteps"] == rivals["timesteps"] == 60
-    assert len(birds["hits_per_level"]) == 2
+    rivals, shooter = found.values()
+    assert shooter["episodes"] == 4 and shooter["timesteps"] == rivals["timesteps"] == 60
+    assert len(shooter["hits_per_level"]) == 2 and {"side_changes", "half_hidden_hits", "dense_hits"} <= set(shooter)
     # Untrained, 3 values per axis: speed is 50 in two of three, its angle -90°, 0° or 90°.
-    assert birds["abs_vx"] == pytest.approx(50 * 2 / 3 / 3, rel=0.15)
-    assert birds["abs_vy"] == pytest.approx(50 * 2 / 3 * 2 / 3, rel=0.15)
+    assert shooter["abs_vx"] == pytest.approx(50 * 2 / 3 / 3, rel=0.15)
+    assert shooter["abs_vy"] == pytest.approx(50 * 2 / 3 * 2 / 3, rel=0.15)
     # It presses shoot and reload in a third of the decisions each, so the gun is hardly ever empty for long.
-    assert birds["seconds_between_shots"] == pytest.approx(0.06, rel=0.1)
-    assert 0.0 <= birds["click_accuracy"] < 0.1
+    assert shooter["seconds_between_shots"] == pytest.approx(0.06, rel=0.1)
+    assert 0.0 <= shooter["click_accuracy"] < 0.1
     assert rivals["episodes"] > 4 and 1.0 < rivals["survival_seconds"] < 60.0
     assert rivals["commands_per_decision"] == pytest.approx(2 / 3, abs=0.05)  # move, blink, nothing
     assert rivals["blinks_per_episode"] > 0
@@ -232,6 +240,18 @@ def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, ca
     assert (tmp_path / "figures" / "behavior.png").stat().st_size > 10_000
     again = measure(runs["beastly_rivals"], simulator, episodes=4, seed=1)
     assert again == ("beastly_rivals/bucket-3-s0", rivals)
+
+
+@pytest.mark.slow
+def test_birds_that_are_hit_are_replaced_at_the_edge(runs, monkeypatch):
+    monkeypatch.setattr(birds, "EPISODE_TICKS", 300)
+    field = birds.watch(runs["shooting_birds"], episodes=8, seed=1)
+    assert field.crosshair.shape == (300, 14, 2)
+    hits, jumps = field.hits[:-1], abs(np.diff(field.birds, axis=0)).max(axis=-1) > 1.0
+    assert hits.sum() >= 3 and jumps[hits].mean() > 0.8  # those that are hit at the edge appear near it again
+    assert (abs(field.birds[1:][hits][:, 0]) > 19.0).all() and jumps.sum() < hits.sum() + 10  # the others flew out
+    assert not field.hidden[field.size == 0].any() and 0.1 < (field.hidden[field.size == 2] > 0.5).mean() < 0.5
+    assert (field.hidden[field.hits] < 1.0).all()
 
 
 def test_a_game_without_measures_is_refused_by_name(simulator, tmp_path):

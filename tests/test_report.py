@@ -414,6 +414,18 @@ def test_complete_runs_are_set_against_the_originals_ten(page):
     assert "| Beastly Rivals hybrid, seed 0 | 80.0 |  | not in the paper |" in page
 
 
+def test_policies_of_shorter_trainings_are_shown_and_decide_where_too_few_are_complete(results):
+    assert "The same of policies" not in page_text(results, {})
+    shorter = results / "action-spaces" / "behavior.json"
+    shorter.parent.mkdir()
+    made = {f"shooting_birds/bucket-3-s{n}": {"half_hidden_hits": 0.8 + n / 100, "timesteps": EARLY} for n in range(3)}
+    shorter.write_text(json.dumps(made))
+    text = page_text(results, {})
+    assert "The same of policies" in text and "| bucket-3-s2 | 0.82 | 3000000 |" in text
+    assert "| Half hidden birds are hit | Shooting Birds | **holds** at 3 M | no logs |" in text
+    shorter.unlink()
+
+
 def test_every_claim_is_stated_with_a_verdict(page):
     for number, claim in enumerate(judge_claims({}, {}), 1):
         assert f"| {number} | {claim.text} |" in page

@@ -25,6 +25,8 @@ from joybridge.trainer.playing import open_play
 from joybridge.trainer.wire.client import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
 from tools.paper.behavior_figure import draw
+from tools.paper.birds import measure_birds, watch
+from tools.paper.triangles import is_triangle, laps
 
 Measures = dict[str, Any]  # of one run, as in the JSON file
 
@@ -85,7 +87,23 @@ def beastly_rivals(trace: Trace) -> Measures:
         "slow_share": _mean(_near(places, spheres)),
         "slow_share_by_chance": _mean(_near(places, np.roll(spheres, 1, axis=1))),
         "survival_seconds": _mean(trace.metrics["survival"] * trace.seconds),
+        "clocks_survived": _mean(trace.ended.sum(axis=0) == 1),  # only once, by the clock
+        **triangles(trace),
     }
+
+
+def triangles(trace: Trace) -> Measures:
+    """Return which fraction of the cursor's laps are triangles, in the first and in the last third of the time limit.
+
+    None if fewer than FEWEST_EPISODES episodes have laps there.
+    """
+    cursor, third = trace.sensors["cursor"][..., :2] * PLACE_UNIT, len(trace.ended) // 3
+    measures: Measures = {}
+    for name, part in (("early_triangles", slice(third)), ("late_triangles", slice(2 * third, None))):
+        paths = [list(laps(cursor[episode][part], trace.seconds)) for episode in trace.episodes()]
+        found = [answer for path in paths for lap in path if (answer := is_triangle(lap)) is not None]
+        measures[name] = _mean(found) if sum(map(bool, paths)) >= FEWEST_EPISODES else None
+    return measures
 
 
 def lap_radius(trace: Trace, places: Array) -> list[list[float]]:
@@ -135,7 +153,10 @@ def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, 
     if config.game not in GAMES:
         raise ConfigError(f"{run} plays {config.game}; behavior is measured in {' and '.join(GAMES)}")
     trace, timesteps = play(run, address, episodes=episodes, seed=seed)
-    measures = GAMES[config.game](trace) | {"timesteps": timesteps, "episodes": int(trace.ended.sum())}
+    measures = GAMES[config.game](trace)
+    if config.game == "shooting_birds":
+        measures |= measure_birds(watch(run, episodes=episodes, seed=seed))
+    measures |= {"timesteps": timesteps, "episodes": int(trace.ended.sum())}
     return f"{config.game}/{run.resolve().name.removeprefix(f'{config.game}-')}", measures
 
 
@@ -192,11 +213,11 @@ def show(known: dict[str, Measures]) -> None:
     """Print a table per game: a line per run, a column per measure, the first and the last value of lists."""
     for game in GAMES:
         rows = {name: entry for name, entry in sorted(known.items()) if name.startswith(f"{game}/")}
-        names = list(next(iter(rows.values()), {}))
+        names = list(dict.fromkeys(key for entry in rows.values() for key in entry))
         if rows:
             print(f"\n{game:<24}" + "".join(f"  {name:>{max(len(name), 11)}}" for name in names))
         for name, entry in rows.items():
-            cells = (f"{_cell(entry[key]):>{max(len(key), 11)}}" for key in names)
+            cells = (f"{_cell(entry.get(key)):>{max(len(key), 11)}}" for key in names)
             print(f"{name.removeprefix(f'{game}/'):<24}  " + "  ".join(cells))
 
 

@@ -31,6 +31,7 @@ PANELS = {
         ("Survival per episode, s", "survival_seconds"),
     ],
 }
+OTHERS = ("#999999", "#6A3D9A", "#B2A300")  # colors of layouts that are not among the paper's
 ABSCISSAE = {  # what lists are drawn over
     "lap_radius": "episode time, s",
     "hits_per_level": "level",
@@ -42,7 +43,7 @@ def draw(known: Known, output: Path) -> None:
     games = [game for game in PANELS if any(name.startswith(f"{game}/") for name in known)]
     layouts = {game: _longest(known, game) for game in games}
     names = sorted({name for of in layouts.values() for name in of}, key=_by_size)
-    colors = {name: COLORS.get(name.partition(",")[0], f"C{i}") for i, name in enumerate(names)}
+    colors = {name: COLORS.get(name.partition(",")[0], OTHERS[i % len(OTHERS)]) for i, name in enumerate(names)}
     figure, rows = plt.subplots(len(games), 4, figsize=(18, 4.4 * len(games)), layout="constrained", squeeze=False)
     for game, panels in zip(games, rows, strict=True):
         panels[0].set_ylabel(game.replace("_", " ").title(), fontsize=12)

@@ -1,7 +1,8 @@
 """The paper's claims, each with a verdict on our runs and one on the original's own logs.
 
 Claims about reward are judged at the largest number of timesteps that runs of all their layouts have reached. Before
-the end of complete runs they are judged only if the original shows the claim there and at its end.
+the end of complete runs they are judged only if the original shows the claim there and at its end. What the paper says
+in words of the behavior of trained policies is in `statements.py`, but for the claims in BEHAVIORS.
 """
 
 import math
@@ -13,7 +14,8 @@ from typing import Any
 
 from joybridge.experiments import RunName
 from tools.paper.original import original_ends, original_point, paper_figures
-from tools.paper.runs import COMPLETE, LAYOUTS, Experiment, Results, main_policy
+from tools.paper.runs import COMPLETE, Experiment, Results, main_policy
+from tools.paper.statements import PAPER, STATEMENTS, judge_statement
 from tools.paper.statistics import (
     FAILS,
     HOLDS,
@@ -149,7 +151,6 @@ COMPARISONS = (
     Comparison("The largest bucket takes longer to train (the paper: slightly)", BIRDS, above, (B41,), (B3,), "hours"),
     Comparison("The largest bucket takes longer to train (the paper: slightly)", RIVALS, above, (B41,), (B3,), "hours"),
 )  # fmt: skip
-PAPER = tuple(layout for layout in LAYOUTS if layout != "hybrid")  # the layouts that the paper compares
 BEHAVIORS = (
     BehaviorClaim("Laps around the pitch are large at first and become smaller", laps, PAPER),
     BehaviorClaim("Blinking hardly matters: policies almost never blink", blinks, PAPER),
@@ -160,12 +161,14 @@ BEHAVIORS = (
 )  # fmt: skip
 
 
-def judge_claims(results: Results, behavior: Behavior) -> list[Judged]:
-    """Judge every claim of the paper."""
+def judge_claims(results: Results, behavior: Behavior, shorter: Behavior | None = None) -> list[Judged]:
+    """Judge every claim of the paper. shorter: further policies, of shorter trainings, for the statements."""
+    policies = [*behavior.items(), *(shorter or {}).items()]
     judges = {"reward": _judge_rewards, "accuracy": _judge_accuracies, "hours": _judge_hours}
     return [
         *(Judged(c.text, c.game, judges[c.measure](c, results), judge_logs(c)) for c in COMPARISONS),
         *(Judged(claim.text, RIVALS, _judge_behavior(claim, behavior), None) for claim in BEHAVIORS),
+        *(Judged(each.text, each.game, Verdict(*judge_statement(each, policies)), None) for each in STATEMENTS),
     ]
 
 

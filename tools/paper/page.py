@@ -58,6 +58,28 @@ All tests use the 5 % level.
   is rare up to 10 blinks in 10 000 decisions. The slow sphere is neither sought nor avoided if the time in it is
   between 1/1.5 and 1.5 times that by chance; this excludes `multiagent`, where the sphere has no effect on the
   character."""
+STATEMENTS = """\
+What section VI-D of the paper says in words of trained policies is judged by a figure of each policy, a bound, and the
+95 % interval of the mean over policies by the t distribution. The statement *holds* if the whole interval is above the
+bound, *does not hold* if it is below, and is *undecided* otherwise. It is judged at the largest number of timesteps
+that three or more policies of the paper's layouts have trained. Means of ratios are geometric.
+
+- **Faster along x**: the mean speed along x over that along y; bound 1.
+- **Changes sides**: changes from the left to the right side of the field, or back, per time on a side on which no bird
+  can be hit, over the same on sides with birds; bound 2. Without regard to birds it is 1. A crosshair within 3 units
+  of the middle is still on its former side.
+- **Half hidden birds**: hits per time of birds of which 25 to 75 % are behind obstacles, over those of birds of the
+  same size in full view; bound 0.5. Large birds do not count, because nothing hides them.
+- **Dense regions**: hits per time of birds with two or more neighbors within 4 units, over those of birds without any.
+  A crowd is not shot at once, so this is below 1 for most policies. So the mean of the threshold policies over that of
+  the others is judged, which must be below 1.
+- **Triangle**: the fraction of the cursor's laps in the last third of the time limit that are triangles, which means
+  that the smallest triangle around the lap's convex hull is smaller than the smallest parallelogram; bound 0.5. Of a
+  circle or an ellipse, the parallelogram is smaller. This measure was chosen after a look at the paths of three of
+  the policies.
+- **Survive**: the fraction of clocks (240 s of an arena) without a death; bound 0.5. For complete runs, which were
+  measured before, it is the least that the number of episodes allows.
+- **Very frequent**: commands per second; bound 2."""
 CONTRADICTIONS = """\
 By the same rules, the original's own logs do not confirm these claims of the paper:"""
 EVIDENCE = """\
@@ -66,6 +88,10 @@ BEHAVIOR = """\
 Measured by `python -m tools.paper.behavior` on trained policies. Speeds are in units/s, `slow share` is a fraction of
 time. For comparison, the original's published bucket-11 network hits 157, 157, 127, 173, 131, 168 and 78 birds in
 levels 0 to 6."""
+SHORTER = """\
+The same of policies of 3 M timesteps, with the schedules and the settings of
+[action-spaces](EXPERIMENTS.md#action-spaces): other settings than those of the paper's layouts, and schedules that end
+after 3 M timesteps. *Early* and *late triangles* are of the first and the last third of the time limit."""
 EXPERIMENTS = """\
 The last figures of all runs. An experiment has a row per length of its runs, over all runs that are at least that long.
 In square brackets is the 95 % bootstrap confidence interval of the mean; with two or three runs it is no more than the
@@ -95,9 +121,8 @@ def write_report(folder: Path) -> list[Path]:
 
 def page_text(folder: Path, results: Results) -> str:
     """Return the page about the results in a folder."""
-    path = folder / "behavior.json"
-    behavior: Behavior = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    judged = judge_claims(results, behavior)
+    behavior, shorter = _behavior(folder), _behavior(folder / "action-spaces")
+    judged = judge_claims(results, behavior, shorter)
     blocks = [
         INTRODUCTION,
         "## Complete runs", COMPLETE_RUNS, tables.complete_experiments(results),
@@ -105,12 +130,14 @@ def page_text(folder: Path, results: Results) -> str:
         AGREEMENT, tables.agreement(results),
         "## The figures of the paper", FIGURES,
         *(f"![{caption}](figures/{name})\n\n{caption}" for name, caption in CAPTIONS.items()),
-        "## The paper's claims", RULES, tables.claims(judged),
+        "## The paper's claims", RULES, STATEMENTS, tables.claims(judged),
         CONTRADICTIONS, tables.contradictions(judged),
         EVIDENCE, tables.evidence(judged),
     ]  # fmt: skip
     if behavior:
         blocks += ["## Learned behavior", BEHAVIOR, *tables.behaviors(behavior)]
+    if shorter:
+        blocks += [SHORTER, *tables.behaviors(shorter)]
     if (folder / "figures" / "behavior.png").exists():
         blocks.append("![Behavior of trained policies](figures/behavior.png)")
     blocks += [
@@ -118,6 +145,13 @@ def page_text(folder: Path, results: Results) -> str:
         "## Reward over time", BY_MARKS, *tables.by_marks(results),
     ]  # fmt: skip
     return "\n\n".join(blocks) + "\n"
+
+
+def _behavior(folder: Path) -> Behavior:
+    """Return what was measured of the policies of the runs in a folder."""
+    path = folder / "behavior.json"
+    behavior: Behavior = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return behavior
 
 
 def readme_text(text: str, results: Results) -> str:

@@ -25,6 +25,7 @@ MARKS = (300_000, 1_200_000, 1_500_000, 3_000_000, 15_000_000, COMPLETE)  # time
 LAST_TEN = tuple(range(COMPLETE - 9 * MARK, COMPLETE + 1, MARK))
 ENOUGH = 3  # complete runs of an experiment whose mean and variance are tested
 COURSES = ("lap_radius",)  # figures over time, which only a plot can show
+LAST = ("timesteps", "episodes")  # columns
 INSIDE = "inside"
 NONE = "There is no complete run yet."
 
@@ -105,7 +106,8 @@ def behaviors(behavior: Behavior) -> list[str]:
     blocks = []
     for game, title in TITLES.items():
         chosen = {name: figures for name, figures in sorted(behavior.items()) if name.startswith(f"{game}/")}
-        keys = dict.fromkeys(key for figures in chosen.values() for key in figures if key not in COURSES)
+        found = dict.fromkeys(key for figures in chosen.values() for key in figures if key not in COURSES)
+        keys = sorted(found, key=lambda key: key in LAST)
         rows = [
             (name.removeprefix(f"{game}/"), *(_figure(figures.get(key)) for key in keys))
             for name, figures in chosen.items()
