@@ -97,7 +97,7 @@ def field(decisions=400, birds=2, **changes) -> Field:
         "size": np.full((decisions, 1, birds), 2), "hidden": np.zeros((decisions, 1, birds)),
         "hit": np.full((decisions, 1), -1),
     }  # fmt: skip
-    return Field(0.02, **(made | changes))
+    return Field(**(made | changes))
 
 
 def crossing(cleared_stay, stay) -> Field:

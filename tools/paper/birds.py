@@ -14,10 +14,11 @@ from joybridge.contract.spec import choose_options
 from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds.game import REACH_X, REACH_Y, ShootingBirds
 from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES, Obstacles
-from joybridge.games.shooting_birds.rules import BIRDS, EPISODE_TICKS, TICK
+from joybridge.games.shooting_birds.rules import BIRDS, EPISODE_TICKS
 from joybridge.games.shooting_birds.sensing import BIRD_RADIUS, front
 from joybridge.simulator.compiled import compiled
 from joybridge.trainer.config import play_config
+from joybridge.trainer.game_settings import fixed
 from joybridge.trainer.playing import Policies
 
 MIDDLE = 3.0  # units: a crosshair that is nearer to the middle of the field than this is still on its former side
@@ -26,7 +27,7 @@ NEAR = 4.0  # units between the centers of neighbors
 DENSE = 2  # neighbors of a bird in a dense region
 LARGE = 0  # the size of birds that nothing hides
 
-# Points spread evenly over the unit disc, in a spiral.
+# Points spread evenly over the unit disc, in a spiral by the golden angle.
 _ORDER = np.arange(40)
 POINTS = np.sqrt((_ORDER + 0.5) / 40)[:, None] * np.stack(
     [np.cos(2.399963 * _ORDER), np.sin(2.399963 * _ORDER)], axis=1
@@ -37,7 +38,6 @@ POINTS = np.sqrt((_ORDER + 0.5) / 40)[:, None] * np.stack(
 class Field:
     """What is on the field before each decision, [decisions, arenas, …]. Lengths are in units of the game."""
 
-    seconds: float  # game time of a decision
     crosshair: Array  # [decisions, arenas, 2]
     birds: Array  # [decisions, arenas, birds, 2]: their centers
     size: Array  # int [decisions, arenas, birds]: 0 large, 1 medium, 2 small
@@ -123,7 +123,7 @@ def watch(run: Path, *, episodes: int, seed: int) -> Field:
     config = play_config(run, ())
     options = choose_options(ShootingBirds.options, config.options, config.game)
     spec, arenas = ShootingBirds.describe(options), LEVELS * -(-episodes // LEVELS)
-    game = ShootingBirds(options, {}, arenas, 0, seed)
+    game = ShootingBirds(options, fixed(config.parameters), arenas, 0, seed)
     game.arenas.fixed_level = np.repeat(np.arange(LEVELS), arenas // LEVELS)
     game.begin_episodes()
     policies = Policies(run, config, spec, arenas, seed)
@@ -143,7 +143,7 @@ def watch(run: Path, *, episodes: int, seed: int) -> Field:
             hit[t, arena] = max(front(game.arenas[arena], OBSTACLES), -1)  # type: ignore[no-untyped-call]
         steps = game.step(acts)
         policies.store(steps)
-    return Field(TICK, crosshair, centers, size, hidden, hit)
+    return Field(crosshair, centers, size, hidden, hit)
 
 
 @compiled
