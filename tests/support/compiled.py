@@ -8,7 +8,8 @@ from joybridge.trainer.config_files import FOLDER
 from joybridge.trainer.train import train
 from joybridge.trainer.wire.launch import simulator_process
 
-CONFIGS = ("shooting_birds/bucket-3", "beastly_rivals/hybrid")  # the compiled games; one kind of actions, and both
+# The compiled games; one kind of actions, and both. The third has networks of one layer, which many tests train.
+CONFIGS = ("shooting_birds/bucket-3", "beastly_rivals/hybrid", "ferry/hybrid")
 SMALL = ("arenas=4", "policy.rollout_steps=8", "policy.time_horizon=8", "policy.minibatch_size=16", "stop=32")
 
 
