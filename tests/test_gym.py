@@ -672,7 +672,7 @@ def test_the_reason_of_a_failed_start_is_raised():
 
 
 def test_without_the_extra_a_sentence_says_how_to_install_it(tmp_path, monkeypatch):
-    (tmp_path / "numba.py").write_text("raise ModuleNotFoundError(\"No module named 'numba'\", name='numba')")
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['numba'] = None")  # it cannot be found
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(SimulatorLost, match=r"needs the module numba; install it with `pip install 'joybridge\[sim"):
         BridgeEnv(Brief)
