@@ -25,7 +25,6 @@ FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 LARGEST = 2**16  # bytes of a file, and values in it
 DEEPEST = 10  # mappings and lists inside each other; files that extend each other
 OPENING = "[{-:?"  # each mapping and list has one of these characters
-OPENING = "[{-:?"  # each mapping and list has one of these characters
 BASE = "common"  # stem of files that other files extend; they are not trained themselves
 
 
