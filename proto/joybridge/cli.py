@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
-from joybridge.conformance.process import leave
+from joybridge.process import leave
 
 INTERRUPTED = 128 + signal.SIGINT  # exit status, as of a shell
 

@@ -27,10 +27,10 @@ svg { --ink: #1f2328; --back: #ffffff; --soft: #eef1f4; --line: #8c959f;
     --one: #58a6ff; --two: #f0883e; --three: #9da7b3; }
 }
 text { font: 13px system-ui, sans-serif; fill: var(--ink); } .head { font-weight: 600; font-size: 15px; }
-.quiet { font-size: 12px; fill: var(--three); } .middle { text-anchor: middle; } .end { text-anchor: end; }
+.quiet { font-size: 12px; fill: var(--three); }
 .back { fill: var(--back); } .box { fill: var(--soft); stroke: var(--line); }
 .line { fill: none; stroke: var(--line); } .thin { fill: none; stroke: var(--line); stroke-dasharray: 2 3; }
-.one { fill: var(--one); } .two { fill: var(--two); } .three { fill: var(--three); fill-opacity: 0.35; }
+.one { fill: var(--one); } .three { fill: var(--three); fill-opacity: 0.35; }
 .curve { fill: none; stroke: var(--one); stroke-width: 1.5; } .part { fill: var(--one); fill-opacity: 0.35; }
 .to-bird { stroke: var(--one); stroke-width: 2; }
 .to-obstacle { stroke: var(--two); stroke-width: 6; stroke-opacity: 0.5; }

@@ -15,7 +15,7 @@ from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds.game import REACH_X, REACH_Y, ShootingBirds
 from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES, Obstacles
 from joybridge.games.shooting_birds.rules import BIRDS, EPISODE_TICKS
-from joybridge.games.shooting_birds.sensing import BIRD_RADIUS, front
+from joybridge.games.shooting_birds.sensing import BIRD_RADIUS, covered, front
 from joybridge.simulator.compiled import compiled
 from joybridge.trainer.config import play_config
 from joybridge.trainer.game_settings import fixed
@@ -159,20 +159,5 @@ def hide(arenas: Array, obstacles: Obstacles, points: Array, hidden: Array) -> N
             radius, behind = BIRD_RADIUS[bird.kind], 0
             for k in range(len(points)):
                 x, y = bird.x + radius * points[k, 0], bird.y + radius * points[k, 1]
-                behind += _covered(x, y, bird.z, level, obstacles)
+                behind += covered(x, y, bird.z, level, obstacles)  # type: ignore[no-untyped-call]
             hidden[i, j] = behind / len(points)
-
-
-@compiled
-def _covered(x: float, y: float, z: float, level: int, obstacles: Obstacles) -> bool:
-    """Return whether an obstacle of a level that is nearer than depth z covers a point."""
-    for j in range(obstacles.box_count[level]):
-        box = obstacles.boxes[level, j]
-        if box[4] < z and box[0] <= x <= box[2] and box[1] <= y <= box[3]:
-            return True
-    for j in range(obstacles.disc_count[level]):
-        disc = obstacles.discs[level, j]
-        dx, dy = disc[0] - x, disc[1] - y
-        if disc[3] < z and dx * dx + dy * dy <= disc[2] * disc[2]:
-            return True
-    return False

@@ -15,7 +15,7 @@ from typing import Any
 from joybridge.experiments import RunName
 from tools.paper.original import original_ends, original_point, paper_figures
 from tools.paper.runs import COMPLETE, Experiment, Results, main_policy
-from tools.paper.statements import PAPER, STATEMENTS, judge_statement
+from tools.paper.statements import DECISION_SECONDS, PAPER, STATEMENTS, judge_statement
 from tools.paper.statistics import (
     FAILS,
     HOLDS,
@@ -37,7 +37,6 @@ TWO = "multiagent"
 POINT = 0.01  # the smallest difference of click accuracies that counts
 SMALLER = 0.9  # laps get smaller if the mean of the last third of the time is below this fraction of the first third's
 RARE = 10.0  # blinks in 10 000 decisions
-DECISION_SECONDS = 0.12
 SOUGHT = 1.5  # times the time in the slow sphere by chance: more is sought, less than the inverse is avoided
 
 Figures = Mapping[str, Any]  # of one trained policy

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from joybridge.experiments import RunName
+from joybridge.games.beastly_rivals import rules as rivals
 from tools.paper.runs import GAMES, LAYOUTS, MARK
 from tools.paper.statistics import FAILS, HOLDS, UNDECIDED, UNTESTED, Sample, margin, sample
 
@@ -20,8 +21,8 @@ Policies = Sequence[tuple[str, Figures]]  # by "GAME/RUN"
 
 BIRDS, RIVALS = GAMES
 ENOUGH = 3  # policies whose mean is given an interval
-DECISION_SECONDS = 0.12  # of Beastly Rivals
-CLOCK_SECONDS = 240.0
+DECISION_SECONDS = rivals.DECISION_TICKS * rivals.TICK
+CLOCK_SECONDS = rivals.CLOCK_TICKS * rivals.TICK
 TWICE = 2.0  # as often on a cleared side as else
 HALF = 0.5  # as often as birds in full view; of the laps; of the clocks
 FREQUENT = 2.0  # commands per second

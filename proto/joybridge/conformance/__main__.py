@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Sequence
 
-from joybridge.conformance.process import leave
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, WARNING, as_json, listing, repair_first, summary, write_junit
 from joybridge.conformance.rules import FAMILIES
@@ -16,6 +15,7 @@ from joybridge.conformance.selection import select
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
+from joybridge.process import leave
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.conformance") -> int:

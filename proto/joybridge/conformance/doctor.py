@@ -9,11 +9,11 @@ from importlib import import_module
 
 from joybridge.conformance.examination import Finding, Settings, examine
 from joybridge.conformance.expectations import Violation
-from joybridge.conformance.process import leave
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
+from joybridge.process import leave
 from joybridge.v1 import bridge_pb2 as pb
 
 UNREACHED = ("port", "calls")  # without them nothing else can be examined

@@ -33,17 +33,22 @@ def front(arena, obstacles):
         radius = BIRD_RADIUS[bird.kind]
         if bird.z < depth and dx * dx + dy * dy <= radius * radius:
             found, depth = j, bird.z
-    level = arena.level
+    return OBSTACLE if covered(arena.x, arena.y, depth, arena.level, obstacles) else found
+
+
+@compiled
+def covered(x, y, z, level, obstacles):
+    """Return whether an obstacle of a level that is nearer than depth z contains the point (x, y)."""
     for j in range(obstacles.box_count[level]):
         box = obstacles.boxes[level, j]
-        if box[4] < depth and box[0] <= arena.x <= box[2] and box[1] <= arena.y <= box[3]:
-            found, depth = OBSTACLE, box[4]
+        if box[4] < z and box[0] <= x <= box[2] and box[1] <= y <= box[3]:
+            return True
     for j in range(obstacles.disc_count[level]):
         disc = obstacles.discs[level, j]
-        dx, dy = disc[0] - arena.x, disc[1] - arena.y
-        if disc[3] < depth and dx * dx + dy * dy <= disc[2] * disc[2]:
-            found, depth = OBSTACLE, disc[3]
-    return found
+        dx, dy = disc[0] - x, disc[1] - y
+        if disc[3] < z and dx * dx + dy * dy <= disc[2] * disc[2]:
+            return True
+    return False
 
 
 @compiled
