@@ -16,7 +16,7 @@ from joybridge.experiments.job import Job
 from joybridge.experiments.launch import make_job, scored_policy
 from joybridge.experiments.page import Setting, page_html, page_text
 from joybridge.experiments.scores import Point, Run, read_run
-from joybridge.experiments.variants import differences, kept_spec, make_variants, read_values
+from joybridge.experiments.variants import check_game, differences, kept_spec, make_variants, read_values
 from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.errors import CheckpointError, ConfigError
 from tests.support.command_line import Done, joybridge
@@ -166,6 +166,19 @@ def test_a_game_that_has_changed_is_refused_by_name(copied, simulator):
         "the game archer has changed since out was begun: of 'bucket-3', behaviors.0.sensors.0.shape.0 was 77 and "
         in (done.errors)
     )
+
+
+def test_a_comparison_goes_on_with_a_simulator_that_offers_more_with_the_same_game(copied):
+    (variant,) = make_variants(["archer/hybrid"], [], [])
+    spec = kept_spec(variant, OUT)
+    assert spec is not None
+    spec.snapshot_bytes_per_arena += 8
+    spec.parameters_per_episode = not spec.parameters_per_episode
+    spec.behaviors[0].description = "in other words"
+    check_game(variant, spec, OUT)
+    spec.behaviors[0].metrics[0].name = "other"
+    with pytest.raises(ConfigError, match=r"behaviors.0.metrics.0.name was \"\w+\" and is now \"other\""):
+        check_game(variant, spec, OUT)
 
 
 @pytest.mark.no_cover  # see `whole`

@@ -21,6 +21,8 @@ ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys th
 FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a comparison is repeated
 LARGEST = 2**24  # bytes of a spec as text
 MOST = 3  # differences that an error names
+# What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
+OFFERS = {"description", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode"}
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def check_game(variant: Variant, spec: pb.GameSpec, folder: Path) -> None:
     """Raise ConfigError if the game of a variant was another when the comparison began."""
     before = kept_spec(variant, folder)
     if before is not None:
-        changed = list(differences(_as_dict(before), _as_dict(spec)))
+        changed = list(differences(_rules(_as_dict(before)), _rules(_as_dict(spec))))
         if changed:
             raise ConfigError(
                 f"the game {spec.name} has changed since {folder} was begun: of {variant.label!r}, "
@@ -125,7 +127,7 @@ def keep(variant: Variant, spec: pb.GameSpec, folder: Path) -> None:
     """Write the configuration of a variant, and the spec of its game, into the folder. Raises StorageError."""
     data = {
         config_path(folder, variant.name): dump_config(variant.config),
-        _spec_path(folder, variant.name): json.dumps(_as_dict(spec, described=True), indent=1) + "\n",
+        _spec_path(folder, variant.name): json.dumps(_as_dict(spec), indent=1) + "\n",
     }
     for path, text in data.items():
         with storing(path):
@@ -142,15 +144,16 @@ def _spec_path(folder: Path, name: str) -> Path:
     return folder / "configs" / f"{name}.spec.json"
 
 
-def _as_dict(spec: pb.GameSpec, *, described: bool = False) -> Any:
-    """Return a spec as plain data, on request with its descriptions, which change nothing."""
+def _as_dict(spec: pb.GameSpec) -> dict[str, Any]:
+    """Return a spec as plain data."""
+    return MessageToDict(spec, preserving_proto_field_name=True)
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: plain(each) for key, each in value.items() if described or key != "description"}
-        return [plain(each) for each in value] if isinstance(value, list) else value
 
-    return plain(MessageToDict(spec, preserving_proto_field_name=True))
+def _rules(value: Any) -> Any:
+    """Return a part of a spec without what changes no score."""
+    if isinstance(value, dict):
+        return {key: _rules(each) for key, each in value.items() if key not in OFFERS}
+    return [_rules(each) for each in value] if isinstance(value, list) else value
 
 
 def differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
