@@ -11,7 +11,7 @@ import pytest
 from joybridge.experiments import compare as command
 from joybridge.experiments import grid, launch
 from joybridge.experiments import page as pages
-from joybridge.experiments.analysis import Analysis, analyze
+from joybridge.experiments.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
 from joybridge.experiments.job import Job
 from joybridge.experiments.launch import make_job, scored_policy
 from joybridge.experiments.page import Setting, page_html, page_text
@@ -345,7 +345,20 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
     assert "Too few runs" not in text
     text = text_of(analyze("reward", {"good": runs(*good[:3]), "bad": runs(*bad[:3])}))
     assert "No two variants differ significantly." in text and "the same score" not in text
-    assert "**Too few runs for a significance test**: the smallest p value that is possible with them is 0.1." in text
+    warning = (
+        "**Too few runs for a significance test**: the smallest p value that is possible with them is 0.1. Repeat the"
+    )
+    assert f"{warning} command with `--seeds 4` or more; finished runs are kept." in text
+
+
+@pytest.mark.parametrize(("variants", "seeds"), [(1, 1), (2, 4), (3, 5)])
+def test_so_many_seeds_are_needed_for_a_significant_difference(variants, seeds):
+    def smallest(seeds):
+        apart = {f"{i}": runs(*([100.0 * i + j] for j in range(seeds))) for i in range(variants)}
+        return min((pair.corrected for pair in analyze("reward", apart).pairs), default=0.0)
+
+    assert (least_seeds(variants), least_seeds(9)) == (seeds, 7)
+    assert smallest(seeds) < SIGNIFICANCE and (variants == 1 or smallest(seeds - 1) >= SIGNIFICANCE)
 
 
 def test_nothing_is_bold_if_no_difference_can_be_significant():

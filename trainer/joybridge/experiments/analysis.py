@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, count
 from math import comb
 from statistics import mean, median, stdev
 
@@ -91,7 +91,18 @@ class Analysis:
     def smallest_p(self) -> float:
         """Return the smallest corrected p value that so few runs can have, of any pair."""
         sizes = [len(result.runs) for result in self.results]
-        return min((len(self.pairs) * 2 / comb(n + m, n) for n, m in combinations(sizes, 2)), default=0.0)
+        return min((_smallest_p(len(self.pairs), n, m) for n, m in combinations(sizes, 2)), default=0.0)
+
+
+def least_seeds(variants: int) -> int:
+    """Return the least number of runs of each variant with which two of so many variants can differ significantly."""
+    pairs = comb(variants, 2)
+    return next(n for n in count(1) if _smallest_p(pairs, n, n) < SIGNIFICANCE)
+
+
+def _smallest_p(pairs: int, n: int, m: int) -> float:
+    """Return the corrected p value if all n runs of a variant are better than all m of another: the smallest one."""
+    return pairs * 2 / comb(n + m, n)
 
 
 def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None = None) -> Analysis:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from joybridge.contract.errors import JoybridgeError
-from joybridge.experiments.analysis import Analysis, analyze
+from joybridge.experiments.analysis import Analysis, analyze, least_seeds
 from joybridge.experiments.grid import kept_results, run_grid
 from joybridge.experiments.job import Job
 from joybridge.experiments.launch import backend, make_job, repetition, scored_policy, served_specs
@@ -138,6 +138,9 @@ def compare(options: argparse.Namespace) -> int:
         for seed in range(options.seeds)
         for variant, spec in zip(variants, specs, strict=True)
     }
+    if options.seeds < (least := least_seeds(len(variants))):
+        say(f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
+            f"--seeds {least} is the least number with which they can")  # fmt: skip
     failed = train(list(jobs), options)
     runs: dict[str, list[Run]] = {}
     missing = []

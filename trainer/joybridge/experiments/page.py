@@ -16,7 +16,7 @@ from typing import Any
 
 from markdown_it import MarkdownIt
 
-from joybridge.experiments.analysis import SIGNIFICANCE, Analysis, Band, Pair, Result
+from joybridge.experiments.analysis import SIGNIFICANCE, Analysis, Band, Pair, Result, least_seeds
 from joybridge.experiments.estimators import Estimate
 from joybridge.experiments.pictures import CAPTIONS, draw_pictures, picture
 from joybridge.trainer.files import write_atomically
@@ -184,7 +184,8 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
             f"**Too few runs for a significance test**: the smallest p value that is possible with them is "
-            f"{_smallest_p(analysis)}. Repeat the command with more `--seeds`; finished runs are kept."
+            f"{_smallest_p(analysis)}. Repeat the command with `--seeds {least_seeds(len(analysis.results))}` or more; "
+            "finished runs are kept."
         )
     return blocks
 
