@@ -13,7 +13,7 @@ from joybridge.games.beastly_rivals.game import BeastlyRivals
 from joybridge.games.locomotion import LOCOMOTIONS
 from tests.support.measured import interpreted
 
-OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on"}
+OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on", "clock": "together"}
 NEAR = 1e-12
 
 
@@ -47,6 +47,27 @@ def test_the_clock_truncates_all_arenas_after_2000_decisions():
         assert not step.terminated.any() and step.truncated.all() == (decision == 2000), decision
     assert step.ended.tolist() == [0, 1, 2] and step.metrics[:, 0].tolist() == [2000.0] * 3
     assert not (game.arenas.clock.any() or game.arenas.tick.any())
+
+
+def test_spread_clocks_begin_at_all_phases_and_end_their_episodes_one_by_one():
+    game = new_game(16, parameters={"beast_speed": 0.0}, clock="spread")
+    begun = game.arenas.clock.copy()
+    assert np.diff(np.sort(begun)).max() < 2 * r.CLOCK_TICKS / 16 and (begun % r.DECISION_TICKS == 0).all()
+    ahead = int(np.argmax(begun))
+    game.arenas.character.x = 5.0
+    for _ in range((r.CLOCK_TICKS - begun[ahead]) // r.DECISION_TICKS):
+        (step,) = game.step([action(16)])
+    assert np.flatnonzero(step.truncated).tolist() == [ahead] and not step.terminated.any()
+    assert game.arenas.clock[ahead] == 0 and np.count_nonzero(game.arenas.tick) == 15
+
+
+def test_the_beginning_of_a_spread_clock_depends_on_the_number_of_the_arena_alone():
+    game = new_game(5, clock="spread")
+    assert new_game(2, first_arena=3, clock="spread").arenas.clock.tolist() == game.arenas.clock[3:].tolist()
+    begun = game.arenas.clock.tolist()
+    game.step([action(5)])
+    game.reset(None, {})
+    assert game.arenas.clock.tolist() == begun
 
 
 def test_a_death_restarts_its_arena_alone_inside_the_running_clock():

@@ -175,9 +175,27 @@ def test_a_comparison_goes_on_with_a_simulator_that_offers_more_with_the_same_ga
     spec.snapshot_bytes_per_arena += 8
     spec.parameters_per_episode = not spec.parameters_per_episode
     spec.behaviors[0].description = "in other words"
+    spec.options.add(name="weather", choices=["calm", "windy"], default_choice="calm")
     check_game(variant, spec, OUT)
     spec.behaviors[0].metrics[0].name = "other"
     with pytest.raises(ConfigError, match=r"behaviors.0.metrics.0.name was \"\w+\" and is now \"other\""):
+        check_game(variant, spec, OUT)
+
+
+def test_another_default_of_an_option_or_an_option_that_is_gone_is_another_game(copied):
+    (variant,) = make_variants(["archer/hybrid"], [], [])
+    path = OUT / "configs/hybrid.spec.json"
+    before = json.loads(path.read_text())
+    weather = {"name": "weather", "choices": ["calm", "windy"], "default_choice": "calm"}
+    path.write_text(json.dumps({**before, "options": [weather]}))
+    spec = kept_spec(variant, OUT)
+    assert spec is not None
+    check_game(variant, spec, OUT)
+    spec.options[0].default_choice = "windy"
+    with pytest.raises(ConfigError, match=r'options.weather was "calm" and is now "windy"'):
+        check_game(variant, spec, OUT)
+    del spec.options[:]
+    with pytest.raises(ConfigError, match=r'options.weather was "calm" and is now null'):
         check_game(variant, spec, OUT)
 
 

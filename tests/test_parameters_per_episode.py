@@ -77,8 +77,10 @@ def test_a_value_does_not_depend_on_which_other_parameters_are_drawn():
 
 GAMES: dict[str, tuple[type[BatchedGame], dict[str, str], str]] = {
     "shooting_birds": (ShootingBirds, {"rules": "original", "locomotion": "axes", "level": "random"}, "bird_speed"),
-    "beastly_rivals": (BeastlyRivals, {"rules": "original", "locomotion": "axes", "slow_character": "on"},
-                       "beast_speed"),
+    "beastly_rivals": (
+        BeastlyRivals, {"rules": "original", "locomotion": "axes", "slow_character": "on", "clock": "together"},
+        "beast_speed",
+    ),
     "archer": (batched(Archer), {}, "size"),
 }  # fmt: skip
 

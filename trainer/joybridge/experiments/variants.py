@@ -104,7 +104,9 @@ def check_game(variant: Variant, spec: pb.GameSpec, folder: Path) -> None:
     """Raise ConfigError if the game of a variant was another when the comparison began."""
     before = kept_spec(variant, folder)
     if before is not None:
-        changed = list(differences(_rules(_as_dict(before)), _rules(_as_dict(spec))))
+        was, now = _rules(before), _rules(spec)
+        now["options"] = {name: value for name, value in now["options"].items() if name in was["options"]}
+        changed = list(differences(was, now))
         if changed:
             raise ConfigError(
                 f"the game {spec.name} has changed since {folder} was begun: of {variant.label!r}, "
@@ -149,11 +151,17 @@ def _as_dict(spec: pb.GameSpec) -> dict[str, Any]:
     return MessageToDict(spec, preserving_proto_field_name=True)
 
 
-def _rules(value: Any) -> Any:
-    """Return a part of a spec without what changes no score."""
+def _rules(spec: pb.GameSpec) -> dict[str, Any]:
+    """Return a spec as plain data, without what changes no score. Of its options, only the defaults decide."""
+    defaults = {option.name: option.default_choice for option in spec.options}
+    return {**_without_offers(_as_dict(spec)), "options": defaults}
+
+
+def _without_offers(value: Any) -> Any:
+    """Return plain data without the keys of OFFERS, at any depth."""
     if isinstance(value, dict):
-        return {key: _rules(each) for key, each in value.items() if key not in OFFERS}
-    return [_rules(each) for each in value] if isinstance(value, list) else value
+        return {key: _without_offers(each) for key, each in value.items() if key not in OFFERS}
+    return [_without_offers(each) for each in value] if isinstance(value, list) else value
 
 
 def differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -1,5 +1,6 @@
 """Beastly Rivals Onslaught: its spec, its sensors, and one step of many arenas."""
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -26,6 +27,7 @@ from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import reserve
 from joybridge.v1 import bridge_pb2 as pb
 
+GOLDEN_RATIO = (1.0 + math.sqrt(5.0)) / 2.0  # its multiples, without their integers, are spread evenly over 0..1
 PLACE_UNIT, FAR_UNIT = 7.0, 10.0  # units of position sensors: of bodies on the pitch, and of those that may leave it
 PICTURE = (640, 480)  # width, height
 
@@ -41,6 +43,12 @@ OPTIONS = [
         "slow_character",
         ["on", "off"],
         description="whether the slow sphere also slows the character; off in the original's game of two agents",
+    ),
+    option(
+        "clock",
+        ["together", "spread"],
+        description="together: the clocks of all arenas begin at 0, as in the original; spread: each arena's clock "
+        "begins at another time, so an update sees all phases of the game, and an arena's first episodes are shorter",
     ),
 ]
 
@@ -133,15 +141,20 @@ class BeastlyRivals(PointerGame):
         """Begin a first episode in every arena."""
         rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
         self.rules = rules._replace(slow_character=options["slow_character"] == "on")
+        self.first_clock = np.zeros(arenas, np.int64)
+        if options["clock"] == "spread":
+            shares = np.arange(first_arena, first_arena + arenas) * GOLDEN_RATIO % 1.0
+            self.first_clock[:] = np.floor(shares * (r.CLOCK_TICKS // r.DECISION_TICKS)) * r.DECISION_TICKS
         super().__init__(options, parameters, arenas, first_arena, seed)
 
     def begin(self) -> None:
         """Fill all arenas as at the start of the program, with a first episode each."""
         r.begin(self.arenas, self.streams, self.rules)
+        self.arenas.clock = self.first_clock
 
     def begin_episodes(self) -> None:
-        """Begin a new episode in every arena, and set the clock to 0."""
-        self.arenas.clock = 0
+        """Begin a new episode in every arena, and set the clocks to their beginning."""
+        self.arenas.clock = self.first_clock
         self._begin_episodes(np.ones(len(self.arenas), bool))
 
     def _begin_episodes(self, which: Array) -> None:
@@ -151,7 +164,8 @@ class BeastlyRivals(PointerGame):
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision.
 
-        A death begins a new episode in its arena only, and the clock continues; at the clock's end all begin anew.
+        A death begins a new episode in its arena only, and the clock continues; at the clock's end an episode begins
+        anew, in all arenas together unless their clocks are spread.
         """
         (act,) = acts
         arenas = self.arenas
