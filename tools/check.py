@@ -1,11 +1,13 @@
 """Check style, types and tests.
 
 Wrong style ends the check at once. Types are checked while modules and kernels are compiled and the tests run, in one
-process per core, at most four. With --quick, tests marked `slow` are left out. With --coverage, the quick tests run
-alone and are measured: the line coverage of proto, simulator and trainer has a lower limit, see pyproject.toml.
+process more than there are cores, because tests wait for servers, and at most four. With --quick, tests marked `slow`
+are left out. With --coverage, the quick tests run alone and are measured: the line coverage of proto, simulator and
+trainer has a lower limit, see pyproject.toml.
 """
 
 import argparse
+import os
 import subprocess
 import sys
 
@@ -13,9 +15,8 @@ STYLE = (("ruff", "format", "--check", "."), ("ruff", "check", "."))
 TYPES = ("mypy",)
 COMPILING = ("tests.support.compiled",)
 # A file is run by one process, so what its tests share is made once; see conftest.py for the order of files.
-TESTS = (
-    "pytest", "--numprocesses=auto", "--maxprocesses=4", "--dist=loadfile", "--no-loadscope-reorder",
-)  # fmt: skip
+PROCESSES = min(4, (os.cpu_count() or 1) + 1)
+TESTS = ("pytest", f"--numprocesses={PROCESSES}", "--dist=loadfile", "--no-loadscope-reorder")
 QUICK = ("-m", "not slow")
 MEASURED = (*QUICK, "--cov", "--cov-report=term")
 
