@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from importlib import metadata
+from typing import ClassVar
 
 import grpc
 import numpy as np
@@ -21,7 +22,10 @@ from joybridge.contract.codec import Codec, Format, pack
 from joybridge.contract.spec import check_spec
 from joybridge.contract.versions import REVISION
 from joybridge.games import BUILT_IN
+from joybridge.games.shooting_birds.game import ShootingBirds
+from joybridge.simulator import option, parameter
 from joybridge.simulator.catalog import CatalogError, load_games
+from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.games import FAULTS, PICTURE, PLACES
@@ -558,6 +562,36 @@ def test_a_snapshot_fits_only_a_session_that_was_started_alike(simulator, saved)
         assert text.startswith("snapshot part ") and text.endswith(" for this session")
     elsewhere = next(name for name in PAPER if name != game)
     assert refused(simulator, start(elsewhere, snapshot=snapshot))[0] == StatusCode.INVALID_ARGUMENT
+
+
+class Weathered(ShootingBirds):
+    """Shooting Birds with one more option and one more parameter."""
+
+    options: ClassVar = [*ShootingBirds.options, option("weather", ["fine", "rain"])]
+
+    @classmethod
+    def describe(cls, options):
+        spec = super().describe(options)
+        spec.parameters.append(parameter("wind", 0.0, 9.0, 3.0))
+        return spec
+
+    def reset(self, seed, parameters):
+        super().reset(seed, {name: value for name, value in parameters.items() if name != "wind"})
+
+
+def test_a_snapshot_fits_the_same_game_with_a_new_option_and_a_new_parameter_as_long_as_they_are_as_by_default():
+    first = Session({"shooting_birds": ShootingBirds})
+    first.answer(start("shooting_birds"))
+    snapshot = first.answer(SAVE).snapshot
+
+    def follow(**how):
+        return Session({"shooting_birds": Weathered}).answer(start("shooting_birds", snapshot=snapshot, **how))
+
+    assert follow().started.spec.options[-1].name == "weather"
+    assert follow(options={"weather": "fine"}, parameters={"wind": 3.0}).HasField("started")
+    for other in ({"options": {"weather": "rain"}}, {"parameters": {"wind": 4.0}}):
+        with pytest.raises(Refusal, match="snapshot is from a session with another Start"):
+            follow(**other)
 
 
 def test_a_default_spelled_out_is_the_same_start(simulator, saved):

@@ -165,9 +165,7 @@ class Session:
         if distributions:
             game.distributions = distributions
             game.reset(start.seed, {})
-        parameters = {parameter.name: parameter.default_value for parameter in spec.parameters} | parameters
-        how = [spec.name, options, parameters, start.arenas, start.first_arena, start.seed]
-        self.origin = hashlib.blake2b(json.dumps(how, sort_keys=True).encode(), digest_size=16).digest()
+        self.origin = origin(spec, options, parameters, start)
         if start.HasField("snapshot"):
             self._require_snapshots()
             with checking("start.snapshot"):
@@ -261,6 +259,19 @@ class Session:
         if not self.spec.snapshot_bytes_per_arena:
             text = f"{self.spec.name} has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead"
             raise Refusal(pb.REASON_NO_SNAPSHOTS, text)
+
+
+def origin(spec: pb.GameSpec, options: Mapping[str, str], parameters: Mapping[str, float], start: pb.Start) -> bytes:
+    """Return what a snapshot and the session that continues from it must share, as a hash.
+
+    Of options and parameters, only those that are not as by default: so the snapshots of a game stay valid when it gets
+    a new one.
+    """
+    usual = {option.name: option.default_choice for option in spec.options}
+    values = {parameter.name: parameter.default_value for parameter in spec.parameters}
+    chosen = sorted(options.items() - usual.items()), sorted(parameters.items() - values.items())
+    how = [spec.name, *chosen, start.arenas, start.first_arena, start.seed]
+    return hashlib.blake2b(json.dumps(how).encode(), digest_size=16).digest()
 
 
 def restore(game: BatchedGame, snapshot: pb.Snapshot, origin: bytes) -> None:
