@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from importlib import metadata
-from typing import ClassVar
 
 import grpc
 import numpy as np
@@ -22,10 +21,7 @@ from joybridge.contract.codec import Codec, Format, pack
 from joybridge.contract.spec import check_spec
 from joybridge.contract.versions import REVISION
 from joybridge.games import BUILT_IN
-from joybridge.games.shooting_birds.game import ShootingBirds
-from joybridge.simulator import option, parameter
 from joybridge.simulator.catalog import CatalogError, load_games
-from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.games import FAULTS, PICTURE, PLACES
@@ -496,152 +492,6 @@ def test_a_reset_with_a_wrong_parameter_is_refused(simulator):
     ):
         came = refused(simulator, start("hybrid"), reset(parameters=parameters))
         assert came == (StatusCode.INVALID_ARGUMENT, text)
-
-
-# --------------------------------------------------------------------------------------------------- snapshots
-
-
-@pytest.mark.parametrize("game", PAPER)
-def test_a_session_goes_on_from_a_snapshot_to_the_same_bytes(simulator, game):
-    how = {"options": {"rules": "corrected"}, "seed": LARGEST_SEED, "first_arena": 7}
-    with Player(simulator, game, 3, **how) as player:
-        player.play(20)
-        snapshot, now, random = player.save(), player.step, player.random
-        size = player.spec.snapshot_bytes_per_arena
-        assert sum(map(len, snapshot.parts.values())) <= 3 * size
-        states = [generator.bit_generator.state for generator in random]
-        wanted = player.play(20)
-        assert player.save() != snapshot
-    with Player(simulator, game, 3, **how, snapshot=snapshot) as player:
-        for generator, state in zip(player.random, states, strict=True):
-            generator.bit_generator.state = state
-        assert observed(player.step) == observed(now)
-        assert player.save() == snapshot
-        assert player.play(20) == wanted
-
-
-def observed(step):
-    return [[tensor.data for tensor in part.observations] for part in step.behaviors]
-
-
-def test_a_game_without_snapshots_cannot_be_saved_nor_restored(simulator):
-    wanted = (
-        StatusCode.FAILED_PRECONDITION,
-        "hybrid has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead",
-    )
-    assert refused(simulator, start("hybrid"), SAVE) == wanted
-    assert refused(simulator, start("hybrid", snapshot=pb.Snapshot())) == wanted
-
-
-@pytest.fixture(scope="module", params=PAPER)
-def saved(request, simulator):
-    """Return a game and a snapshot of two arenas of it, seed 1."""
-    with Player(simulator, request.param) as player:
-        player.play(3)
-        return request.param, player.save()
-
-
-def damaged(snapshot, name, data):
-    copy = pb.Snapshot()
-    copy.CopyFrom(snapshot)
-    copy.parts[name] = data
-    return copy
-
-
-def test_a_snapshot_fits_only_a_session_that_was_started_alike(simulator, saved):
-    game, snapshot = saved
-    with Player(simulator, game, snapshot=snapshot) as player:
-        player.play(1)
-    for other in ({"seed": 2}, {"first_arena": 1}, {"options": {"rules": "corrected"}}):
-        code, text = refused(simulator, start(game, snapshot=snapshot, **other))
-        assert code == StatusCode.INVALID_ARGUMENT
-        assert text.startswith("snapshot is from a session with another Start; use the same game, options,")
-    for arenas in (1, 3):
-        code, text = refused(simulator, start(game, arenas, snapshot=snapshot))
-        assert code == StatusCode.INVALID_ARGUMENT
-        assert text.startswith("snapshot part ") and text.endswith(" for this session")
-    elsewhere = next(name for name in PAPER if name != game)
-    assert refused(simulator, start(elsewhere, snapshot=snapshot))[0] == StatusCode.INVALID_ARGUMENT
-
-
-class Weathered(ShootingBirds):
-    """Shooting Birds with one more option and one more parameter."""
-
-    options: ClassVar = [*ShootingBirds.options, option("weather", ["fine", "rain"])]
-
-    @classmethod
-    def describe(cls, options):
-        spec = super().describe(options)
-        spec.parameters.append(parameter("wind", 0.0, 9.0, 3.0))
-        return spec
-
-    def reset(self, seed, parameters):
-        super().reset(seed, {name: value for name, value in parameters.items() if name != "wind"})
-
-
-def test_a_snapshot_fits_the_same_game_with_a_new_option_and_a_new_parameter_as_long_as_they_are_as_by_default():
-    first = Session({"shooting_birds": ShootingBirds})
-    first.answer(start("shooting_birds"))
-    snapshot = first.answer(SAVE).snapshot
-
-    def follow(**how):
-        return Session({"shooting_birds": Weathered}).answer(start("shooting_birds", snapshot=snapshot, **how))
-
-    assert follow().started.spec.options[-1].name == "weather"
-    assert follow(options={"weather": "fine"}, parameters={"wind": 3.0}).HasField("started")
-    for other in ({"options": {"weather": "rain"}}, {"parameters": {"wind": 4.0}}):
-        with pytest.raises(Refusal, match="snapshot is from a session with another Start"):
-            follow(**other)
-
-
-def test_a_default_spelled_out_is_the_same_start(simulator, saved):
-    game, snapshot = saved
-    with Player(simulator, game, options={"rules": "original"}, snapshot=snapshot) as player:
-        player.play(1)
-
-
-def test_a_snapshot_has_all_parts_and_no_others(simulator, saved):
-    game, snapshot = saved
-    for name in snapshot.parts:
-        copy = damaged(snapshot, name, b"")
-        del copy.parts[name]
-        code, text = refused(simulator, start(game, snapshot=copy))
-        assert code == StatusCode.INVALID_ARGUMENT and text.startswith("snapshot has parts ")
-    code, text = refused(simulator, start(game, snapshot=damaged(snapshot, "luck", b"7")))
-    assert code == StatusCode.INVALID_ARGUMENT and "'luck'" in text
-    assert refused(simulator, start(game, snapshot=pb.Snapshot()))[0] == StatusCode.INVALID_ARGUMENT
-
-
-def test_a_part_of_another_length_is_refused(simulator, saved):
-    game, snapshot = saved
-    for name in snapshot.parts.keys() - {"origin"}:
-        for data in (b"", snapshot.parts[name][:-1], snapshot.parts[name] + b"\0"):
-            code, text = refused(simulator, start(game, snapshot=damaged(snapshot, name, data)))
-            assert code == StatusCode.INVALID_ARGUMENT
-            assert text.startswith(f"snapshot part {name!r} has {len(data)} bytes, expected ")
-
-
-def test_garbage_in_a_snapshot_is_refused_or_played_and_never_brings_the_server_down(simulator, saved):
-    game, snapshot = saved
-    random = np.random.default_rng(3)
-    outcomes = set()
-    for name in sorted(snapshot.parts):
-        length = len(snapshot.parts[name])
-        for data in (b"\0" * length, b"\xff" * length, b"\x7f" * length, *(random.bytes(length) for _ in range(3))):
-            request = start(game, snapshot=damaged(snapshot, name, data))
-            with Stream(simulator) as stream:
-                try:
-                    stream.ask(request)
-                except grpc.RpcError as error:
-                    outcomes.add(error.code())
-                    text = error.details()
-                    assert text.startswith("snapshot")
-                else:
-                    outcomes.add(StatusCode.OK)
-                    stream.ask(reset())
-                    stream.ask(SAVE)
-    assert StatusCode.INVALID_ARGUMENT in outcomes
-    assert outcomes <= {StatusCode.INVALID_ARGUMENT, StatusCode.OK}
 
 
 # ------------------------------------------------------------------------------------------- games that fail

@@ -115,7 +115,7 @@ class Session:
         self.game: BatchedGame | None = None
         self.spec = pb.GameSpec()
         self.codecs: list[Codec] = []
-        self.origin = b""  # hash of the fields of Start; a snapshot contains it
+        self.origin = b""  # see `hash_of_start`; a snapshot contains it
         self.previous: list[StepArrays] = []  # the last step, which the next Act answers
         self.arenas = 0
         self.steps = 0
@@ -165,7 +165,7 @@ class Session:
         if distributions:
             game.distributions = distributions
             game.reset(start.seed, {})
-        self.origin = origin(spec, options, parameters, start)
+        self.origin = hash_of_start(spec, options, parameters, start)
         if start.HasField("snapshot"):
             self._require_snapshots()
             with checking("start.snapshot"):
@@ -261,11 +261,13 @@ class Session:
             raise Refusal(pb.REASON_NO_SNAPSHOTS, text)
 
 
-def origin(spec: pb.GameSpec, options: Mapping[str, str], parameters: Mapping[str, float], start: pb.Start) -> bytes:
-    """Return what a snapshot and the session that continues from it must share, as a hash.
+def hash_of_start(
+    spec: pb.GameSpec, options: Mapping[str, str], parameters: Mapping[str, float], start: pb.Start
+) -> bytes:
+    """Return a hash of what a session and the one that continues from its snapshot must share.
 
-    Of options and parameters, only those that are not as by default: so the snapshots of a game stay valid when it gets
-    a new one.
+    Options and parameters count only where they differ from the default, so snapshots stay valid when a game gets a new
+    one.
     """
     usual = {option.name: option.default_choice for option in spec.options}
     values = {parameter.name: parameter.default_value for parameter in spec.parameters}
