@@ -80,7 +80,7 @@ def test_every_convolution_learns_in_one_tower_and_in_two(kind, size, others, sh
         normal((4, frame)), normal((4, 1)), torch.ones(4, 1, dtype=torch.long), None, normal(4), normal(4), normal(4),
         normal(4),
     )  # fmt: skip
-    learner.gradient(batch, Coefficients(1e-3, 0.2, 0.01))
+    learner.gradient(batch, torch.arange(len(batch)), Coefficients(1e-3, 0.2, 0.01))
     silent = [
         name for name, parameter in network.named_parameters() if parameter.grad is None or not parameter.grad.any()
     ]

@@ -84,7 +84,9 @@ def test_before_any_update_the_ratio_of_what_was_sampled_is_1_by_autograd_and_by
         log_probs, _, _ = joint_log_probs(network(batch.observations), network.log_variance, batch)
         torch.testing.assert_close(log_probs, batch.log_probs, atol=2e-5, rtol=0)
         for gradient in (partial(autograd_gradient, network), ClosedFormGradient(network)):
-            statistics = dict(zip(STATISTICS, gradient(batch, coefficients)[: len(STATISTICS)], strict=True))
+            statistics = dict(
+                zip(STATISTICS, gradient(batch, torch.arange(len(batch)), coefficients)[: len(STATISTICS)], strict=True)
+            )
             assert statistics["approx_kl"] == pytest.approx(0.0, abs=1e-7)
             assert statistics["clip_fraction"] == 0.0
     assert masked is (layout != "threshold-0.0")

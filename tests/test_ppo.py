@@ -3,6 +3,7 @@
 from dataclasses import asdict, astuple
 from functools import partial
 
+import numba
 import numpy as np
 import pytest
 import torch
@@ -64,14 +65,37 @@ def test_the_closed_form_gradient_is_autograds_with_each_activation(activation):
     compare_gradients("hybrid", 1, activation)
 
 
-def compare_gradients(name, seed, activation):
+@pytest.mark.parametrize("name", SPACES)
+def test_threads_together_compute_the_gradient_of_autograd(name):
+    for threads in (2, 3):
+        compare_gradients(name, 2, "swish", threads)
+
+
+def test_threads_give_the_same_bits_on_a_machine_with_fewer_cores_and_none_of_them_needs_a_row(monkeypatch):
+    for rows in (1, 2, 131):
+        network, flat, batch = make(*SPACES["hybrid"], rows=rows)
+        coefficients = Coefficients(1e-3, 0.2, 0.05)
+        statistics = ClosedFormGradient(network, threads=4)(batch, torch.arange(rows), coefficients)
+        gradient = flat.grad.clone()
+        with monkeypatch.context() as patch:
+            patch.setattr(numba.config, "NUMBA_NUM_THREADS", 1)
+            flat.grad.fill_(7.0)
+            again = ClosedFormGradient(network, threads=4)(batch, torch.arange(rows), coefficients)
+            assert again.tobytes() == statistics.tobytes()
+        assert torch.equal(flat.grad, gradient)
+        np.testing.assert_allclose(
+            statistics, autograd_gradient(network, batch, torch.arange(rows), coefficients), atol=1e-5, rtol=1e-5
+        )
+
+
+def compare_gradients(name, seed, activation, threads=1):
     network, flat, batch = make(*SPACES[name], rows=200, seed=seed, activation=activation)
     batch.log_probs += 0.3 * torch.randn(200, generator=torch.Generator().manual_seed(9))
     coefficients = Coefficients(1e-3, 0.2, 0.05)
-    reference = autograd_gradient(network, batch, coefficients)
+    reference = autograd_gradient(network, batch, torch.arange(200), coefficients)
     gradient = flat.grad.clone()
     flat.grad.fill_(7.0)  # whatever was there before must not matter
-    statistics = ClosedFormGradient(network)(batch, coefficients)
+    statistics = ClosedFormGradient(network, threads)(batch, torch.arange(200), coefficients)
     torch.testing.assert_close(flat.grad, gradient, atol=1e-6, rtol=1e-5)
     np.testing.assert_allclose(statistics, reference, atol=1e-5, rtol=1e-5)
     assert len(statistics) == len(STATISTICS) + len(SPACES[name][0].branches)
@@ -102,7 +126,7 @@ def test_a_ratio_beyond_the_clip_gives_no_gradient_where_it_would_gain():
     batch.returns = batch.values = network(batch.observations).value.detach()
     for advantage, moved in ((1.0, False), (-1.0, True)):
         batch.advantages = torch.tensor([advantage])
-        ClosedFormGradient(network)(batch, Coefficients(1e-3, 0.2, 0.0))
+        ClosedFormGradient(network)(batch, torch.arange(1), Coefficients(1e-3, 0.2, 0.0))
         assert bool(flat.grad.abs().max() > 1e-6) is moved
 
 
@@ -125,7 +149,7 @@ def test_a_longer_gradient_is_shortened_to_the_longest_that_is_allowed_and_a_sho
     for longest, shortened in ((1e-3, True), (1e3, False)):
         network, _, batch = make(*SPACES["hybrid"], rows=32)
         learner = Learner("player", network, branches=["a", "b"], gaussians=["x", "y"], autograd=False)
-        ClosedFormGradient(network)(batch, Coefficients(1e-9, 0.2, 0.05))
+        ClosedFormGradient(network)(batch, torch.arange(32), Coefficients(1e-9, 0.2, 0.05))
         assert learner.weights.grad is not None
         whole = learner.weights.grad.clone()
         statistics = update(learner, batch, Coefficients(1e-9, 0.2, 0.05), epochs=1, minibatch_size=32, longest=longest)
@@ -147,9 +171,9 @@ def test_an_epoch_takes_whole_minibatches_of_all_rows_and_leaves_the_rest():
     network, _, batch = make(*SPACES["discrete"], rows=70)
     sizes, seen = [], []
 
-    def spy(minibatch: Batch, coefficients: Coefficients) -> np.ndarray:
-        sizes.append(len(minibatch))
-        seen.append(minibatch.returns)
+    def spy(batch: Batch, rows: torch.Tensor, coefficients: Coefficients) -> np.ndarray:
+        sizes.append(len(rows))
+        seen.append(batch.returns[rows])
         return np.zeros(len(STATISTICS) + 3)
 
     learner = Learner("player", network, branches=["a", "b", "c"], gaussians=[], autograd=False)
@@ -170,6 +194,23 @@ def test_an_update_raises_the_probability_of_what_paid():
     assert statistics["approx_kl"] > 0 and 0 < statistics["clip_fraction"] < 1 and statistics["grad_norm"] > 0
     assert statistics["entropy"] == pytest.approx(statistics["entropy_button"])
     assert statistics["learning_rate"] == 1e-2
+
+
+def test_the_compiled_step_of_adam_is_that_of_pytorch():
+    networks = [make(*SPACES["hybrid"], rows=8)[0] for _ in range(2)]
+    compiled, reference = (
+        Learner("player", network, branches=["a", "b"], gaussians=["x", "y"], autograd=autograd)
+        for network, autograd in zip(networks, (False, True), strict=True)
+    )
+    generator = torch.Generator().manual_seed(3)
+    for step in range(20):
+        gradient = 10.0 ** (step % 5 - 3) * torch.randn(compiled.weights.shape, generator=generator)
+        for learner in (compiled, reference):
+            learner.weights.grad = gradient.clone()
+            learner.step(1e-3 * (step + 1))
+    torch.testing.assert_close(compiled.weights, reference.weights, atol=1e-6, rtol=1e-6)
+    for name, moment in compiled.moments.items():
+        torch.testing.assert_close(moment, reference.moments[name], atol=1e-6, rtol=2e-6, msg=name)
 
 
 def test_the_entropy_of_each_gaussian_is_reported_by_the_name_of_its_axis():

@@ -17,8 +17,10 @@ from joybridge.trainer.images import find_images
 from joybridge.trainer.layouts import Role
 from joybridge.trainer.observations import ObservationEncoder
 from joybridge.trainer.ppo.convolutions import ImageEncoder
-from joybridge.trainer.ppo.fast.towers import Dense, Form, dense, form, heads
-from joybridge.trainer.ppo.networks import Network
+from joybridge.trainer.ppo.fast.acting import decide
+from joybridge.trainer.ppo.fast.kernels import NO_MASKS
+from joybridge.trainer.ppo.fast.towers import Form, form, heads
+from joybridge.trainer.ppo.networks import Network, flatten_parameters
 from joybridge.trainer.ppo.rollout import Decision
 from joybridge.trainer.ppo.sampling import sample_actions
 from joybridge.trainer.scaling import make_scaling
@@ -59,24 +61,29 @@ class Actor:
         frames = self.encoder.frames(observations)
         return frames if self.scaling is None else self.scaling.apply(frames)
 
-    @torch.inference_mode()
     def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
         """Sample actions and values into `decision`, and write the actions into the policy's part of `act`.
 
         step: of the policy's behavior; its masks count. act: axes [lanes, axes] and choices [lanes, branches] of the
         behavior's device. deterministic: take the likeliest actions instead.
         """
-        network, action = self.network, decision.action
-        outputs, values = self._heads(decision.observations)
-        sample_actions(network, outputs, decision.masks, decision.noise, action, deterministic=deterministic)
-        decision.values[:] = values.numpy(force=True)
+        observations, masks, noise, action, values = decision
+        network, space = self.network, self.layout.space
+        if self._compiled is None or space.distributions or space.given:
+            with torch.inference_mode():
+                outputs, estimates = self._heads(observations)
+                values[:] = estimates.numpy(force=True)
+                sample_actions(network, outputs, masks, noise, action, deterministic=deterministic)
+        else:
+            allowed = NO_MASKS if masks is None else masks
+            decide(*self._compiled, observations, allowed, noise, deterministic, action, values)
         self.layout.write(action.continuous, action.discrete, act, step.masks)
 
-    @torch.inference_mode()
     def values(self, observations: Array) -> Array:
         """Return the values, float32 [rows], of observations, float32 [rows, observation]."""
         return self._heads(observations)[1].numpy(force=True)
 
+    @torch.inference_mode()
     def _heads(self, observations: Array) -> tuple[torch.Tensor, torch.Tensor]:
         """Return what `Network.heads` does."""
         if self._compiled is None:
@@ -85,11 +92,11 @@ class Actor:
         return torch.from_numpy(outputs), torch.from_numpy(values)
 
     @cached_property
-    def _compiled(self) -> tuple[Dense, Form] | None:
-        """The parameters as the compiled pass takes them; made late because a learner moves them when it is made."""
+    def _compiled(self) -> tuple[Array, Form] | None:
+        """The parameters as compiled functions take them, None where PyTorch computes the network."""
         if self.network.actor.images is not None or self.accelerator.type != "cpu":
             return None
-        return dense(self.network), form(self.network)
+        return flatten_parameters(self.network).detach().numpy(), form(self.network)
 
     def state(self) -> dict[str, Array]:
         """Return copies of the parameters, and of what scales observations, for a checkpoint."""

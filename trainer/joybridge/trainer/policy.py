@@ -47,8 +47,9 @@ class Policy:
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
         self.learner = Learner(
-            name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd
-        )
+            name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
+            threads=self.config.threads,
+        )  # fmt: skip
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones

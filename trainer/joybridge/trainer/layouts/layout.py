@@ -75,7 +75,7 @@ class Layout:
         device_masks: what each branch of the device allows, bool [lanes, choices]. Categorical policies
         never choose what is forbidden; a continuous action that would is given the first allowed choice.
         """
-        share = np.clip(continuous, -CLIP, CLIP) / CLIP
+        share = np.clip(continuous, -CLIP, CLIP) / CLIP if self.continuous else continuous
         for column, target in enumerate(self.continuous):
             values = share[:, column]
             if isinstance(target, AxisRange):

@@ -85,11 +85,13 @@ def prepare(store: Store) -> tuple[list[Replica], int]:
 def replicate(actor: Actor, lanes: int) -> Replica:
     """Return a policy that learns from shares of the experience of so many lanes."""
     learner = Learner(
-        actor.name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=actor.config.autograd
-    )
+        actor.name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=actor.config.autograd,
+        threads=actor.config.threads,
+    )  # fmt: skip
     # An update of one row, so that what is compiled at its first call is no delay later.
     one = RolloutBuffer(1, [slice(0, 1)], actor.observation_size, actor.layout.space)
-    learner.gradient(one.batch(np.zeros((1, 1), np.float32), np.ones((1, 1), bool)), Coefficients(0.0, 0.0, 0.0))
+    batch = one.batch(np.zeros((1, 1), np.float32), np.ones((1, 1), bool))
+    learner.gradient(batch, torch.arange(1), Coefficients(0.0, 0.0, 0.0))
     return Replica(actor, learner, actor.config.rollout_steps * lanes)
 
 

@@ -57,8 +57,9 @@ class Batch(Actions):
     returns: Tensor  # [n]
 
 
-# Sets the gradient of a network on a minibatch; returns its statistics, [len(STATISTICS) + branches].
-LossGradient = Callable[[Batch, Coefficients], Array]
+# Sets the gradient of a network on a minibatch: the rows of a batch at some indices, int64. Returns its statistics,
+# [len(STATISTICS) + branches].
+LossGradient = Callable[[Batch, Tensor, Coefficients], Array]
 
 
 def joint_log_probs(
@@ -112,9 +113,9 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     return loss, torch.cat([statistics, entropies.to(statistics)]).detach()
 
 
-def autograd_gradient(network: Network, batch: Batch, coefficients: Coefficients) -> Array:
-    """Set the gradient of the loss by autograd; return the statistics."""
+def autograd_gradient(network: Network, batch: Batch, rows: Tensor, coefficients: Coefficients) -> Array:
+    """Set the gradient of the loss on some rows of `batch` by autograd; return the statistics."""
     network.zero_grad(set_to_none=False)
-    loss, statistics = ppo_loss(network, batch, coefficients)
+    loss, statistics = ppo_loss(network, batch.rows(rows), coefficients)
     loss.backward()  # type: ignore[no-untyped-call]
     return statistics.cpu().numpy()

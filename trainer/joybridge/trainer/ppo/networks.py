@@ -93,6 +93,7 @@ class Network(nn.Module):
         self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
         self.log_variance = nn.Parameter(torch.zeros(free))
+        self.flat: Tensor | None = None  # all parameters; see `flatten_parameters`
         self._initialize(torch.Generator().manual_seed(seed))
 
     def _initialize(self, generator: torch.Generator) -> None:
@@ -148,11 +149,14 @@ def ordinal_sums(space: ActionSpace, columns: int) -> Tensor | None:
     return sums
 
 
-def flatten_parameters(network: nn.Module) -> Tensor:
-    """Move all parameters and their gradients into two flat tensors; return the one with the parameters.
+def flatten_parameters(network: Network) -> Tensor:
+    """Move all parameters and their gradients into two flat tensors, once; return the one with the parameters.
 
-    The optimizer then steps one tensor instead of a dozen, and copying a network is copying one array.
+    The optimizer then steps one tensor instead of a dozen, and copying a network is copying one array. Their order:
+    mean_bias, value_bias, log_variance, then the layers of the actor and of the critic, weight before bias.
     """
+    if network.flat is not None:
+        return network.flat
     parameters = list(network.parameters())
     flat = torch.cat([parameter.detach().reshape(-1) for parameter in parameters]).requires_grad_()
     flat.grad = torch.zeros_like(flat)
@@ -162,6 +166,7 @@ def flatten_parameters(network: nn.Module) -> Tensor:
         parameter.data = flat.data[begin:end].view_as(parameter)
         parameter.grad = flat.grad[begin:end].view_as(parameter)
         begin = end
+    network.flat = flat
     return flat
 
 

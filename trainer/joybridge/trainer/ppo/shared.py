@@ -23,7 +23,7 @@ from joybridge.trainer.ppo.update import Learner
 class Shard(Batch):
     """The rows of one learner in a batch, or in a minibatch, of which all learners have rows.
 
-    It is shuffled and cut as the whole batch would be, and its length is that of the whole batch.
+    Its length is that of the whole batch.
     """
 
     places: Tensor  # int64 [own rows], ascending: where they are in the whole batch
@@ -34,18 +34,13 @@ class Shard(Batch):
         return Batch(**{field.name: getattr(self, field.name) for field in fields(Batch)})
 
     def rows(self, index: Tensor) -> Self:
-        """Return the whole batch in the order `index`, a permutation."""
-        where = torch.empty_like(index)
+        """Return the rows of this learner among those of the whole batch at `index`, where each stands at most once."""
+        where = torch.full((self.total,), -1)
         where[index] = torch.arange(len(index))
         places, order = where[self.places].sort()
-        return type(self)(**vars(self.own().rows(order)), places=places, total=self.total)
-
-    def slice(self, start: int, end: int) -> Self:
-        """Return the rows start .. end - 1 of the whole batch."""
-        first, last = torch.searchsorted(self.places, torch.tensor([start, end])).tolist()
-        return type(self)(
-            **vars(self.own().slice(first, last)), places=self.places[first:last] - start, total=end - start
-        )
+        first = int((places < 0).sum())  # the rows before are not among them
+        own = self.own().rows(order[first:])
+        return type(self)(**vars(own), places=places[first:], total=len(index))
 
     def __len__(self) -> int:
         return self.total
@@ -70,19 +65,19 @@ class SharedGradient:
         self.statistics = len(learner.statistics)
         self.computing = self.waiting = 0.0  # seconds so far
 
-    def __call__(self, batch: Batch, coefficients: Coefficients) -> Array:
-        """Set the gradient of the loss on the whole minibatch of a `Shard`; return the statistics of all its rows.
+    def __call__(self, batch: Batch, rows: Tensor, coefficients: Coefficients) -> Array:
+        """Set the gradient of the loss on some rows of the whole batch of a `Shard`; return the statistics.
 
         The loss and the statistics are means over rows, so a learner counts as much as it has rows.
         """
         assert isinstance(batch, Shard) and self.weights.grad is not None
         begin = time.perf_counter()
-        own = batch.own()
+        own = batch.rows(rows).own()
         message = torch.zeros(len(self.weights) + self.statistics)
         if len(own):
-            message[len(self.weights) :] = torch.from_numpy(self.gradient(own, coefficients))
+            message[len(self.weights) :] = torch.from_numpy(self.gradient(own, torch.arange(len(own)), coefficients))
             message[: len(self.weights)] = self.weights.grad
-            message *= len(own) / len(batch)
+            message *= len(own) / len(rows)
         computed = time.perf_counter()
         self.add_up(message)
         self.weights.grad.copy_(message[: len(self.weights)])

@@ -13,6 +13,7 @@ from joybridge.contract.tensors import Array
 from joybridge.trainer.errors import DivergedError
 from joybridge.trainer.metrics import STATISTICS
 from joybridge.trainer.ppo.cloning import Cloning, add_cloning_gradient
+from joybridge.trainer.ppo.fast.adam import adam_step
 from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
 from joybridge.trainer.ppo.loss import Batch, LossGradient, autograd_gradient
 from joybridge.trainer.ppo.networks import Network, flatten_parameters
@@ -20,19 +21,21 @@ from joybridge.trainer.ppo.schedule import Coefficients
 
 KL = STATISTICS.index("approx_kl")
 LOSSES = ("policy_loss", "value_loss", "entropy")
+BETAS, EPSILON = (0.9, 0.999), 1e-8  # of Adam
 
 
 class Learner:
     """Improves a network: the gradient of the loss, and Adam with its moments."""
 
     def __init__(
-        self, name: str, network: Network, *, branches: Sequence[str], gaussians: Sequence[str], autograd: bool
-    ) -> None:
+        self, name: str, network: Network, *, branches: Sequence[str], gaussians: Sequence[str], autograd: bool,
+        threads: int = 1,
+    ) -> None:  # fmt: skip
         """Learn for `network`, whose parameters are moved into one tensor.
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
-        processor, dense layers alone, and Gaussians or choices.
+        processor, dense layers alone, and Gaussians or choices. threads: of the closed form.
         """
         self.name, self.network, self.gaussians = name, network, gaussians
         self.weights = flatten_parameters(network)
@@ -41,8 +44,10 @@ class Learner:
             "exp_avg": torch.zeros_like(self.weights, requires_grad=False),
             "exp_avg_sq": torch.zeros_like(self.weights, requires_grad=False),
         }
-        closed = not autograd and not network.distributions and network.actor.images is None
-        self.gradient: LossGradient = ClosedFormGradient(network) if closed else partial(autograd_gradient, network)
+        self.closed = not autograd and not network.distributions and network.actor.images is None
+        self.gradient: LossGradient = (
+            ClosedFormGradient(network, threads) if self.closed else partial(autograd_gradient, network)
+        )
         parts = [*branches, *(gaussians if network.distributions else ())]  # whose entropies the gradient returns
         self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in parts)]
 
@@ -57,15 +62,20 @@ class Learner:
 
     @torch.no_grad()
     def step(self, learning_rate: float) -> None:
-        """Move the weights against their gradient (Kingma and Ba, 2015).
-
-        The class torch.optim.Adam does the same, but takes four times as long for a network of this size.
-        """
-        assert self.weights.grad is not None
+        """Move the weights against their gradient with Adam (Kingma and Ba, 2015)."""
+        weights, gradient = self.weights, self.weights.grad
+        step, mean, square = self.moments["step"], self.moments["exp_avg"], self.moments["exp_avg_sq"]
+        assert gradient is not None
+        if self.closed:
+            step += 1
+            adam_step(
+                weights.detach().numpy(), gradient.numpy(), mean.numpy(), square.numpy(), float(step), learning_rate,
+                *BETAS, EPSILON,
+            )  # fmt: skip
+            return
         adam(
-            [self.weights], [self.weights.grad], [self.moments["exp_avg"]], [self.moments["exp_avg_sq"]], [],
-            [self.moments["step"]], fused=True, amsgrad=False, beta1=0.9, beta2=0.999, lr=learning_rate,
-            weight_decay=0.0, eps=1e-8, maximize=False,
+            [weights], [gradient], [mean], [square], [], [step], fused=True, amsgrad=False, beta1=BETAS[0],
+            beta2=BETAS[1], lr=learning_rate, weight_decay=0.0, eps=EPSILON, maximize=False,
         )  # fmt: skip
 
 
@@ -91,9 +101,9 @@ def ppo_update(
     done, divergence = 0, 0.0  # epochs; of the last one
     norm = torch.zeros(())  # of the last gradient, if gradients are clipped
     while done < epochs and (target_kl is None or divergence <= target_kl):
-        shuffled = batch.rows(torch.from_numpy(rng.permutation(len(batch))).to(accelerator))
+        order = torch.from_numpy(rng.permutation(len(batch))).to(accelerator)
         for start in range(0, len(batch) - size + 1, size):
-            rows.append(learner.gradient(shuffled.slice(start, start + size), coefficients))
+            rows.append(learner.gradient(batch, order[start : start + size], coefficients))
             if cloning is not None:
                 losses.append(add_cloning_gradient(learner.network, next(cloning.minibatches), cloning.coef))
             if max_grad_norm is not None:

@@ -24,12 +24,15 @@ NO_MASKS = np.zeros((0, 0, 0), np.float32)  # an array, because each type of an 
 F = TypeVar("F", bound=Callable[..., object])
 
 
-def compiled(function: F) -> F:
-    """Compile a function at its first call and keep the machine code in a cache on disk, where that can be written."""
+def compiled(function: F, *, parallel: bool = False) -> F:
+    """Compile a function at its first call and keep the machine code in a cache on disk, where that can be written.
+
+    parallel: iterations of numba.prange run in threads.
+    """
     try:
-        return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+        return numba.njit(cache=True, error_model="numpy", parallel=parallel)(function)  # type: ignore[no-any-return]
     except RuntimeError:
-        return numba.njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+        return numba.njit(error_model="numpy", parallel=parallel)(function)  # type: ignore[no-any-return]
 
 
 class Head(NamedTuple):
@@ -61,11 +64,15 @@ class Action(NamedTuple):
     log_probs: Array  # [n]
 
 
-class Target(NamedTuple):
-    """What the loss compares the outputs with: a minibatch without its observations."""
+class Rows(NamedTuple):
+    """Timesteps to learn from; see `Batch` in `ppo/loss.py`."""
 
-    action: Action  # with the log-probabilities of when it was sampled
-    values: Array  # [n]: of when the action was sampled
+    observations: Array  # [n, observation]
+    continuous: Array  # [n, continuous]
+    discrete: Array  # int64 [n, branches]
+    masks: Array  # see `softmax`
+    log_probs: Array  # [n]: of when the actions were sampled, like the values
+    values: Array  # [n]
     advantages: Array  # [n]
     returns: Array  # [n]
 
@@ -77,6 +84,30 @@ class Gradient(NamedTuple):
     values: Array  # [n]
     mean_bias: Array  # [continuous]
     log_variance: Array  # [continuous]
+
+
+@compiled
+def take(rows: Rows, index: Array, observations: Array) -> Rows:
+    """Return the rows at `index`, int64 [n]. observations [n, observation]: where theirs are written."""
+    n, branches, dimensions = len(index), rows.discrete.shape[1], rows.continuous.shape[1]
+    taken = Rows(
+        observations, np.empty((n, dimensions), np.float32), np.empty((n, branches), np.int64),
+        np.empty((n, rows.masks.shape[1], rows.masks.shape[2]), np.float32) if len(rows.masks) else rows.masks,
+        np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32),
+    )  # fmt: skip
+    for i in range(n):
+        row = index[i]
+        for j in range(observations.shape[1]):
+            observations[i, j] = rows.observations[row, j]
+        for k in range(dimensions):
+            taken.continuous[i, k] = rows.continuous[row, k]
+        for b in range(branches):
+            taken.discrete[i, b] = rows.discrete[row, b]
+            for j in range(taken.masks.shape[2]):
+                taken.masks[i, b, j] = rows.masks[row, b, j]
+        taken.log_probs[i], taken.values[i] = rows.log_probs[row], rows.values[row]
+        taken.advantages[i], taken.returns[i] = rows.advantages[row], rows.returns[row]
+    return taken
 
 
 @compiled
@@ -143,12 +174,13 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
 
 @compiled
 def loss_gradient(
-    outputs: Array, values: Array, head: Head, masks: Array, target: Target, clip: float, entropy_coef: float,
+    outputs: Array, values: Array, head: Head, rows: Rows, total: int, clip: float, entropy_coef: float,
     gradient: Gradient,
 ) -> Array:  # fmt: skip
     """Differentiate the branched PPO loss (`ppo_loss` in `ppo/loss.py`) by the outputs of a network.
 
-    With r the ratio, A the advantage, R the return, for n rows:
+    total: rows of the minibatch, of which these may be a part; over all parts, gradients and statistics add up to those
+    of the minibatch. With r the ratio, A the advantage, R the return, for a minibatch of n rows:
 
         d loss / d log-probability  = -A r / n, or 0 where the clipped surrogate is the smaller
         d log-probability / d logit = 1[chosen] - p
@@ -156,11 +188,11 @@ def loss_gradient(
         d log-probability / d mean  = (a - mean) / variance
         d loss / d value            = (V - R) / n, or 0 where the clipped value is the worse
 
-    masks: see `softmax`. Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
+    Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
     """
     mean_bias, log_variance, sizes = head
-    continuous, discrete, old_log_probs = target.action
-    n, branches, dimensions = len(outputs), len(sizes), len(mean_bias)
+    continuous, discrete, n = rows.continuous, rows.discrete, total
+    branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
     p, log_p, entropies = np.zeros((branches, widest)), np.zeros((branches, widest)), np.empty(branches)
     precision = np.exp(-log_variance)
@@ -168,10 +200,10 @@ def loss_gradient(
     policy_loss = value_loss = entropy = kl = clipped_rows = 0.0
     gradient.mean_bias[:] = 0.0
     gradient.log_variance[:] = 0.0
-    for i in range(n):
+    for i in range(len(outputs)):
         log_prob = 0.0
         for b in range(branches):
-            entropies[b] = softmax(outputs, masks, i, b, widest, sizes[b], p[b], log_p[b])
+            entropies[b] = softmax(outputs, rows.masks, i, b, widest, sizes[b], p[b], log_p[b])
             entropy += entropies[b]
             statistics[COUNT + b] += entropies[b]
             log_prob += log_p[b, discrete[i, b]]
@@ -179,11 +211,11 @@ def loss_gradient(
             deviation = continuous[i, k] - (outputs[i, branches * widest + k] + mean_bias[k])
             log_prob -= 0.5 * (deviation * deviation * precision[k] + log_variance[k] + LOG_2_PI)
 
-        log_ratio = log_prob - old_log_probs[i]
+        log_ratio = log_prob - rows.log_probs[i]
         ratio = math.exp(log_ratio)
         kl += ratio - 1.0 - log_ratio
         clipped_rows += abs(ratio - 1.0) > clip
-        advantage = target.advantages[i]
+        advantage = rows.advantages[i]
         unclipped = ratio * advantage
         clipped = min(max(ratio, 1.0 - clip), 1.0 + clip) * advantage
         policy_loss -= min(unclipped, clipped)
@@ -200,17 +232,18 @@ def loss_gradient(
             gradient.mean_bias[k] += gradient.outputs[i, column]
             gradient.log_variance[k] += 0.5 * d_log_prob * (deviation * deviation * precision[k] - 1.0)
 
-        error = values[i] - target.returns[i]
-        moved = values[i] - target.values[i]
-        clipped_error = target.values[i] + min(max(moved, -clip), clip) - target.returns[i]
+        error = values[i] - rows.returns[i]
+        moved = values[i] - rows.values[i]
+        clipped_error = rows.values[i] + min(max(moved, -clip), clip) - rows.returns[i]
         value_loss += max(error * error, clipped_error * clipped_error)
         free = abs(moved) <= clip or error * error >= clipped_error * clipped_error
         gradient.values[i] = error / n if free else 0.0
 
     entropy /= n
+    share = len(outputs) / n
     for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row; the mean over them counts
-        entropy += 0.5 * (LOG_2_PI + 1.0 + log_variance[k]) / dimensions
-        gradient.log_variance[k] -= 0.5 * entropy_coef / dimensions
+        entropy += share * 0.5 * (LOG_2_PI + 1.0 + log_variance[k]) / dimensions
+        gradient.log_variance[k] -= share * 0.5 * entropy_coef / dimensions
     statistics[COUNT:] /= n
     statistics[0], statistics[1], statistics[2] = policy_loss / n, value_loss / n, entropy
     statistics[3], statistics[4] = kl / n, clipped_rows / n

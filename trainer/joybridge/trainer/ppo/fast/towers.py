@@ -4,68 +4,49 @@ PyTorch takes longer to start operations on matrices of this size than to comput
 function. Its matrix products are those of BLAS. The readable reference is `ppo/networks.py`; tests hold these functions
 to it.
 
-Shapes: n rows. What the hidden layers of a tower keep for the backward pass is one flat array, layer after layer, each
-[n, width].
+Shapes: n rows. All parameters are one flat array, and so are their gradients: see `flatten_parameters`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from torch import Tensor
 
 from joybridge.contract.tensors import Array
 from joybridge.trainer.ppo.activations import ACTIVATIONS
-from joybridge.trainer.ppo.fast.kernels import compiled
+from joybridge.trainer.ppo.fast.kernels import Head, compiled
 from joybridge.trainer.ppo.networks import Network
-from joybridge.trainer.ppo.networks import Tower as TorchTower
 
 SWISH, TANH, RELU, ELU = (list(ACTIVATIONS).index(name) for name in ("swish", "tanh", "relu", "elu"))
 NO_SUMS = np.zeros((0, 0), np.float32)
 
 
-class Tower(NamedTuple):
-    """The parameters of one tower, or where their gradients are written."""
-
-    weights: tuple[Array, ...]  # of each hidden layer and, last, of the head, [outputs, inputs]
-    biases: tuple[Array, ...]  # of each hidden layer
-
-
-class Dense(NamedTuple):
-    """The parameters of a network of dense layers, or where their gradients are written. It shares their memory."""
-
-    actor: Tower
-    critic: Tower  # the actor's once more where they share one
-    value_bias: Array  # [1]
-
-
 class Form(NamedTuple):
-    """What is known about a network beside its parameters."""
+    """What is known about a network of dense layers beside its parameters."""
 
+    widths: Array  # int64: of the input and of each hidden layer
+    choices: Array  # int64 [branches]
+    sums: Array  # see `Network`; NO_SUMS without ordinal branches
+    columns: int  # of the outputs of the actor
+    means: int
+    free: int  # parameters of the continuous actions that do not depend on the observation
     shared: bool  # whether actor and critic are one tower
     activation: int
-    sums: Array  # see `Network`; NO_SUMS without ordinal branches
-
-
-def dense(network: Network, *, gradients: bool = False) -> Dense:
-    """Return the parameters of a network as arrays, or their gradients. They are valid until parameters move."""
-
-    def array(parameter: Tensor) -> Array:
-        tensor = parameter.grad if gradients else parameter.detach()
-        assert tensor is not None
-        return tensor.numpy()
-
-    def arrays(tower: TorchTower) -> Tower:
-        layers = tower.layers
-        weights = [*(layer.weight for layer in layers), tower.head.weight]
-        return Tower(tuple(map(array, weights)), tuple(array(layer.bias) for layer in layers))
-
-    return Dense(arrays(network.actor), arrays(network.critic or network.actor), array(network.value_bias))
 
 
 def form(network: Network) -> Form:
     """Return the form of a network of dense layers."""
-    sums = NO_SUMS if network.sums is None else network.sums.numpy()
-    return Form(network.critic is None, list(ACTIVATIONS.values()).index(network.actor.activation), sums)
+    layers = network.actor.layers
+    head = network.actor.head
+    return Form(
+        widths=np.array([*(layer.in_features for layer in layers), head.in_features], np.int64),
+        choices=np.array(network.space.branches, np.int64),
+        sums=NO_SUMS if network.sums is None else network.sums.numpy(),
+        columns=head.out_features,
+        means=network.mean_bias.numel(),
+        free=network.log_variance.numel(),
+        shared=network.critic is None,
+        activation=list(ACTIVATIONS.values()).index(network.actor.activation),
+    )
 
 
 @compiled
@@ -112,75 +93,118 @@ def activate(activation: int, z: Array, bias: Array, slope: Array) -> None:
 
 
 @compiled
-def hidden_width(tower: Tower) -> int:
+def matrix(flat: Array, begin: int, rows: int, columns: int) -> Array:
+    """Return the part of a flat array that begins at `begin` as a matrix."""
+    return flat[begin : begin + rows * columns].reshape((rows, columns))
+
+
+@compiled
+def hidden_width(form: Form) -> int:
     """Return how many numbers the hidden layers of a tower keep per row."""
-    width = 0
-    for bias in tower.biases:
-        width += len(bias)
-    return width
+    return form.widths[1:].sum()  # type: ignore[no-any-return]
 
 
 @compiled
-def layer(kept: Array, tower: Tower, index: int, n: int) -> Array:
-    """Return the part of a flat array that belongs to one hidden layer, [n, width]."""
-    begin = 0
-    for before in range(index):
-        begin += n * len(tower.biases[before])
-    width = len(tower.biases[index])
-    return kept[begin : begin + n * width].reshape((n, width))
+def tower_size(form: Form, outputs: int) -> int:
+    """Return the number of parameters of a tower with a head of so many outputs."""
+    size = outputs * form.widths[-1]
+    for index in range(1, len(form.widths)):
+        size += (form.widths[index - 1] + 1) * form.widths[index]
+    return size  # type: ignore[no-any-return]
 
 
 @compiled
-def forward(tower: Tower, activation: int, features: Array, values: Array, slopes: Array) -> Array:
-    """Return the outputs of a tower's head, [n, outputs].
+def gaussians(flat: Array, form: Form) -> Head:
+    """Return mean_bias and log_variance, which are views of `flat`, with the sizes of the branches."""
+    begin = form.means + 1
+    return Head(flat[: form.means], flat[begin : begin + form.free], form.choices)
 
-    The outputs of hidden layers and the slopes of their activations are written into `values` and `slopes`, flat.
-    """
-    n = len(features)
-    for index in range(len(tower.biases)):
-        value = layer(values, tower, index, n)
-        np.dot(features, tower.weights[index].T, value)
-        activate(activation, value, tower.biases[index], layer(slopes, tower, index, n))
+
+@compiled
+def actor_begin(form: Form) -> int:
+    """Return where the parameters of the actor's tower begin: after mean_bias, value_bias and log_variance."""
+    return form.means + 1 + form.free
+
+
+@compiled
+def critic_begin(form: Form) -> int:
+    """Return where the parameters of the critic's tower begin, if it has one of its own: after the actor's."""
+    return actor_begin(form) + tower_size(form, form.columns)
+
+
+class Kept(NamedTuple):
+    """What a pass through a tower keeps for the backward pass: flat, layer after layer, each [n, width]."""
+
+    values: Array  # the outputs of hidden layers
+    slopes: Array  # of their activations
+
+
+@compiled
+def forward(weights: Array, form: Form, begin: int, outputs: int, features: Array, kept: Kept) -> Array:
+    """Return the outputs of a tower's head, [n, outputs]. begin: of the tower's parameters in `weights`."""
+    n, at = len(features), 0
+    for index in range(1, len(form.widths)):
+        inputs, width = form.widths[index - 1], form.widths[index]
+        value = matrix(kept.values, at, n, width)
+        np.dot(features, matrix(weights, begin, width, inputs).T, value)
+        begin += width * inputs
+        activate(form.activation, value, weights[begin : begin + width], matrix(kept.slopes, at, n, width))
+        begin += width
+        at += n * width
         features = value
-    return np.dot(features, tower.weights[len(tower.biases)].T)  # type: ignore[no-any-return]
+    return np.dot(features, matrix(weights, begin, outputs, form.widths[-1]).T)  # type: ignore[no-any-return]
 
 
 @compiled
 def backward(
-    tower: Tower, gradient: Tower, features: Array, values: Array, slopes: Array, d_outputs: Array
+    weights: Array, gradient: Array, form: Form, begin: int, features: Array, kept: Kept, d_outputs: Array,
+    spare: Array,
 ) -> None:  # fmt: skip
-    """Write the gradients of a tower's parameters, from d loss / d outputs [n, outputs] and what `forward` kept."""
-    n, last = len(features), len(tower.biases)
-    np.dot(d_outputs.T, layer(values, tower, last - 1, n) if last else features, gradient.weights[last])
-    d_features = np.dot(d_outputs, tower.weights[last])
-    for back in range(last):
-        index = last - 1 - back
-        slope, d_bias = layer(slopes, tower, index, n), gradient.biases[index]
-        d_bias[:] = 0.0
-        for i in range(n):
-            for j in range(len(d_bias)):
-                d_features[i, j] *= slope[i, j]
-                d_bias[j] += d_features[i, j]
-        np.dot(d_features.T, layer(values, tower, index - 1, n) if index else features, gradient.weights[index])
+    """Write the gradients of a tower's parameters, from d loss / d outputs [n, outputs] and what `forward` kept.
+
+    spare [2, n x largest width]: overwritten.
+    """
+    n, outputs = d_outputs.shape
+    widths = form.widths
+    begin, at = begin + tower_size(form, outputs), n * hidden_width(form)  # the ends; both move to the beginning
+    d_values = d_outputs
+    for back in range(len(widths)):
+        index = len(widths) - 1 - back  # of the layer below the weights
+        below, above = widths[index], d_values.shape[1]
+        if back:
+            begin -= above
+            slope, d_bias = matrix(kept.slopes, at, n, above), gradient[begin : begin + above]
+            d_bias[:] = 0.0
+            for i in range(n):
+                for j in range(above):
+                    d_values[i, j] *= slope[i, j]
+                    d_bias[j] += d_values[i, j]
+        begin -= above * below
+        at -= n * below if index else 0
+        values = matrix(kept.values, at, n, below) if index else features
+        np.dot(d_values.T, values, matrix(gradient, begin, above, below))
         if index:
-            d_features = np.dot(d_features, tower.weights[index])
+            d_below = matrix(spare[back % 2], 0, n, below)
+            np.dot(d_values, matrix(weights, begin, above, below), d_below)
+            d_values = d_below
 
 
 @compiled
-def tower_outputs(tower: Tower, activation: int, features: Array) -> Array:
+def tower_outputs(weights: Array, form: Form, begin: int, outputs: int, features: Array) -> Array:
     """Return the outputs of a tower's head, [n, outputs]."""
-    kept = len(features) * hidden_width(tower)
-    return forward(tower, activation, features, np.empty(kept, np.float32), np.empty(kept, np.float32))
+    size = len(features) * hidden_width(form)
+    kept = Kept(np.empty(size, np.float32), np.empty(size, np.float32))
+    return forward(weights, form, begin, outputs, features, kept)
 
 
 @compiled
-def heads(network: Dense, form: Form, observations: Array) -> tuple[Array, Array]:
+def heads(weights: Array, form: Form, observations: Array) -> tuple[Array, Array]:
     """Return what `Network.heads` does: the actor's outputs [n, columns], and the values [n]."""
-    outputs = tower_outputs(network.actor, form.activation, observations)
+    outputs = tower_outputs(weights, form, actor_begin(form), form.columns, observations)
     if form.shared:
-        values = outputs[:, -1] + network.value_bias[0]
+        values = outputs[:, -1] + weights[form.means]
     else:
-        values = tower_outputs(network.critic, form.activation, observations)[:, -1] + network.value_bias[0]
+        values = tower_outputs(weights, form, critic_begin(form), 1, observations)[:, -1] + weights[form.means]
     if len(form.sums):
         outputs = np.dot(outputs, form.sums)
     return outputs, values
