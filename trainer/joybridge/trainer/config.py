@@ -107,7 +107,9 @@ class PolicyConfig(Checked):
     cloning_coef: float = Field(
         1.0, ge=0, description="coefficient of the loss of cloning; beside PPO it falls linearly, to 0"
     )
-    threads: int = Field(1, ge=1, le=64, description="that compute the gradient, each for its part of the rows")
+    threads: int = Field(
+        1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
+    )
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
