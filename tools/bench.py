@@ -203,12 +203,16 @@ def bench_learner() -> Figures:
     layout = make_layouts("bucket-11", _device())[""]
     for shared in (True, False):
         body = "one tower" if shared else "two towers"
-        network, reference = (Network(inputs, layout.space, [hidden, hidden], shared, 0) for _ in range(2))
+        networks = [Network(inputs, layout.space, [hidden, hidden], shared, 0) for _ in range(3)]
         names = [str(branch) for branch in range(len(layout.space.branches))]
+        ways = ("autograd", "closed form", "closed form with two threads")
         learners = {
-            name: Learner(name, made, branches=names, gaussians=[], autograd=name == "autograd")
-            for name, made in (("autograd", reference), ("closed form", network))
-        }
+            name: Learner(
+                name, network, branches=names, gaussians=[], autograd=name == "autograd",
+                threads=2 if "threads" in name else 1,
+            )
+            for name, network in zip(ways, networks, strict=True)
+        }  # fmt: skip
         batch = Batch(
             torch.randn(rows, inputs), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
             torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
@@ -224,15 +228,15 @@ def bench_learner() -> Figures:
                 return 4.0 * (rows // minibatch) * minibatch
 
             figures[f"{name}, {body}, sample passes/s"] = measure(work)
-        outputs = [
-            head.weight for head in (network.actor.head, network.critic.head if network.critic else None) if head
-        ]
+        actor, critic = networks[0].actor, networks[0].critic
+        outputs = [tower.head.weight for tower in (actor, critic) if tower]
         figures[f"bare matrix products, {body}, sample passes/s"] = measure(
             lambda outputs=outputs: _products(outputs, minibatch, inputs, hidden)  # type: ignore[misc]
         )
         bare = figures[f"bare matrix products, {body}, sample passes/s"]["median"]
-        ratio = figures[f"closed form, {body}, sample passes/s"]["median"] / bare
-        figures[f"closed form / bare products, {body}"] = {"median": ratio, "low": ratio, "high": ratio}
+        for way in ways[1:]:
+            ratio = figures[f"{way}, {body}, sample passes/s"]["median"] / bare
+            figures[f"{way} / bare products, {body}"] = {"median": ratio, "low": ratio, "high": ratio}
     return figures
 
 
