@@ -1,1 +1,1 @@
-"""The compiled twin of `joybridge.trainer.ppo.loss`: same results, several times faster."""
+"""The compiled twin of the networks, the loss and Adam of PyTorch: same results, several times faster."""

@@ -1,6 +1,6 @@
 """The gradient of the PPO loss in closed form: what autograd would compute, without its bookkeeping.
 
-All of it is one compiled function. A test holds the result to autograd's within 1e-6. With several threads, a minibatch
+All of it is compiled. A test holds the result to autograd's within 1e-6. With several threads, a minibatch
 is divided into as many parts, whose gradients are computed at the same time and added up.
 """
 
