@@ -166,8 +166,8 @@ def test_a_simulator_that_does_not_answer_in_time_is_lost_and_the_error_says_wha
             with pytest.raises(SimulatorLost) as caught:
                 session.step(acts)
     assert str(caught.value).startswith(
-        f"the simulator at {silent} has not answered for 0.4 s: gauntlet, arenas 5 to 7, step 1, waiting for the "
-        "answer to act; "
+        f"the simulator at {silent} has not answered for 0.1 s: gauntlet, arenas 5 to 7, after 0 steps, waiting "
+        "for the answer to act; "
     )
 
 
@@ -178,7 +178,7 @@ def test_every_wait_of_a_session_ends(ask):
         if ask not in (Session.save, Session.reset):
             session.send(make_acts(session.spec, 3))
         with pytest.raises(
-            SimulatorLost, match=r"has not answered for 0\.4 s: .* waiting for the answer to (save|reset|act)"
+            SimulatorLost, match=r"has not answered for 0\.1 s: .* waiting for the answer to (save|reset|act)"
         ):
             ask(session)
 
@@ -224,7 +224,9 @@ def test_a_response_that_was_not_asked_for_ends_the_session_instead_of_answering
             for _ in range(10_000):
                 session.step(acts)
 
-        with pytest.raises(SimulatorError, match=r"a response without a request \(gauntlet, arenas 0 to 2, step \d+\)"):
+        with pytest.raises(
+            SimulatorError, match=r"a response without a request \(gauntlet, arenas 0 to 2, after \d+ steps\)"
+        ):
             play()
 
 

@@ -7,7 +7,7 @@ from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.simulator import axis, behavior, branch, button, sensor
 from joybridge.trainer.checkpoint import load_checkpoint
 from joybridge.trainer.config import load_config
-from joybridge.trainer.hand import hand_limits, make_hands, rest_hands, use_hands
+from joybridge.trainer.hand import hand_limits, make_hands
 from joybridge.trainer.train import train
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -38,8 +38,9 @@ def play(hands, decisions, lanes=2, ends=(), masks=None):
         )
         new = np.array([(number, lane) in ends for lane in range(lanes)])
         step = StepArrays([], np.zeros((lanes, 1), np.float32), new, np.zeros(lanes, bool), masks)
-        rest_hands(hands, [step])
-        use_hands(hands, [step], [act])
+        for hand in hands:
+            hand.store(step)
+            hand.apply(step, act)
         got.append((act.axes.copy(), act.choices.copy()))
     return [axes for axes, _ in got], [choices for _, choices in got]
 
@@ -102,7 +103,7 @@ def test_a_hand_that_was_saved_goes_on_as_it_would_have(tmp_path):
     (hand,), (saved,) = make(tmp_path, *limits), make(tmp_path, *limits)
     play([hand], chosen[:9])
     ended = StepArrays([], np.zeros((2, 1), np.float32), np.array([False, True]), np.zeros(2, bool))
-    rest_hands([hand], [ended])  # a session that continues from here does not tell of this end again
+    hand.store(ended)  # a session that continues from here does not tell of this end again
     saved.load(hand.state())
     axes = play([hand], chosen[9:])[0]
     np.testing.assert_array_equal(axes, play([saved], chosen[9:])[0])

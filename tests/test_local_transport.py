@@ -69,7 +69,7 @@ def test_a_message_of_the_session_that_is_too_large_is_refused(simulator):
     with Session(simulator, "archer", arenas=1, seed=0, transport="local") as session:
         with suppress(BrokenPipeError):  # it is refused before it has been sent completely
             local(session)._socket.send(b"\0" * 1_000_000, 10.0)
-        local(session)._pending = True
+        local(session)._pending = pb.PlayRequest(act=pb.Act())
         with pytest.raises(SimulatorError, match=r"a request of 1000000 bytes, .* \(RESOURCE_EXHAUSTED\)"):
             session.receive()
 
@@ -174,8 +174,8 @@ def socket_that_sends(data: bytes) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", r"has not answered for 0\.4 s: gauntlet, arenas 0 to 1, step 1, waiting for the answer to act"),
-        (b"\5\0\0\0abc", r"has not answered for 0\.4 s"),
+        (b"", r"has not answered for 0\.1 s: gauntlet, arenas 0 to 1, after 0 steps, waiting for the answer to act"),
+        (b"\5\0\0\0abc", r"has not answered for 0\.1 s"),
         (LENGTH.pack(2**32 - 1), "broke the contract: a message of 4294967295 bytes, expected at most"),
         (LENGTH.pack(3) + b"abc", "sent what is no PlayResponse"),
         (LENGTH.pack(2) + b"\x1a\0", "answered with snapshot, expected step"),
@@ -204,7 +204,7 @@ def test_a_response_without_a_request_ends_the_session():
     ):
         session.reset()
         with pytest.raises(
-            SimulatorError, match=r"sent a response without a request \(gauntlet, arenas 0 to 1, step 0\)"
+            SimulatorError, match=r"sent a response without a request \(gauntlet, arenas 0 to 1, after 1 steps\)"
         ):
             session.reset()
 

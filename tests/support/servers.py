@@ -40,7 +40,7 @@ def server(*arguments, **streams) -> Iterator[Server]:
 
 def impatient(session: Session, seconds: float = 0.1) -> Session:
     """Make an open session wait this long for its next answers. Opening it takes longer on a busy machine."""
-    session._wait._seconds = seconds
+    session._reader.seconds = session._reader._deadline = seconds
     return session
 
 

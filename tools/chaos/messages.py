@@ -13,10 +13,10 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2
 from grpc_reflection.v1alpha import reflection_pb2
 
+from joybridge.contract.codec import pack_act
 from joybridge.contract.credentials import NO_COMPRESSION
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.exchange import act_request
 from joybridge.v1 import bridge_pb2 as pb
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import Simulator, mebibytes
@@ -161,7 +161,7 @@ def messages(folder: Path, faults: int) -> Outcome:
     """Send malformed messages to all calls of a server."""
     with Simulator("--start-seconds", "5") as simulator:
         with Session(simulator.address, GAME, arenas=2, seed=1) as session:
-            act = act_request(make_acts(session.spec, 2))
+            act = pb.PlayRequest(act=pb.Act(behaviors=map(pack_act, make_acts(session.spec, 2))))
         sender = Sender(simulator.address, act)
         alone, beside = (Session(simulator.address, "shooting_birds", arenas=2, seed=7) for _ in range(2))
         acts = make_acts(alone.spec, 2)

@@ -123,15 +123,3 @@ def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: in
 def hand_limits(config: Config) -> HandLimits:
     """Return the limits that a configuration sets."""
     return HandLimits(config.hand_delay, config.hand_hold, config.hand_reach, config.hand_change, config.hand_noise)
-
-
-def use_hands(hands: Sequence[Hand], steps: Sequence[StepArrays], acts: Sequence[ActArrays]) -> None:
-    """Turn what policies have chosen into what the devices get, in place; entries are behaviors."""
-    for hand, step, act in zip(hands, steps, acts, strict=False):  # there may be no hands
-        hand.apply(step, act)
-
-
-def rest_hands(hands: Sequence[Hand], steps: Sequence[StepArrays]) -> None:
-    """Go back to rest where episodes have ended in the steps that followed; entries are behaviors."""
-    for hand, step in zip(hands, steps, strict=False):  # there may be no hands
-        hand.store(step)

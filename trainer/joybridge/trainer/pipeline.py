@@ -11,7 +11,7 @@ from itertools import islice, pairwise
 
 from joybridge.trainer.config import Config
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.hand import Hand, make_hands, rest_hands, use_hands
+from joybridge.trainer.hand import Hand, make_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.policy import Policy
 from joybridge.trainer.profiler import Profiler
@@ -49,15 +49,17 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
             if step > 0:
                 with profiler.measure_wait(group.session):
                     outcome = group.session.receive()
-                with profiler.measure("act"):
+            with profiler.measure("act"):
+                if step > 0:
                     for policy in policies:
                         policy.store(outcome, group.index)
-                    rest_hands(group.hands, outcome)
-            if step < steps:
-                with profiler.measure("act"):
+                    for hand, ended in zip(group.hands, outcome, strict=False):  # there may be no hands
+                        hand.store(ended)
+                if step < steps:
                     for policy in policies:
                         policy.act(group.session.steps, group.acts, group.index)
-                    use_hands(group.hands, group.session.steps, group.acts)
+                    for hand, now, act in zip(group.hands, group.session.steps, group.acts, strict=False):
+                        hand.apply(now, act)
                     group.session.send(group.acts)
         if step > 0:
             yield

@@ -19,7 +19,7 @@ from joybridge.trainer.actor import Actor, make_actors
 from joybridge.trainer.config import Config, play_config, play_settings
 from joybridge.trainer.config_fit import fitting_spec
 from joybridge.trainer.game_settings import Value, drawn, fixed, value_text
-from joybridge.trainer.hand import make_hands, rest_hands, use_hands
+from joybridge.trainer.hand import make_hands
 from joybridge.trainer.layouts import make_acts
 from joybridge.trainer.observations import FrameStack
 from joybridge.trainer.options import balanced_options
@@ -125,13 +125,15 @@ class Policies:
         for player in self.players:
             behavior = player.actor.behavior
             player.act(steps[behavior], self._acts[behavior])
-        use_hands(self._hands, steps, self._acts)
+        for hand, step, act in zip(self._hands, steps, self._acts, strict=False):  # there may be no hands
+            hand.apply(step, act)
         return self._acts
 
     def store(self, steps: Sequence[StepArrays]) -> list[Array]:
         """Take the steps that followed the acts; return the rewards [lanes] of each policy."""
         rewards = [player.store(steps[player.actor.behavior]) for player in self.players]
-        rest_hands(self._hands, steps)
+        for hand, step in zip(self._hands, steps, strict=False):
+            hand.store(step)
         return rewards
 
 

@@ -76,12 +76,12 @@ class Policy:
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
-        rewards, final_values = actor.encoder.rewards(step), None
+        frames, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
         now, after = rollout.observations[rollout.rows[group] : rollout.rows[group] + 2, rollout.groups[group]]
         if step.truncated.any() and step.final_observations is not None:
-            frames = actor.frames(step.final_observations)
-            final_values = actor.values(final_observations(now, frames, step))
-        push_frames(now, self._watch(step), step, after)
+            last_frames = actor.frames(step.final_observations)
+            final_values = actor.values(final_observations(now, last_frames, step))
+        push_frames(now, frames, step, after)
         rollout.store(step, rewards, final_values, group)
         self.episodes.add(step, rewards, rollout.groups[group])
 

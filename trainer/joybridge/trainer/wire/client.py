@@ -8,6 +8,7 @@ import asyncio
 import socket
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeAlias, TypeVar, TypeVarTuple
@@ -16,7 +17,7 @@ import grpc
 from google.protobuf.message import Message
 
 from joybridge.contract.address import is_local
-from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.codec import ActArrays, StepArrays, fill_act
 from joybridge.contract.credentials import credentials_of
 from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.spec import SpecError, check_spec
@@ -25,12 +26,12 @@ from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch, own_version
 from joybridge.trainer.wire.demonstration_log import DemonstrationLog
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, SimulatorShutDown, from_grpc
-from joybridge.trainer.wire.exchange import Reader, Wait, act_request
 from joybridge.trainer.wire.fault_log import FaultLog
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
 from joybridge.trainer.wire.local_stream import LocalStream
 from joybridge.trainer.wire.reachability import why_unreachable
-from joybridge.trainer.wire.stream import SERVICE, Stream, parse
+from joybridge.trainer.wire.responses import Outcome, Reader, parse
+from joybridge.trainer.wire.stream import SERVICE, Stream
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
@@ -128,12 +129,11 @@ class Session:
         self.simulate_seconds = 0.0
         self._failure: SimulatorError | None = None  # why the session has ended
         self._log: FaultLog | DemonstrationLog | None = None
-        self._reader = Reader(address, self.spec, arenas)
+        self._reader = Reader(address, self.spec, arenas, first_arena, timeout)
         self._coming: Distributions = {}  # for the next Act
         self._drawn = bool(distributions)  # whether parameters are
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
-        self._wait = Wait(address, f"{game}, arenas {first_arena} to {first_arena + arenas - 1}", timeout)
-        stream = Stream(self._wait, self._largest)
+        stream = Stream(self._reader, self._largest)
         self._use(stream)
         self._start = pb.Start(
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
@@ -154,22 +154,20 @@ class Session:
 
         Raises SimulatorError.
         """
-        request = self._act(acts)
-        if self._log is not None:
-            self._log.sent(request)
-        self._run(self._stream.send, request)
+        self._run(self._send, acts)
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
-        return self._take(self._run(self._stream.receive))[0]
+        return self._run(self._receive, self._stream.receive).steps
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one timestep and return the step. Raises SimulatorError."""
-        return self._ask(self._act(acts))[0]
+        return self._run(self._ask, self._act(acts)).steps
 
     def step_and_draw(self, acts: Sequence[ActArrays], draw: Sequence[int]) -> tuple[list[StepArrays], list[Array]]:
         """Like `step`; also return pictures of some arenas, uint8 [height, width, 3] each. Raises SimulatorError."""
-        return self._ask(self._act(acts, draw), len(draw))
+        outcome = self._run(self._ask, self._act(acts, draw), len(draw))
+        return outcome.steps, outcome.pictures
 
     def distribute(self, distributions: Distributions) -> None:
         """Draw these parameters anew in all episodes that begin from the next step on; running ones keep theirs."""
@@ -177,7 +175,7 @@ class Session:
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes in all arenas and return their first observations. Raises SimulatorError."""
-        return self._ask(pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {})))[0]
+        return self._run(self._ask, pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))).steps
 
     def save(self) -> dict[str, bytes]:
         """Return a snapshot of all arenas. Raises SimulatorError if the game does not support snapshots."""
@@ -189,7 +187,7 @@ class Session:
 
     def repeat(self, request: pb.PlayRequest) -> list[StepArrays]:
         """Send an Act or Reset of another session, and return the step that answers it. Raises SimulatorError."""
-        return self._ask(request, len(request.act.draw))[0]
+        return self._run(self._ask, request, len(request.act.draw)).steps
 
     def record_faults(self, folder: Path) -> None:
         """Write what led to an error of the simulator into a file of this folder, from now on; see FaultLog.
@@ -235,7 +233,7 @@ class Session:
         if path:
             try:
                 # On the event loop, which holds back interrupts: one that came meanwhile would lose an open socket.
-                local = EVENT_LOOP.run(_open_local, stream, self._wait, path, self._largest)
+                local = EVENT_LOOP.run(_open_local, stream, self._reader, path, self._largest)
                 end_stream = self._end_stream
                 self._use(local)
                 end_stream.detach()  # last: an interrupt before it leaves somebody who ends the stream
@@ -246,7 +244,7 @@ class Session:
             raise SimulatorError(f"no local transport to {self.address}: {problem}; leave it to transport=auto")
         if path:
             self._end_stream()
-            stream = Stream(self._wait, self._largest)
+            stream = Stream(self._reader, self._largest)
             self._use(stream)
             return self._open(stream, start, "grpc")
         return response
@@ -258,23 +256,35 @@ class Session:
         self._end_stream.atexit = False
 
     def _act(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
+        """Return the request for one timestep, with pictures of the arenas in `draw`."""
         coming, self._coming = self._coming, {}
         self._drawn = self._drawn or bool(coming)
-        return act_request(acts, draw, coming)
+        request = pb.PlayRequest(act=pb.Act(draw=draw, distributions=coming))
+        for act in acts:
+            fill_act(request.act.behaviors.add(), act)
+        return request
 
-    def _ask(self, request: pb.PlayRequest, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
+    def _send(self, acts: Sequence[ActArrays]) -> None:
+        request = self._act(acts)
+        if self._log is not None:
+            self._log.sent(request)
+        self._stream.send(request)
+
+    def _ask(self, request: pb.PlayRequest, pictures: int = 0) -> Outcome:
         """Send a request and return the step that answers it, with so many pictures. Raises SimulatorError."""
         if self._log is not None:
             self._log.sent(request)
-        return self._take(self._run(self._stream.ask, request), pictures)
+        return self._receive(partial(self._stream.ask, request), pictures)
 
-    def _take(self, response: pb.PlayResponse, pictures: int = 0) -> tuple[list[StepArrays], list[Array]]:
-        self.steps, self.simulate_seconds, drawn = self._run(self._reader.step, response, pictures)
+    def _receive(self, response: Callable[[], pb.PlayResponse], pictures: int = 0) -> Outcome:
+        """Return the step in a response, with so many pictures. Raises SimulatorError."""
+        outcome = self._reader.step(response(), pictures)
+        self.steps, self.simulate_seconds, _ = outcome
         if self._drawn and any(len(step.ended) and step.parameters is None for step in self.steps):
-            self._run(self._reader.refuse, "ended.parameters is missing, though parameters have distributions")
+            self._reader.refuse("ended.parameters is missing, though parameters have distributions")
         if self._log is not None:
             self._log.came(self.steps)
-        return self.steps, drawn
+        return outcome
 
     def _run(self, function: Callable[[*Arguments], T], *args: *Arguments) -> T:
         """Call a function. An error or an interrupt in it ends the session; later calls raise that error again."""
@@ -292,8 +302,8 @@ class Session:
             raise
 
 
-async def _open_local(stream: Stream, wait: Wait, path: str, largest: int) -> LocalStream:
-    return LocalStream(stream, wait, path, largest)
+async def _open_local(stream: Stream, reader: Reader, path: str, largest: int) -> LocalStream:
+    return LocalStream(stream, reader, path, largest)
 
 
 async def _connect(address: str, seconds: float) -> None:

@@ -7,12 +7,11 @@ from contextlib import suppress
 from typing import Any, TypeVar, cast
 
 import grpc
-from google.protobuf.message import DecodeError, Message
 
 from joybridge.contract.credentials import credentials_of
 from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost, from_grpc
-from joybridge.trainer.wire.exchange import Wait
 from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
+from joybridge.trainer.wire.responses import Reader, parse
 from joybridge.v1 import bridge_pb2 as pb
 
 ATTEMPTS = 10  # to open a stream
@@ -22,16 +21,15 @@ SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 # every five minutes.
 KEEPALIVE = [("grpc.keepalive_time_ms", 330_000), ("grpc.keepalive_timeout_ms", 20_000)]
 
-M = TypeVar("M", bound=Message)
 T = TypeVar("T")
 
 
 class Stream:
     """A Play stream to a simulator. Its public methods block; the others run on the event loop."""
 
-    def __init__(self, wait: Wait, largest: int) -> None:
-        """Prepare a stream. largest: bytes of a response."""
-        self.address, self._waits = wait.address, wait
+    def __init__(self, reader: Reader, largest: int) -> None:
+        """Prepare a stream. reader: of its responses. largest: bytes of a response."""
+        self.address, self._reader = reader.address, reader
         self._late = False  # whether a response did not come in time
         self._heard = math.inf  # when the last response came, in the time of the loop
         self._options = [
@@ -62,9 +60,9 @@ class Stream:
         """Send a request and return its response. Raises SimulatorError."""
         return EVENT_LOOP.run(self._ask, request)
 
-    def reason(self) -> SimulatorError:
-        """Wait until the stream ends, and return why it did."""
-        return EVENT_LOOP.run(self._reason)
+    def reason(self, request: pb.PlayRequest) -> SimulatorError:
+        """Wait until the stream ends after a request, and return why it did."""
+        return EVENT_LOOP.run(self._reason, request)
 
     def close(self) -> None:
         """End the stream, if it is open. Finalizers may call this."""
@@ -78,7 +76,6 @@ class Stream:
         """
         credentials = credentials_of(self.address)
         request = pb.PlayRequest(start=start)
-        self._waits.note(request)
         for _ in range(ATTEMPTS):
             self._channel = credentials.aio_channel(self.address, self._options)
             play = self._channel.stream_stream(f"/{SERVICE}/Play", pb.PlayRequest.SerializeToString)
@@ -95,7 +92,6 @@ class Stream:
 
     async def _send(self, request: pb.PlayRequest) -> None:
         await self._prepare()
-        self._waits.note(request)
         self._pending = asyncio.create_task(self._exchange(request))
         await asyncio.sleep(0)  # lets the task begin to send
 
@@ -107,15 +103,14 @@ class Stream:
 
     async def _ask(self, request: pb.PlayRequest) -> pb.PlayResponse:
         await self._prepare()
-        self._waits.note(request)
         return await self._wait(self._exchange(request))
 
-    async def _reason(self) -> SimulatorError:
+    async def _reason(self, request: pb.PlayRequest) -> SimulatorError:
         assert self._listening is not None
         try:
             await self._wait(self._listening)
         except asyncio.CancelledError:
-            return self._waits.too_late()
+            return self._reader.too_late(request)
         return cast(SimulatorError, self._ended)
 
     async def _close(self) -> None:
@@ -154,7 +149,7 @@ class Stream:
         leaves gRPC waiting for ever.
         """
         loop = asyncio.get_running_loop()
-        timer = loop.call_later(self._waits.seconds, self._give_up, asyncio.current_task())
+        timer = loop.call_later(self._reader.seconds, self._give_up, asyncio.current_task())
         try:
             return await response
         finally:
@@ -175,7 +170,9 @@ class Stream:
                 await self._call.write(request)
             data = await awaited
         except asyncio.CancelledError:
-            raise self._cancelled() from None
+            if self._late:
+                raise self._reader.too_late(request) from None
+            raise
         except grpc.RpcError as error:
             raise _NotSent(f"lost the simulator at {self.address}: the stream has ended") from error
         finally:
@@ -197,28 +194,11 @@ class Stream:
                 self._ended = from_grpc(error, self.address)
             awaited, self._awaited = self._awaited, None
             if awaited is None or awaited.done():
-                self._ended = self._ended or self._waits.surplus()
+                self._ended = self._ended or self._reader.surplus()
             elif self._ended is not None:
                 awaited.set_exception(self._ended)
             else:
                 awaited.set_result(data)
-
-    def _cancelled(self) -> BaseException:
-        """Return the error for a wait that was cancelled: by its timer, or by an interrupt."""
-        return self._waits.too_late() if self._late else asyncio.CancelledError()
-
-
-def parse(kind: type[M], data: bytes, address: str) -> M:
-    """Return the message in a response. Raises SimulatorError.
-
-    gRPC's own deserialization would log a traceback and return None for what cannot be parsed.
-    """
-    try:
-        return kind.FromString(data)
-    except DecodeError as error:
-        raise SimulatorError(
-            f"the simulator at {address} sent what is no {kind.DESCRIPTOR.name}: {error}; check its version"
-        ) from error
 
 
 class _NotSent(SimulatorLost):
