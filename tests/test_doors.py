@@ -1,6 +1,7 @@
 """Who may call a server: addresses, TLS, the token, malformed and compressed messages."""
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -42,6 +43,8 @@ from joybridge.trainer.look import main as look
 from joybridge.trainer.wire.errors import from_grpc
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
+from joybridge.viewer.play import main as viewer
+from joybridge.viewer.watch import main as watch
 from tests.support.games import PICTURE, Hybrid
 from tests.support.servers import Server, end, server
 from tests.support.wire import PLAY, SECONDS, Stream, act, start
@@ -126,6 +129,106 @@ def test_malformed_addresses_are_refused(text):
     else:
         with pytest.raises(argparse.ArgumentTypeError, match="expected HOST:PORT"):
             address(text)
+
+
+# ------------------------------------------------------------------------------------------------------- TLS
+
+
+def nothing(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def garbage(path: Path) -> None:
+    path.write_bytes(b"\x00\xff garbage")
+
+
+def truncated(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-60])
+
+
+def truncated_inside(path: Path) -> None:
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([*lines[:2], lines[-1]]))
+
+
+def a_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def a_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def an_endless_device(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("/dev/zero")
+
+
+DAMAGES = [nothing, garbage, truncated, truncated_inside, a_folder, a_pipe, an_endless_device]
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("damaged", ["server.pem", "server.key"])
+def test_a_server_that_is_told_to_use_tls_never_listens_without(damaged, damage, files, tmp_path, capsys):
+    certificate, key, token = [Path(shutil.copy(file, tmp_path)) for file in files]
+    damage(tmp_path / damaged)
+    protection = ["--tls-cert", str(certificate), "--tls-key", str(key), "--token-file", str(token)]
+    assert main(["serve", "--address", "0.0.0.0:0", *protection]) == 2
+    errors = capsys.readouterr()
+    assert errors.err.startswith("error: ") and str(tmp_path / damaged) in errors.err and "listening" not in errors.out
+
+
+def test_a_key_of_another_certificate_or_with_a_password_is_refused(files, tmp_path):
+    certificate, key, token = files
+    for options in (["ecparam", "-name", "prime256v1", "-genkey", "-noout"], ["ec", "-in", str(key), "-aes128"]):
+        password = ["-passout", "pass:secret"] if options[0] == "ec" else []
+        other = tmp_path / options[0]
+        subprocess.run(["openssl", *options, *password, "-out", str(other)], check=True, capture_output=True)
+        with pytest.raises(CredentialsError, match=r"are no certificate and its key without a password"):
+            load_protection("127.0.0.1:0", certificate, other, token)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_client_that_is_told_to_use_tls_never_calls_without(damage, files, tmp_path, capsys):
+    certificate = Path(shutil.copy(files[0], tmp_path))
+    damage(certificate)
+    with pytest.raises(CredentialsError, match=str(certificate)):
+        load_credentials(certificate, files[2])
+    assert main(["list", "--simulator", "127.0.0.1:1", "--tls-ca", str(certificate)]) == 2
+    assert str(certificate) in capsys.readouterr().err
+
+
+FAR = "192.0.2.1:5005"  # an address that documents use and no machine has
+SENDING = {
+    "list": (main, ["list", "--simulator", FAR]),
+    "new": (main, ["new", "--for", FAR, "--game", "orchard"]),
+    "check": (check, ["check", FAR]),
+    "doctor": (doctor, ["doctor", FAR]),
+    "look": (look, ["look", FAR, "look.png", "--game", "orchard"]),
+    "train": (trainer, ["train", "orchard/hybrid", "--simulator", FAR, "--wait", "1"]),
+    "play": (viewer, ["play", "orchard", "--simulator", FAR, "--no-browser"]),
+    "watch": (watch, ["watch", FAR, "--no-browser"]),
+}
+
+
+@pytest.mark.parametrize("command", SENDING)
+def test_no_command_sends_a_token_in_clear_text_to_another_machine(command, files, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run, arguments = SENDING[command]
+    assert run([*arguments, "--token-file", str(files[2])]) in (1, 2)
+    printed = capsys.readouterr()
+    assert f"the token would travel to {FAR} in clear text" in printed.err + printed.out
+    assert TOKEN not in printed.err + printed.out
+
+
+@pytest.mark.parametrize("place", [FAR, "[2001:db8::1]:5005", "nowhere.invalid:5005"])
+def test_no_environment_sends_a_token_in_clear_text_to_another_machine(place):
+    with pytest.raises(CredentialsError, match="in clear text; let that server use TLS"):
+        BridgeEnv("orchard", simulator=ProtectedAddress(place, Credentials(token=TOKEN)))
+    for place in ("127.0.0.1:1", "unix:s", "[::1]:1"):
+        Credentials(token=TOKEN).channel(place).close()
 
 
 # ------------------------------------------------------------------------------------------------- the token

@@ -50,6 +50,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 
     try:
         credentials = load_credentials(options.tls_ca, options.token_file)
+        credentials.check(options.address)
         games, settings, missing = options.game, Settings(), ""
         if options.config:
             try:

@@ -12,11 +12,12 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from joybridge.contract.files import read_file
 from joybridge.experiments.ranges import Range
 from joybridge.experiments.scores import FINAL, Run
 from joybridge.experiments.variants import differences, in_words
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import read_file, write_atomically
+from joybridge.trainer.files import write_atomically
 
 LARGEST = 2**26  # bytes of the file
 RUNGS = tuple(tenth / 10 for tenth in range(2, 10))  # of a run: where a hopeless trial ends

@@ -10,11 +10,12 @@ from typing import Any
 
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 
+from joybridge.contract.files import read_file
 from joybridge.experiments.names import SEED
 from joybridge.trainer.config import LONGEST_NAME, MAY_CHANGE, Config, dump_config, load_config
 from joybridge.trainer.config_files import find_config
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import read_file, storing, write_atomically
+from joybridge.trainer.files import storing, write_atomically
 from joybridge.v1 import bridge_pb2 as pb
 
 ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys that do not vary, and what to use instead

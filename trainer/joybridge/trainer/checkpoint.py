@@ -15,9 +15,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from joybridge.contract.files import read_file
 from joybridge.contract.tensors import Array
 from joybridge.trainer.errors import CheckpointError
-from joybridge.trainer.files import read_file, storing, sync_folder, write_synced
+from joybridge.trainer.files import storing, sync_folder, write_synced
 
 log = logging.getLogger("joybridge.trainer")
 

@@ -16,8 +16,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
 
+from joybridge.contract.files import read_file
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import read_file
 
 _INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
 _CHECKOUT = Path(__file__).parents[3] / "configs"

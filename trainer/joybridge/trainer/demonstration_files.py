@@ -3,9 +3,10 @@
 import hashlib
 from pathlib import Path
 
+from joybridge.contract.files import read_file
 from joybridge.trainer.demonstrations import Demonstration, load_recorded
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import read_file, write_atomically
+from joybridge.trainer.files import write_atomically
 from joybridge.trainer.formats.minari_import import DATA, load_minari
 from joybridge.trainer.formats.mlagents_import import is_mlagents, load_mlagents
 from joybridge.trainer.wire.demonstration_log import SUFFIX

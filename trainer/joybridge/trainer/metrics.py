@@ -5,8 +5,9 @@ import io
 import re
 from pathlib import Path
 
+from joybridge.contract.files import read_file
 from joybridge.trainer.errors import CheckpointError
-from joybridge.trainer.files import read_file, write_atomically
+from joybridge.trainer.files import write_atomically
 
 LARGEST = 2**26  # bytes of a file of metrics
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from joybridge.contract.files import read_file
 from joybridge.trainer.errors import RunLockedError
-from joybridge.trainer.files import read_file, storing
+from joybridge.trainer.files import storing
 
 PARENT_SECONDS = 10.0  # to wait for the trainers of a program that was killed: they are still saving
 

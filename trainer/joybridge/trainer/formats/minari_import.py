@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from joybridge.contract.files import read_file
 from joybridge.contract.tensors import Array, TensorError
 from joybridge.contract.text import printable
 from joybridge.trainer.demonstrations import Demonstration
 from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.files import read_file
 from joybridge.trainer.formats.episodes import Episode, check_episode, join_episodes
 from joybridge.trainer.wire.recording import LARGEST_FILE, RecordingError
 from joybridge.v1 import bridge_pb2 as pb

@@ -14,12 +14,12 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from joybridge.contract.codec import ActArrays
+from joybridge.contract.files import read_file
 from joybridge.contract.tensors import NUMPY_TYPES, Array, TensorError
 from joybridge.contract.text import printable
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.records import FLOAT
 from joybridge.trainer.demonstrations import Demonstration
-from joybridge.trainer.files import read_file
 from joybridge.trainer.formats.episodes import Episode, check_episode, exact, join_episodes
 from joybridge.trainer.mlagents.records import is_image, scale_axes
 from joybridge.trainer.wire.demonstration_log import SUFFIX

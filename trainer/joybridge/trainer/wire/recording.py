@@ -24,9 +24,9 @@ from google.protobuf.message import DecodeError
 
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.files import read_file
 from joybridge.contract.text import printable
 from joybridge.contract.versions import own_version
-from joybridge.trainer.files import read_file
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = [
