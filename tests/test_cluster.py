@@ -199,11 +199,11 @@ def test_a_cluster_with_too_few_cores_is_waited_for_and_named(capsys):
 
 
 def test_a_run_remembers_games_but_no_cluster_and_the_cluster_gets_its_games(tmp_path):
-    remember(tmp_path, Simulators(games=("a:B",), cluster=NOWHERE, count=2))
-    assert last_simulators(tmp_path) == Simulators(games=("a:B",))
+    remember(tmp_path, Simulators(games=("a:B",), cluster=NOWHERE, count=2), print)
+    assert last_simulators(tmp_path).simulators == Simulators(games=("a:B",))
     (tmp_path / FILE).write_text(f'{{"games": ["a:B"], "cluster": "{NOWHERE}", "count": 2}}')
-    assert last_simulators(tmp_path) == Simulators(games=("a:B",))
+    assert last_simulators(tmp_path).simulators == Simulators(games=("a:B",))
     wanted = Simulators(cluster=NOWHERE, count=2)
     assert wanted.arguments() == ["--ray", NOWHERE, "--simulators", "2"]
-    chosen = choose_simulators(wanted, last_simulators(tmp_path), CONFIG, print)
+    chosen = choose_simulators(wanted, last_simulators(tmp_path), CONFIG, print, trust=True)
     assert chosen == replace(wanted, games=("a:B",))

@@ -18,6 +18,7 @@ from joybridge.contract.address import address
 from joybridge.trainer.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.trainer.command_line import (
     add_simulator_options,
+    add_trust_option,
     at_least,
     check_simulator_options,
     run_command,
@@ -35,6 +36,7 @@ from joybridge.trainer.overrides import add_overrides, parse_overrides
 from joybridge.trainer.run_lock import PARENT_SECONDS, locked
 from joybridge.trainer.signals import leaving_on_signals
 from joybridge.trainer.simulators import (
+    Remembered,
     Simulators,
     choose_simulators,
     last_simulators,
@@ -61,6 +63,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     shared = argparse.ArgumentParser(add_help=False)
     add_simulator_options(shared, "the simulators of the run's last training, if they answer; otherwise ")
+    add_trust_option(shared)
     trains = commands.add_parser("train", parents=[shared], help="train a configuration")
     trains.set_defaults(function=_train)
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
@@ -192,8 +195,8 @@ def _train(options: argparse.Namespace) -> None:
     learners = Learners(options.learners, options.ray or "", options.wait)
     learners.check(config)
     source = run if options.resume else Path(config.weights_from) if config.weights_from else None
-    last = last_simulators(source) if source else Simulators()
-    simulators = choose_simulators(_wanted(options), last, config, say)
+    last = last_simulators(source) if source else Remembered(run)
+    simulators = choose_simulators(_wanted(options), last, config, say, trust=options.trust_run)
     patience = PARENT_SECONDS if options.with_parent else 0.0
     with locked(run, patience), open_simulators(simulators, options.wait, say) as connect:
         addresses = connect()
@@ -206,7 +209,7 @@ def _train(options: argparse.Namespace) -> None:
         saved = checkpoints(run)
         begin = int(saved[-1].name) if saved else 0
         heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
-        remember(run, simulators)
+        remember(run, simulators, say)
         try:
             with Display(heading, config.layout, config.end, begin) as display:
                 train(
@@ -311,7 +314,8 @@ def _player(options: argparse.Namespace) -> Iterator[str]:
     """Yield the address of a simulator for a run, after its configuration and its checkpoint have been checked."""
     config = play_config(options.run, options.overrides)
     load_checkpoint(options.run, options.checkpoint)
-    simulators = choose_simulators(wanted_simulators(options), last_simulators(options.run), config, say)
+    last = last_simulators(options.run)
+    simulators = choose_simulators(wanted_simulators(options), last, config, say, trust=options.trust_run)
     with open_simulators(simulators, options.wait, say) as connect:
         yield connect()[0]
 

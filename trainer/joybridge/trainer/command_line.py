@@ -21,7 +21,7 @@ def run_command(command: Callable[[argparse.Namespace], int | None], options: ar
         return command(options) or 0
     except JoybridgeError as error:
         say(f"error: {error}")
-        return 1
+        return error.exit_status
     except OSError as error:
         say(f"error: {error.filename or 'the output'}: {error.strerror or error}")
         return 1
@@ -57,6 +57,16 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
             f"--{option}", action="append", dest="game", type=f"{option}:{{}}".format, metavar=metavar,
             help="an environment for the simulator that this command starts, as in `joybridge serve`",
         )  # fmt: skip
+
+
+def add_trust_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of commands that play a run: whether to start and call what it names."""
+    parser.add_argument(
+        "--trust-run",
+        action="store_true",
+        help="start the games and call the simulators that the run names, although you have not trained it on this "
+        "machine; it can run any program as you",
+    )
 
 
 def check_simulator_options(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -4,6 +4,7 @@ JoybridgeError
 ├── ConfigError        a configuration that cannot be used
 │   ├── SettingError   a layout that does not know its setting
 │   └── DeviceError    a layout that cannot express a device
+├── UntrustedRunError  a run of somebody else that names programs or addresses
 ├── CheckpointError    a checkpoint that is missing or cannot be read
 ├── StorageError       a file or folder that cannot be written
 ├── RunLockedError     a run that another process is training
@@ -26,6 +27,12 @@ class SettingError(ConfigError):
 
 class DeviceError(ConfigError):
     """A layout cannot express a device. The text says why, and what to use instead."""
+
+
+class UntrustedRunError(JoybridgeError):
+    """A run that this user has not written wants to start a program or to call an address; the text names them."""
+
+    exit_status = 2
 
 
 class CheckpointError(JoybridgeError):

@@ -11,6 +11,7 @@ from threading import Event
 from joybridge.contract.address import address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
+from joybridge.trainer.command_line import add_trust_option
 from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.game_settings import check_settings, read_settings
 from joybridge.trainer.look import choose_at, is_address
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             Event().wait()
     except JoybridgeError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
+        return error.exit_status
     except KeyboardInterrupt:
         return 0
     return 0
@@ -49,12 +50,15 @@ def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     from joybridge.viewer.watched import watch
     from joybridge.viewer.web import open_website
 
-    run, place = Path(options.what), None
+    run = Path(options.what)
     config = run_config(run)
+    place, games = None, tuple[str, ...]()
     if options.simulator:
         place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
+    else:
+        games = last_simulators(run).believed(options.trust_run).games
     with (
-        Simulator(place, () if place else last_simulators(run).games) as simulator,
+        Simulator(place, games) as simulator,
         open_website(options.port, lambda page: watch(page, run, simulator.reach, options.seed), "watch.html") as url,
     ):
         yield f"{run} ({config.game}, {config.layout})", url
@@ -103,6 +107,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "starts one",
     )  # fmt: skip
     add_credentials_arguments(watch)
+    add_trust_option(watch)
     watch.add_argument("--seed", type=int, default=1, help="of the arena and of the samples; default %(default)s")
     watch.add_argument(
         "--port", type=int, metavar="PORT",
