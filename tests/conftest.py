@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.launch import simulator_process
 from tests.support.games import PLACES
 
 # A shell that starts the tests in the background lets them, and the programs that they start, ignore interrupts.

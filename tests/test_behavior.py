@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from joybridge.trainer import playing
-from joybridge.trainer.config import load_config, run_config
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.options import balanced_options
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import describe
+from joybridge.client.client import describe
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
+from joybridge.play import playing
+from joybridge.policy.stratify import balanced_options
+from joybridge.run.folder import run_config
+from joybridge.run.train import train
 from tools.paper import behavior, birds, videos
 from tools.paper.behavior import Trace, add_measures, beastly_rivals, lap_radius, measure, shooting_birds
 

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.experiments import compare as command
-from joybridge.experiments import grid, launch
-from joybridge.experiments import page as pages
-from joybridge.experiments.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
-from joybridge.experiments.job import Job
-from joybridge.experiments.launch import make_job, scored_policy
-from joybridge.experiments.page import Setting, page_html, page_text
-from joybridge.experiments.scores import Point, Run, read_run
-from joybridge.experiments.variants import check_game, differences, kept_spec, make_variants, read_values
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.errors import CheckpointError, ConfigError
+from joybridge.compare import compare as command
+from joybridge.compare import grid, launch
+from joybridge.compare import page as pages
+from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
+from joybridge.compare.job import Job
+from joybridge.compare.launch import make_job, scored_policy
+from joybridge.compare.page import Setting, page_html, page_text
+from joybridge.compare.scores import Point, Run, read_run
+from joybridge.compare.variants import check_game, differences, kept_spec, make_variants, read_values
+from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.run.checkpoint import has_checkpoint
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
 

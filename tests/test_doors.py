@@ -18,6 +18,9 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from hypothesis import given
 from hypothesis import strategies as st
 
+from joybridge.client.errors import from_grpc
+from joybridge.commands.__main__ import main as trainer
+from joybridge.commands.look import main as look
 from joybridge.conformance.__main__ import main as check
 from joybridge.conformance.doctor import main as doctor
 from joybridge.contract import limits
@@ -38,9 +41,6 @@ from joybridge.simulator.__main__ import main
 from joybridge.simulator.doors import DoorError, Protection, load_protection
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.session import Refusal, Session
-from joybridge.trainer.__main__ import main as trainer
-from joybridge.trainer.look import main as look
-from joybridge.trainer.wire.errors import from_grpc
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from joybridge.viewer.play import main as viewer

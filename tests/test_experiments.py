@@ -16,14 +16,15 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-import joybridge.experiments
-from joybridge.experiments import Job, Process, ResultName, RunName, cluster, find_results, grid, job, run_grid, start
-from joybridge.experiments.cluster import read_files, write_files
-from joybridge.experiments.display import Display, time_left
-from joybridge.experiments.grid import keep_results
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.errors import RunLockedError
-from joybridge.trainer.run_lock import locked
+import joybridge.compare
+from joybridge.compare import Job, Process, ResultName, RunName, find_results, grid, job, run_grid, start
+from joybridge.compare.display import Display, time_left
+from joybridge.compare.grid import keep_results
+from joybridge.config.errors import RunLockedError
+from joybridge.ray_cluster import grid as cluster
+from joybridge.ray_cluster.grid import read_files, write_files
+from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.run_lock import locked
 from tests.support.jobs import Ended, train_here
 from tools.paper import __main__ as paper
 
@@ -380,5 +381,5 @@ def test_an_experiment_whose_name_contains_a_seed_is_refused(tmp_path):
 
 
 def test_every_public_name_is_documented():
-    for name in joybridge.experiments.__all__:
-        assert getattr(joybridge.experiments, name).__doc__
+    for name in joybridge.compare.__all__:
+        assert getattr(joybridge.compare, name).__doc__

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from joybridge.cli import main
+from joybridge.client.client import Session
+from joybridge.client.recording import RecordingError
+from joybridge.commands.look import obey_masks, press_at_random
+from joybridge.demonstrations.episodes import finished_episodes
+from joybridge.demonstrations.files import load_demonstration
+from joybridge.demonstrations.recorded import load_recorded
+from joybridge.layouts import list_roles, make_acts
 from joybridge.mlagents import communicator_pb2 as ml
+from joybridge.mlagents_player.records import AgentRecords
 from joybridge.simulator import axis, behavior, branch, button, channel, sensor, spec
-from joybridge.trainer.demonstration_files import load_demonstration
-from joybridge.trainer.demonstrations import load_recorded
-from joybridge.trainer.formats.episodes import finished_episodes
-from joybridge.trainer.layouts import list_roles, make_acts
-from joybridge.trainer.look import obey_masks, press_at_random
-from joybridge.trainer.mlagents.records import AgentRecords
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.recording import RecordingError
 from tests.test_minari import rows
 
 pytestmark = pytest.mark.usefixtures("signals")

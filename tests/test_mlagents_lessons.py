@@ -2,8 +2,8 @@
 
 import pytest
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.errors import ConfigError
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
 
 THEIRS = """
 environment_parameters:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import Config
-from joybridge.trainer.errors import StorageError, UntrustedRunError
-from joybridge.trainer.own_runs import is_ours, key_file, sign
-from joybridge.trainer.simulators import FILE, Simulators, choose_simulators, last_simulators, remember
+from joybridge.client.own_runs import is_ours, key_file, sign
+from joybridge.client.simulator_source import FILE, Simulators, choose_simulators, last_simulators, remember
+from joybridge.config.config import Config
+from joybridge.config.errors import StorageError, UntrustedRunError
 from tests.support.command_line import joybridge
 from tests.support.games import PLACES
 from tools.chaos.folders import new_run

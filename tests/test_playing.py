@@ -8,10 +8,10 @@ import av
 import numpy as np
 import pytest
 
-from joybridge.trainer.__main__ import main
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.simulators import FILE, Simulators, last_simulators, remember
-from joybridge.trainer.train import train
+from joybridge.client.simulator_source import FILE, Simulators, last_simulators, remember
+from joybridge.commands.__main__ import main
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.run.train import train
 from tests.support.games import PLACES
 
 pytestmark = pytest.mark.usefixtures("signals")

@@ -56,8 +56,8 @@ PROMISED = [
     "joybridge.gym.sb3",
     "joybridge.simulator",
     "joybridge.simulator.render",
-    "joybridge.trainer.layouts",
-    "joybridge.trainer.wire.client",
+    "joybridge.layouts",
+    "joybridge.client.client",
 ]
 
 

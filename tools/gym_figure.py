@@ -13,8 +13,8 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.metrics import read_rows
+from joybridge.config.config import load_config
+from joybridge.config.metrics import read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "results/pictures/gym.png"

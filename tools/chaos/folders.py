@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from joybridge.trainer.__main__ import main as trainer
-from joybridge.trainer.checkpoint import ARRAYS, MANIFEST, SUMS, Manifest, _sums, save_checkpoint
-from joybridge.trainer.config import Config, keep_config
+from joybridge.commands.__main__ import main as trainer
+from joybridge.config.config import Config
+from joybridge.run.checkpoint import ARRAYS, MANIFEST, SUMS, Manifest, _sums, save_checkpoint
+from joybridge.run.folder import keep_config
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import forget_peak, mebibytes
 

@@ -73,8 +73,6 @@ EXCEPTIONS = {  # what to do
     "StorageError": "Make room, give write permission, or name another folder.",
     "RunLockedError": "End the other training, or name another folder with `--run`.",
     "DivergedError": "Start a new run with smaller rewards, observations or `policy.learning_rate`.",
-    "LearnerError": "Repair what the text names on its machine, or train without `--learners`.",
-    "LearnerLost": "Resume; `joybridge train` goes on by itself as often as the key `restarts` says.",
     "ExportError": "Report it: nothing is written.",
     "SimulatorError": "`reason` and `field` say what was refused; see the reasons above.",
     "SimulatorLost": "Start the simulator again and resume; `joybridge train` does both by itself.",

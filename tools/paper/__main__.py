@@ -17,10 +17,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.experiments import Cluster, Job, run_grid, start
-from joybridge.experiments.grid import kept_results
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.config_files import FOLDER
+from joybridge.compare import Job, run_grid, start
+from joybridge.compare.grid import kept_results
+from joybridge.config.config_files import FOLDER
+from joybridge.ray_cluster.grid import Cluster
+from joybridge.run.checkpoint import has_checkpoint
 from tools.paper.page import RESULTS, write_report
 from tools.paper.runs import GAMES, LAYOUTS
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from joybridge.experiments import find_results
-from joybridge.trainer.metrics import Row, read_rows
+from joybridge.compare import find_results
+from joybridge.config.metrics import Row, read_rows
 
 MARK = 300_000  # timesteps between two rows of metrics, equal to 20 000 of the original's steps
 COMPLETE = 30_000_000  # timesteps of a complete run

@@ -85,7 +85,7 @@ def _configured(config: str, overrides: Sequence[str]) -> tuple[str, Settings]:
 
     Raises JoybridgeError, and ModuleNotFoundError if the trainer is not installed.
     """
-    trainer = import_module("joybridge.trainer.config_fit")
+    trainer = import_module("joybridge.policy.config_fit")
     loaded = trainer.find_and_load(config, overrides)
 
     def check(spec: pb.GameSpec) -> str:
