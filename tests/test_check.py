@@ -40,7 +40,8 @@ ROOT = Path(__file__).parents[1]
 GAMES = ["shooting_birds", "hybrid", "duel", "ends"]  # to which, together, every rule applies
 # Of what a game sends; the other families are about what the server does for every game.
 FAMILIES_OF_GAMES = [
-    "specs", "settings", "behaviors", "choices", "seeds", "steps", "episode_ends", "resets", "pictures", "snapshots",
+    "specs", "settings", "behaviors", "start", "choices", "seeds", "steps", "episode_ends", "resets", "pictures",
+    "snapshots",
 ]  # fmt: skip
 SECONDS = 10.0
 NOWHERE = "127.0.0.1:1"
