@@ -98,10 +98,14 @@ class Subject:
         return pb.PlayRequest(start=pb.Start(game=self.game, arenas=arenas, seed=seed, **fields))
 
     def record(
-        self, decisions: int = SHORT, arenas: int | None = None, first_arena: int = 0, client: Client | None = None,
-        resets: Mapping[int, pb.PlayRequest] | None = None, numbers: Sequence[int | None] | None = None,
-        seconds: float = math.inf, **fields: Any,
-    ) -> Recording:  # fmt: skip
+        self,
+        decisions: int = SHORT,
+        arenas: int | None = None,
+        resets: Mapping[int, pb.PlayRequest] | None = None,
+        numbers: Sequence[int | None] | None = None,
+        seconds: float = math.inf,
+        **fields: Any,
+    ) -> Recording:
         """Play a session with valid actions and return the recording.
 
         `numbers` seed the actions of the arenas (see Player), by default the numbers of the arenas. `resets` maps a
@@ -109,10 +113,10 @@ class Subject:
         decision the recording ends early after `seconds`. `fields` are fields of Start.
         """
         arenas = self.arenas if arenas is None else arenas
-        with Stream(client or self.client) as stream:
-            start = self.start(arenas, first_arena=first_arena, **fields)
-            numbers = range(first_arena, first_arena + arenas) if numbers is None else numbers
-            player = Player(stream, Recording(self.spec, arenas), start, numbers)
+        first = fields.get("first_arena", 0)
+        with Stream(self.client) as stream:
+            numbers = range(first, first + arenas) if numbers is None else numbers
+            player = Player(stream, Recording(self.spec, arenas), self.start(arenas, **fields), numbers)
             until = time.monotonic() + seconds  # after Start, which may take long: games are compiled then
             for decision in range(decisions):
                 if resets and decision in resets:

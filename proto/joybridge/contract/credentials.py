@@ -40,7 +40,7 @@ NO_COMPRESSION = ("grpc.compression_enabled_algorithms_bitset", 1)
 # By default, channels to one address share a connection: a call after the loss of a simulator would go into the
 # connection on which it was lost.
 _OWN_CONNECTION = ("grpc.use_local_subchannel_pool", 1)
-_SHORTEST, _LONGEST = 16, 1000  # characters of a token
+_MIN_CHARS, _MAX_CHARS = 16, 1000  # characters of a token
 
 
 class CredentialsError(JoybridgeError):
@@ -114,10 +114,10 @@ def load_credentials(tls_ca: Path | None = None, token_file: Path | None = None)
 def read_token(path: Path) -> str:
     """Return the token in a file, without the end of its line. Raises CredentialsError, which never shows the token."""
     token = _read(path).strip()
-    if not _SHORTEST <= len(token) <= _LONGEST or not all(33 <= byte <= 126 for byte in token):
+    if not _MIN_CHARS <= len(token) <= _MAX_CHARS or not all(33 <= byte <= 126 for byte in token):
         raise CredentialsError(
-            f"{path} holds no token, expected one line of {_SHORTEST} to {_LONGEST} ASCII characters without spaces; "
-            f"make one with `openssl rand -hex 32 > {path}`"
+            f"{path} holds no token, expected one line of {_MIN_CHARS} to {_MAX_CHARS} ASCII characters without "
+            f"spaces; make one with `openssl rand -hex 32 > {path}`"
         )
     return token.decode()
 

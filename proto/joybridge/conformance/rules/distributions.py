@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
+from itertools import islice
 
 import numpy as np
 
@@ -44,12 +45,12 @@ def _impossible(p: pb.Parameter) -> list[pb.Distribution]:
     return [pb.Distribution(), *intervals, *choices]
 
 
-INVALID = (  # name, section, rule, which of Start, Reset and Act, what is refused for each parameter
+INVALID = (  # name, section, rule, how many of Start, Reset and Act, what is refused for each parameter
     ("numbers_of_a_distribution_are_in_the_range_of_the_parameter", "Distribution",
-     "All numbers of a distribution are within low .. high of its parameter, and numbers.", slice(3), _out_of_range),
+     "All numbers of a distribution are within low .. high of its parameter, and numbers.", 3, _out_of_range),
     ("distribution_that_cannot_be_drawn_from_is_refused", "Distribution",
      "A distribution is of one kind; low is below high, and above 0 for a logarithm; a choice has 1 to 100 values.",
-     slice(1), _impossible),
+     1, _impossible),
 )  # fmt: skip
 
 
@@ -72,11 +73,11 @@ def distribution_of_an_unknown_parameter_is_refused(subject: Subject) -> None:
 
 @table(INVALID)
 def _distribution_is_refused(
-    subject: Subject, messages: slice, invalid: Callable[[pb.Parameter], list[pb.Distribution]]
+    subject: Subject, messages: int, invalid: Callable[[pb.Parameter], list[pb.Distribution]]
 ) -> None:
     for p in _parameters(subject):
         for distribution in invalid(p):
-            for requests in list(_messages(subject, {p.name: distribution}))[messages]:
+            for requests in islice(_messages(subject, {p.name: distribution}), messages):
                 subject.expect_refused(*requests, words=[p.name])
 
 
@@ -139,7 +140,7 @@ def values_do_not_depend_on_the_number_of_arenas(subject: Subject) -> None:
     resets = {index: reset_request() for index in range(SHORT, 4 * SHORT, SHORT)}  # so that episodes begin
     batch = subject.record(4 * SHORT, OF_A_BATCH, resets=resets, distributions=subject.uniform())
     for first, arenas in ((0, 1), (1, 1), (2, 2)):
-        part = subject.record(4 * SHORT, arenas, first, resets=resets, distributions=subject.uniform())
+        part = subject.record(4 * SHORT, arenas, resets, first_arena=first, distributions=subject.uniform())
         for step, (one, all_) in enumerate(zip(part.steps, batch.steps, strict=True)):
             rows, wanted = arena_rows(one, subject.spec, arenas), arena_rows(all_, subject.spec, OF_A_BATCH)
             got = f"different bytes in step {step} of arenas {first} to {first + arenas - 1}, played alone"
