@@ -113,16 +113,9 @@ def run() -> NoReturn:
 
 def usage() -> str:
     """Return the list of commands."""
-    lines = [f"  {name:<10}{command.help}" for name, command in commands().items()]
-    return "\n".join([
-        "usage: joybridge COMMAND ...",
-        "",
-        "Train agents that play with a pointer and buttons, over a gRPC bridge.",
-        "",
-        *lines,
-        "",
-        "`joybridge COMMAND --help` describes one.",
-    ])  # fmt: skip
+    lines = "\n".join(f"  {name:<10}{command.help}" for name, command in commands().items())
+    purpose = "Train agents that play with a pointer and buttons, over a gRPC bridge."
+    return f"usage: joybridge COMMAND ...\n\n{purpose}\n\n{lines}\n\n`joybridge COMMAND --help` describes one."
 
 
 if __name__ == "__main__":

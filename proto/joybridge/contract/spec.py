@@ -7,11 +7,11 @@ from typing import Protocol
 from joybridge.contract.codec import lane_count
 from joybridge.contract.errors import MessageError
 from joybridge.contract.limits import (
-    LARGEST_FLOAT32,
     MAX_CHOICES,
     MAX_DESCRIPTION,
     MAX_ELEMENTS,
     MAX_ENTRIES,
+    MAX_FLOAT32,
     MAX_LANES,
     MAX_NAME,
     MAX_PER_ELEMENT,
@@ -99,7 +99,7 @@ def check_spec(spec: pb.GameSpec) -> None:
         _require(ok, f"{game}: parameter {parameter.name!r} has its default outside low..high")
         ok = isfinite(parameter.low) and isfinite(parameter.high)
         _require(ok, f"{game}: parameter {parameter.name!r} has no finite low and high")
-        ok = not spec.parameters_per_episode or max(-parameter.low, parameter.high) <= LARGEST_FLOAT32
+        ok = not spec.parameters_per_episode or max(-parameter.low, parameter.high) <= MAX_FLOAT32
         _require(ok, f"{game}: parameter {parameter.name!r} may be too large for parameters_per_episode")
     _require(len(spec.behaviors) >= 1, f"{game}: no behaviors, expected at least one")
     _check_names(spec.behaviors, f"{game}: behaviors")
