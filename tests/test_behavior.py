@@ -211,6 +211,7 @@ def runs(simulator, tmp_path_factory) -> dict[str, Path]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, capsys, monkeypatch):
     config = run_config(runs["shooting_birds"])
     levels = balanced_options(config, describe(simulator, config.game, {}))
@@ -243,6 +244,7 @@ def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, ca
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_birds_that_are_hit_are_replaced_at_the_edge(runs, monkeypatch):
     monkeypatch.setattr(birds, "EPISODE_TICKS", 300)
     field = birds.watch(runs["shooting_birds"], episodes=8, seed=1)
@@ -261,6 +263,7 @@ def test_a_game_without_measures_is_refused_by_name(simulator, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_videos_of_the_best_runs_are_small_and_play(runs, tmp_path):
     output = tmp_path / "videos"
     assert videos.main([str(runs["beastly_rivals"]), "--seconds", "0.4", "--output", str(output)]) == 0

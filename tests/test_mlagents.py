@@ -21,6 +21,8 @@ from joybridge.trainer.mlagents.player import Player
 from joybridge.trainer.mlagents.records import AgentRecords
 from joybridge.trainer.wire.client import Session
 
+pytestmark = pytest.mark.nightly
+
 RESET = ml.TrainerStep(command=ml.RESET)
 
 

@@ -9,6 +9,8 @@ from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.keys import all_keys
 from joybridge.trainer.mlagents.their_config import BEHAVIOR, RUN, table
 
+pytestmark = pytest.mark.nightly
+
 THEIRS = """
 default_settings: {hyperparameters: {num_epoch: 5}}
 behaviors:

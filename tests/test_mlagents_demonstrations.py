@@ -18,7 +18,7 @@ from joybridge.trainer.wire.client import Session
 from joybridge.trainer.wire.recording import RecordingError
 from tests.test_minari import rows
 
-pytestmark = pytest.mark.usefixtures("signals")
+pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("signals")]
 
 
 def varint(number):

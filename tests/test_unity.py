@@ -25,6 +25,8 @@ from joybridge.trainer.wire.errors import SimulatorError
 from joybridge.trainer.wire.launch import simulator_process
 from tests.support.unity_player import DIES, HANGS, StandIn, agent, free_port, hybrid, says, vector
 
+pytestmark = pytest.mark.nightly
+
 QUICK = "wait=1"  # seconds, for players that say nothing
 
 
