@@ -1,6 +1,5 @@
 """The report about the paper: which results it reads, how claims are judged, and what it writes."""
 
-import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -10,6 +9,7 @@ import matplotlib.pyplot as plt
 import pytest
 from PIL import Image
 
+from joybridge.experiments import ResultName, RunName, add_results
 from tools.paper import figures
 from tools.paper.claims import COMPARISONS, Behavior, Judged, judge_claims, judge_logs
 from tools.paper.original import original_curve, original_ends, original_point, paper_figures
@@ -48,16 +48,14 @@ pytestmark = pytest.mark.no_cover  # of tools, which are not measured
 EARLY = 10 * MARK  # 3 M
 
 
-def write_run(folder: Path, length: str, name: str, rewards: Sequence[float], **more: float) -> None:
+def write_run(folder: Path, name: str, rewards: Sequence[float], policy: str = "", **more: float) -> None:
     """Write the metrics of a run: a reward per mark, and other figures that never change."""
-    path = folder / length / f"{name}.csv"
-    path.parent.mkdir(parents=True, exist_ok=True)
     columns = {"episodes": 150.0, "length": 1000.0, "click_accuracy": 0.9, "timesteps_per_second": 30_000.0} | more
-    with path.open("w", newline="") as file:
-        table = csv.DictWriter(file, ["timesteps", "reward", *columns])
-        table.writeheader()
-        for number, reward in enumerate(rewards, 1):
-            table.writerow({"timesteps": f"{number * MARK + 24:.6g}", "reward": reward, **columns})
+    rows = [
+        {"timesteps": f"{number * MARK + 24:.6g}", "reward": f"{reward}", **{key: f"{columns[key]}" for key in columns}}
+        for number, reward in enumerate(rewards, 1)
+    ]
+    add_results(folder, {ResultName(RunName.parse(name), len(rewards) * MARK, policy): rows})
 
 
 def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPLETE, **more: float) -> Results:
@@ -82,9 +80,9 @@ def judge(text: str, game: str, results: Results, behavior: Behavior | None = No
 
 
 def test_of_several_lengths_of_one_run_the_longest_counts(tmp_path):
-    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s0", [2.0] * 5)
-    write_run(tmp_path, "3M", "shooting_birds/bucket-11-s0", [2.0] * 10)
-    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s1", [4.0] * 5)
+    write_run(tmp_path, "shooting_birds/bucket-11-s0", [2.0] * 5)
+    write_run(tmp_path, "shooting_birds/bucket-11-s0", [2.0] * 10)
+    write_run(tmp_path, "shooting_birds/bucket-11-s1", [4.0] * 5)
     experiment = read_results(tmp_path)["shooting_birds", "bucket-11", ""]
     assert [(run.seed, run.end) for run in experiment.runs] == [(0, 10 * MARK), (1, 5 * MARK)]
     assert experiment.at(5 * MARK) == [2.0, 4.0]
@@ -93,16 +91,16 @@ def test_of_several_lengths_of_one_run_the_longest_counts(tmp_path):
 
 
 def test_runs_of_one_seed_that_begin_differently_are_different_runs(tmp_path):
-    write_run(tmp_path, "30M", "beastly_rivals/hybrid-s0", [1.0] * 100)
-    write_run(tmp_path, "3M", "beastly_rivals/hybrid-s0", [3.0] * 10)
+    write_run(tmp_path, "beastly_rivals/hybrid-s0", [1.0] * 100)
+    write_run(tmp_path, "beastly_rivals/hybrid-s0", [3.0] * 10)
     experiment = read_results(tmp_path)["beastly_rivals", "hybrid", ""]
     assert experiment.at(10 * MARK) == [1.0, 3.0]
     assert [run.end for run in experiment.complete] == [COMPLETE]
 
 
 def test_the_two_agents_are_told_apart_and_rounded_timesteps_find_their_mark(tmp_path):
-    write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-axes", [float(n) for n in range(1, 101)])
-    write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-buttons", [5.0] * 100)
+    write_run(tmp_path, "beastly_rivals/multiagent-s3", [float(n) for n in range(1, 101)], "axes")
+    write_run(tmp_path, "beastly_rivals/multiagent-s3", [5.0] * 100, "buttons")
     results = read_results(tmp_path)
     assert list(results) == [("beastly_rivals", "multiagent", policy) for policy in ("axes", "buttons")]
     axes = results["beastly_rivals", "multiagent", "axes"]
@@ -113,19 +111,13 @@ def test_the_two_agents_are_told_apart_and_rounded_timesteps_find_their_mark(tmp
 
 
 def test_runs_alone_count_for_speed_and_for_nothing_else(tmp_path):
-    write_run(tmp_path, "3M", "beastly_rivals/multiagent-s0-axes", [1.0] * 10)
-    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/multiagent-s0-axes", [2.0] * 2, timesteps_per_second=40_000)
-    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/hybrid-s0", [2.0] * 2)
+    write_run(tmp_path, "beastly_rivals/multiagent-s0", [1.0] * 10, "axes")
+    write_run(tmp_path / "alone", "beastly_rivals/multiagent-s0", [2.0] * 2, "axes", timesteps_per_second=40_000)
+    write_run(tmp_path / "alone", "beastly_rivals/hybrid-s0", [2.0] * 2)
     ((key, axes),) = read_results(tmp_path).items()
     assert key == ("beastly_rivals", "multiagent", "axes")
     assert [run.end for run in axes.runs] == [10 * MARK]
     assert [run.complete_hours for run in axes.alone] == [pytest.approx(COMPLETE / 40_000 / 3600)]
-
-
-def test_files_without_rows_and_folders_of_other_names_are_ignored(tmp_path):
-    write_run(tmp_path, "3M", "shooting_birds/bucket-3-s0", [])
-    write_run(tmp_path, "pictures", "shooting_birds/bucket-11-s0", [1.0])
-    assert read_results(tmp_path) == {}
 
 
 def test_one_run_has_no_interval_and_the_interval_of_several_contains_their_mean():
@@ -376,13 +368,13 @@ def results(tmp_path_factory) -> Path:
     """Return results of a few runs of different lengths, with the page written."""
     folder = tmp_path_factory.mktemp("results")
     rising = [136.0 * number / 100 for number in range(1, 101)]
-    write_run(folder, "30M", "shooting_birds/bucket-11-s0", rising)
-    write_run(folder, "3M", "shooting_birds/bucket-11-s1", rising[:10])
-    write_run(folder, "30M", "beastly_rivals/hybrid-s0", [80.0] * 100)
-    write_run(folder, "30M", "beastly_rivals/threshold-0.0-s2", [150.0] * 100)
-    write_run(folder, "3M", "beastly_rivals/multiagent-s0-axes", [40.0] * 10, timesteps_per_second=10_000.0)
-    write_run(folder, "3M", "beastly_rivals/multiagent-s0-buttons", [41.0] * 10, timesteps_per_second=10_000.0)
-    write_run(folder / "alone", "0.6M", "shooting_birds/bucket-11-s0", rising[:2], timesteps_per_second=40_000.0)
+    write_run(folder, "shooting_birds/bucket-11-s0", rising)
+    write_run(folder, "shooting_birds/bucket-11-s1", rising[:10])
+    write_run(folder, "beastly_rivals/hybrid-s0", [80.0] * 100)
+    write_run(folder, "beastly_rivals/threshold-0.0-s2", [150.0] * 100)
+    write_run(folder, "beastly_rivals/multiagent-s0", [40.0] * 10, "axes", timesteps_per_second=10_000.0)
+    write_run(folder, "beastly_rivals/multiagent-s0", [41.0] * 10, "buttons", timesteps_per_second=10_000.0)
+    write_run(folder / "alone", "shooting_birds/bucket-11-s0", rising[:2], timesteps_per_second=40_000.0)
     shooter = {"abs_vx": 12.5, "hits_per_level": [150.0, 151.0, 120.4], "timesteps": COMPLETE}
     known = {"beastly_rivals/threshold-0.0-s2": policy(), "shooting_birds/bucket-11-s0": shooter}
     (folder / "behavior.json").write_text(json.dumps(known))
@@ -487,7 +479,7 @@ def test_complete_runs_are_summarized_per_experiment(page):
 
 def test_several_complete_runs_are_summarized_by_their_mean_and_range(tmp_path):
     for seed, reward in enumerate((130.0, 100.0)):
-        write_run(tmp_path, "30M", f"shooting_birds/bucket-11-s{seed}", [reward] * 100)
+        write_run(tmp_path, f"shooting_birds/bucket-11-s{seed}", [reward] * 100)
     assert "| Shooting Birds bucket-11 | 2 | 115.0 (100.0 to 130.0) | 137.6 ± 5.6 | 0 of 2 |" in page_text(
         tmp_path, read_results(tmp_path)
     )
@@ -502,9 +494,9 @@ def test_p_values_are_those_of_the_t_and_f_distributions():
 
 def test_means_and_variances_are_compared_where_there_are_three_complete_runs(tmp_path):
     for seed, reward in enumerate((95.5, 105.4, 100.8, 97.2)):
-        write_run(tmp_path, "30M", f"beastly_rivals/bucket-11-s{seed}", [reward] * 100)
+        write_run(tmp_path, f"beastly_rivals/bucket-11-s{seed}", [reward] * 100)
     for seed in range(2):
-        write_run(tmp_path, "30M", f"beastly_rivals/bucket-3-s{seed}", [100.0] * 100)
+        write_run(tmp_path, f"beastly_rivals/bucket-3-s{seed}", [100.0] * 100)
     (line,) = agreement(read_results(tmp_path)).splitlines()[2:]
     cells = line.strip("| ").split(" | ")
     assert cells[:7] == ["Beastly Rivals bucket-11", "4", "99.7", "4.4", "10", "103.9", "1.7"]
