@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-import joybridge.experiments
 from joybridge.experiments import (
     Job,
     Process,
@@ -425,8 +424,3 @@ def test_finished_runs_of_a_folder_are_packed_into_the_table_of_a_study(whole, t
 def test_an_experiment_whose_name_contains_a_seed_is_refused(tmp_path):
     with pytest.raises(ValueError, match="'birds-s2-x': '-s2' reads as a seed"):
         Job("birds-s2-x", 0, 1, tmp_path, tmp_path)
-
-
-def test_every_public_name_is_documented():
-    for name in joybridge.experiments.__all__:
-        assert getattr(joybridge.experiments, name).__doc__

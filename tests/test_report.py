@@ -204,54 +204,42 @@ def test_a_run_lies_inside_above_or_below_two_standard_deviations(reward, word):
 
 # How claims are judged
 
-BUCKET_WINS = ("The bucket approach scores higher than the threshold", "shooting_birds")
+BIRDS, RIVALS = "shooting_birds", "beastly_rivals"
+WINS = "The bucket approach scores higher than the threshold"
+AGENTS = "The two agents score higher"
+BEST = "Threshold 0.0 is the best"
+
+
+def of(best: float, others: tuple[float, float]) -> dict[str, list[float]]:
+    """Return a reward of each threshold."""
+    return {
+        f"threshold-{value}": [reward] for value, reward in zip(("0.0", "0.1", "0.5"), (best, *others), strict=True)
+    }
 
 
 @pytest.mark.parametrize(
-    ("bucket", "threshold", "word"), [(137.0, 114.0, HOLDS), (115.0, 114.0, UNDECIDED), (100.0, 114.0, FAILS)]
-)
-def test_scores_of_complete_runs_decide(bucket, threshold, word):
-    results = made_up("shooting_birds", {"bucket-11": [bucket], "threshold-0.0": [threshold]})
-    verdict = judge(*BUCKET_WINS, results).here
-    assert (verdict.word, verdict.where) == (word, "at 30 M")
-    assert f"bucket-11 {bucket:.1f} (1), threshold-0.0 {threshold:.1f} (1)" in verdict.evidence
-    assert "the original bucket-11 137.6 ± 2.8 (10)" in verdict.evidence
-
-
-def test_short_runs_do_not_decide_a_claim_that_the_original_shows_only_later():
-    results = made_up("shooting_birds", {"bucket-11": [200.0], "threshold-0.0": [10.0]}, EARLY)
-    verdict = judge(*BUCKET_WINS, results).here
-    assert verdict.word == UNTESTED
-    assert "needs longer runs" in verdict.evidence
-
-
-@pytest.mark.parametrize(("best", "word"), [(65.0, HOLDS), (30.0, UNDECIDED), (-40.0, FAILS)])
-def test_short_runs_decide_a_claim_that_the_original_shows_as_early(best, word):
-    results = made_up(
-        "shooting_birds", {"threshold-0.0": [best], "threshold-0.1": [20.0], "threshold-0.5": [15.0]}, EARLY
-    )
-    verdict = judge("Threshold 0.0 is the best", "shooting_birds", results).here
-    assert (verdict.word, verdict.where) == (word, "at 3 M")
-
-
-def test_an_early_lead_that_the_original_loses_decides_nothing():
-    rewards = {"threshold-0.0": [80.0], "threshold-0.1": [35.0], "threshold-0.5": [35.0]}
-    verdict = judge("Threshold 0.0 is the best", "beastly_rivals", made_up("beastly_rivals", rewards, EARLY)).here
-    assert verdict.word == UNTESTED
-    assert "needs longer runs" in verdict.evidence
-
-
-def test_a_claim_names_the_experiments_that_it_lacks():
-    verdict = judge(*BUCKET_WINS, made_up("shooting_birds", {"bucket-11": [100.0]})).here
-    assert (verdict.word, verdict.evidence) == (UNTESTED, "needs runs of threshold-0.0")
-
-
-def test_a_single_run_has_the_standard_deviation_of_the_originals():
-    rewards = {"multiagent": [105.0], "threshold-0.0": [100.0]}
-    claim = ("The two agents score higher", "beastly_rivals")
-    assert judge(*claim, made_up("beastly_rivals", rewards)).here.word == UNDECIDED
-    many = {layout: values * 10 for layout, values in rewards.items()}
-    assert judge(*claim, made_up("beastly_rivals", many)).here.word == HOLDS
+    ("text", "game", "mark", "rewards", "verdict", "evidence"),
+    [
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [137.0], "threshold-0.0": [114.0]}, (HOLDS, "at 30 M"),
+         "bucket-11 137.0 (1), threshold-0.0 114.0 (1)"),
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [115.0], "threshold-0.0": [114.0]}, (UNDECIDED, "at 30 M"),
+         "the original bucket-11 137.6 ± 2.8 (10)"),
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [100.0], "threshold-0.0": [114.0]}, (FAILS, "at 30 M"), ""),
+        # Short runs decide what the original shows as early, and nothing that it shows only later, or loses again.
+        (WINS, BIRDS, EARLY, {"bucket-11": [200.0], "threshold-0.0": [10.0]}, (UNTESTED, ""), "needs longer runs"),
+        (BEST, BIRDS, EARLY, of(65.0, (20.0, 15.0)), (HOLDS, "at 3 M"), ""),
+        (BEST, BIRDS, EARLY, of(30.0, (20.0, 15.0)), (UNDECIDED, "at 3 M"), ""),
+        (BEST, BIRDS, EARLY, of(-40.0, (20.0, 15.0)), (FAILS, "at 3 M"), ""),
+        (BEST, RIVALS, EARLY, of(80.0, (35.0, 35.0)), (UNTESTED, ""), "needs longer runs"),
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [100.0]}, (UNTESTED, ""), "needs runs of threshold-0.0"),
+        # A single run has the standard deviation of the original's.
+        (AGENTS, RIVALS, COMPLETE, {"multiagent": [105.0], "threshold-0.0": [100.0]}, (UNDECIDED, "at 30 M"), ""),
+        (AGENTS, RIVALS, COMPLETE, {"multiagent": [105.0] * 10, "threshold-0.0": [100.0] * 10}, (HOLDS, "at 30 M"), ""),
+    ],
+)  # fmt: skip
+def test_scores_decide_where_the_runs_are_long_enough(text, game, mark, rewards, verdict, evidence):
+    here = judge(text, game, made_up(game, rewards, mark)).here
+    assert (here.word, here.where) == verdict and evidence in here.evidence
 
 
 @pytest.mark.parametrize(
@@ -270,52 +258,43 @@ def test_stability_needs_several_runs_and_compares_their_variances(bucket, thres
     assert "at least 2 runs of bucket-11, bucket-3" in verdict.evidence
 
 
-@pytest.mark.parametrize(("threshold", "word"), [(0.95, HOLDS), (0.985, FAILS)])
-def test_click_accuracy_decides_by_one_point(threshold, word):
-    results = made_up("shooting_birds", {"bucket-11": [136.0], "multiagent": [122.0]}, click_accuracy=0.99)
-    claim = ("Bucket and the two agents click more accurately", "shooting_birds")
-    assert judge(*claim, results).here.word == UNTESTED
-    results |= made_up("shooting_birds", {"threshold-0.0": [114.0]}, click_accuracy=threshold)
-    assert judge(*claim, results).here.word == word
-
-
-@pytest.mark.parametrize(("other", "word"), [(0.985, HOLDS), (0.9, FAILS)])
-def test_accuracies_within_one_point_are_alike(other, word):
-    results = made_up("shooting_birds", {"bucket-11": [136.0]}, click_accuracy=0.99)
-    results |= made_up("shooting_birds", {"bucket-3": [115.0], "bucket-41": [128.0]}, click_accuracy=other)
-    assert judge("3 and 41 values per axis click", "shooting_birds", results).here.word == word
+@pytest.mark.parametrize(
+    ("text", "exact", "others", "accuracy", "word"),
+    [
+        ("Bucket and the two agents click more", ("bucket-11", "multiagent"), ("threshold-0.0",), 0.95, HOLDS),
+        ("Bucket and the two agents click more", ("bucket-11", "multiagent"), ("threshold-0.0",), 0.985, FAILS),
+        ("Bucket and the two agents click more", ("bucket-11", "multiagent"), (), 0.0, UNTESTED),
+        ("3 and 41 values per axis click", ("bucket-11",), ("bucket-3", "bucket-41"), 0.985, HOLDS),
+        ("3 and 41 values per axis click", ("bucket-11",), ("bucket-3", "bucket-41"), 0.9, FAILS),
+    ],
+)
+def test_click_accuracies_differ_by_more_than_one_point(text, exact, others, accuracy, word):
+    results = made_up(BIRDS, dict.fromkeys(exact, (130.0,)), click_accuracy=0.99)
+    results |= made_up(BIRDS, dict.fromkeys(others, (110.0,)), click_accuracy=accuracy)
+    assert judge(text, BIRDS, results).here.word == word
 
 
 @pytest.mark.parametrize(
-    ("speed", "word", "extra"),
-    [(15_000.0, HOLDS, "+100 %"), (30_000.0, UNDECIDED, "+0 %"), (60_000.0, FAILS, "-50 %")],
+    ("text", "one", "other", "word", "extra"),
+    [
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (15, 15)}, HOLDS, "+100 %"),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (30, 30)}, UNDECIDED, "+0 %"),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (60, 60)}, FAILS, "-50 %"),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (15,)}, UNTESTED, ""),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {}, UNTESTED, ""),
+        # They are compared turn by turn, because the machine is not equally fast in all turns.
+        ("The largest bucket takes longer", {"bucket-3": (10, 20, 5)}, {"bucket-41": (9, 18, 4.5)}, HOLDS, ""),
+        ("The largest bucket takes longer", {"bucket-3": (10, 20, 5)}, {"bucket-41": (18, 9, 9)}, UNDECIDED, ""),
+    ],
 )
-def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
-    results = made_up("shooting_birds", {"bucket-11": [1.0, 1.0]}, EARLY)
-    claim = ("The two agents take longer", "shooting_birds")
-    assert judge(*claim, results).here.word == UNTESTED
-    once = made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, timesteps_per_second=speed)
-    assert judge(*claim, results | once).here.word == UNTESTED
-    results |= made_up("shooting_birds", {"multiagent": [1.0, 1.0]}, EARLY, timesteps_per_second=speed)
-    verdict = judge(*claim, results).here
-    assert verdict.word == word
-    assert extra in verdict.evidence
-
-
-def made_alone(layout: str, speeds: Sequence[float]) -> Results:
-    """Return results with a run alone per turn."""
-    runs = [Run(turn, {MARK: {"reward": 1.0, "timesteps_per_second": speed}}) for turn, speed in enumerate(speeds)]
-    key = ("shooting_birds", layout, main_policy(layout))
-    return {key: Experiment(*key, (), tuple(runs))}
-
-
-@pytest.mark.parametrize(
-    ("slow", "word"),
-    [((9_000.0, 18_000.0, 4_500.0), HOLDS), ((18_000.0, 9_000.0, 9_000.0), UNDECIDED)],
-)
-def test_training_times_are_compared_turn_by_turn(slow, word):
-    results = made_alone("bucket-3", (10_000.0, 20_000.0, 5_000.0)) | made_alone("bucket-41", slow)
-    assert judge("The largest bucket takes longer", "shooting_birds", results).here.word == word
+def test_training_time_follows_from_the_speed_of_runs_alone(text, one, other, word, extra):
+    results = {}
+    for layout, speeds in (one | other).items():  # in thousands of timesteps per second
+        rows = [{MARK: {"reward": 1.0, "timesteps_per_second": 1000.0 * speed}} for speed in speeds]
+        key = (BIRDS, layout, main_policy(layout))
+        results[key] = Experiment(*key, (), tuple(Run(turn, row) for turn, row in enumerate(rows)))
+    verdict = judge(text, BIRDS, results).here
+    assert verdict.word == word and extra in verdict.evidence
 
 
 def policy(**more: object) -> dict[str, object]:
