@@ -35,7 +35,7 @@ from joybridge.experiments.grid import keep_results
 from joybridge.experiments.table import TABLE
 from joybridge.trainer.checkpoint import has_checkpoint
 from joybridge.trainer.errors import CheckpointError, RunLockedError
-from joybridge.trainer.metrics import Cells
+from joybridge.trainer.metrics import KEYS, Cells, column_name, is_trainers
 from joybridge.trainer.run_lock import locked
 from tests.support.jobs import Ended, train_here
 from tools import pack_results
@@ -127,41 +127,10 @@ def resume(simulator) -> Callable[[Job], Ended]:
     return lambda chosen: train_here(replace(chosen, arguments=("--simulator", simulator)))
 
 
-@dataclass
-class Killed:
-    """What a grid has left that was killed: its folder of runs, and where its simulator would be in /proc."""
-
-    runs: Path
-    simulator: Path
-
-
 def child(process: int) -> int:
     """Return the only child of a process."""
     (number,) = Path(f"/proc/{process}/task/{process}/children").read_text().split()
     return int(number)
-
-
-@pytest.fixture(scope="module")
-def killed(configs, tmp_path_factory) -> Killed:
-    """Return what a grid of one run has left that was killed in the middle together with its trainer."""
-    runs = tmp_path_factory.mktemp("killed")
-    process = start_grid(configs, runs, start_new_session=True)
-    only = make_job(configs, runs)
-    wait_for_checkpoint(process, only)
-    simulator = Path(f"/proc/{child(child(process.pid))}")
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    assert not only.finished()
-    return Killed(runs, simulator)
-
-
-@pytest.mark.slow
-@pytest.mark.nightly
-def test_a_killed_trainer_takes_its_simulator_with_it(killed):
-    deadline = time.monotonic() + DEADLINE_SECONDS
-    while not has_ended(killed.simulator):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def has_ended(process: Path) -> bool:
@@ -173,11 +142,13 @@ def has_ended(process: Path) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_one_failing_run_is_reported_with_its_reason_and_does_not_stop_the_others(whole):
+def test_one_failing_run_is_reported_and_the_others_keep_all_of_their_different_rows(whole):
     assert [(str(failed.name), reason) for failed, reason in whole.failed.items()] == [
         ("fail-s0", "error: unknown key 'arenaz'; did you mean 'arenas'? `joybridge keys` lists all keys")
     ]
-    assert list(figures(whole.results)) == ["survive-s0", "survive-s1"]
+    one, other = figures(whole.results).values()
+    assert [int(row["timesteps"]) // 1500 for row in one] == [1, 2, 3, 4]
+    assert all(float(row["episodes"]) > 0 for row in one) and one != other
 
 
 @pytest.mark.slow
@@ -208,25 +179,24 @@ def test_a_killed_run_is_reported_with_its_signal(configs, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_every_finished_run_keeps_all_rows_and_different_seeds_differ(whole):
-    tables = figures(whole.results)
-    rows = tables["survive-s0"]
-    assert [int(row["timesteps"]) // 1500 for row in rows] == [1, 2, 3, 4]
-    assert all(float(row["episodes"]) > 0 for row in rows)
-    assert rows != tables["survive-s1"]
-
-
-@pytest.mark.slow
-@pytest.mark.nightly
-def test_a_grid_that_is_killed_and_repeated_ends_with_the_same_results(
-    whole, killed, configs, resume, tmp_path, monkeypatch, signals
+def test_a_grid_that_is_killed_with_its_trainers_and_repeated_ends_with_the_same_results(
+    whole, configs, resume, tmp_path, monkeypatch, signals
 ):
-    runs = shutil.copytree(killed.runs, tmp_path / "runs")
+    process, only = start_grid(configs, tmp_path, start_new_session=True), make_job(configs, tmp_path)
+    wait_for_checkpoint(process, only)
+    simulator = Path(f"/proc/{child(child(process.pid))}")
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not only.finished()
+    deadline = time.monotonic() + DEADLINE_SECONDS
+    while not has_ended(simulator):  # it watches its trainer
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
     monkeypatch.setattr(paper, "start", resume)
-    assert paper.main(command_line(configs, runs, "--experiments", "survive", "--jobs", "2")) == 0
-    assert figures(runs / "results") == {"survive-s0": figures(whole.results)["survive-s0"]}
-    assert run_grid([make_job(configs, runs)], 2, runs / "once more", begin=refuse) == {}
-    assert figures(runs / "once more") == figures(runs / "results")  # kept again without running again
+    assert paper.main(command_line(configs, tmp_path, "--experiments", "survive", "--jobs", "2")) == 0
+    assert figures(tmp_path / "results") == {"survive-s0": figures(whole.results)["survive-s0"]}
+    assert run_grid([only], 2, tmp_path / "once more", begin=refuse) == {}
+    assert figures(tmp_path / "once more") == figures(tmp_path / "results")  # kept again without running again
 
 
 def refuse(finished: Job) -> Process:
@@ -383,6 +353,11 @@ def test_the_bytes_of_a_table_do_not_depend_on_the_order_of_its_runs(tmp_path):
         "0.6M/a/b-s1,a/b,1,600000,,600000,,1e-05",
         "0.6M/c-s0,c,0,600000,,600000,,3",
     ]
+
+
+def test_a_metric_of_a_game_never_takes_the_place_of_a_key():
+    assert [column_name(key) for key in KEYS] == [f"game_{key}" for key in KEYS]
+    assert not any(map(is_trainers, KEYS))
 
 
 @pytest.mark.parametrize(

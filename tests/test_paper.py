@@ -36,6 +36,8 @@ def test_a_run_whose_results_could_not_be_kept_is_refused(run, tmp_path, capsys)
     assert f"has survive-s0 of a run that is not in {tmp_path}; use another folder" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_keys_are_set_for_every_run(run, capsys):
     assert run("--experiments", "survive", "--set", "arenas=3", "groups=1", "--set", "policy.epochs=x") == 1
     assert "policy.epochs: got 'x'" in capsys.readouterr().err
