@@ -34,6 +34,8 @@ from tests.support.jobs import train_here
 from tests.test_experiments import command_line, figures, make_job, write_configs
 from tests.test_recovery import CONFIG, LANES, ROLLOUT, outcome
 
+pytestmark = pytest.mark.nightly
+
 ROOT = Path(__file__).parents[1]
 NOWHERE = "127.0.0.1:1"
 

@@ -27,6 +27,7 @@ from joybridge.contract import limits
 from joybridge.contract.address import address, is_local
 from joybridge.contract.codec import pack
 from joybridge.contract.credentials import (
+    Credentials,
     CredentialsError,
     ProtectedAddress,
     load_credentials,

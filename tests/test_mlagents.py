@@ -21,6 +21,8 @@ from joybridge.mlagents_player.player import Player
 from joybridge.mlagents_player.records import AgentRecords
 from joybridge.simulator import behavior, sensor
 
+pytestmark = pytest.mark.nightly
+
 RESET = ml.TrainerStep(command=ml.RESET)
 
 

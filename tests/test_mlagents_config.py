@@ -9,6 +9,8 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.keys import all_keys
 from joybridge.mlagents_player.their_config import BEHAVIOR, RUN, table
 
+pytestmark = pytest.mark.nightly
+
 THEIRS = """
 default_settings: {hyperparameters: {num_epoch: 5}}
 behaviors:

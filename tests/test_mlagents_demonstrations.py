@@ -18,7 +18,7 @@ from joybridge.mlagents_player.records import AgentRecords
 from joybridge.simulator import axis, behavior, branch, button, channel, sensor, spec
 from tests.test_minari import rows
 
-pytestmark = pytest.mark.usefixtures("signals")
+pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("signals")]
 
 
 def varint(number):

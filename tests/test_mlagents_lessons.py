@@ -5,6 +5,8 @@ import pytest
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 
+pytestmark = pytest.mark.nightly
+
 THEIRS = """
 environment_parameters:
   wind: {sampler_type: uniform, sampler_parameters: {min_value: 0.5, max_value: 2}}

@@ -20,7 +20,7 @@ from joybridge.compare.pictures import draw_themes
 from joybridge.compare.ranges import Choices, Numbers, own_settings, read_ranges
 from joybridge.compare.scores import Point, Run
 from joybridge.compare.trials import Trial, best_trial, rungs, score_so_far, until
-from joybridge.compare.variants import make_variants
+from joybridge.compare.variants import VARIANTS, make_variants
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.run.run_lock import locked
@@ -28,7 +28,7 @@ from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
 from tests.test_boundaries import modules
 
-pytestmark = pytest.mark.usefixtures("signals")
+pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("signals")]
 
 SMALL = """
 game: archer
@@ -365,7 +365,7 @@ def test_a_comparison_and_a_search_do_not_share_a_folder(run, simulator):
     assert run("--trials", "1").status == 0
     done = joybridge("compare", "small.yaml", "--layouts", "hybrid", "--output", str(OUT), "--simulator", simulator)
     assert done.status == 1 and "out holds a search; name another folder with --output" in done.errors
-    (OUT / "configs/search.yaml").unlink()
+    (OUT / VARIANTS).write_text((OUT / VARIANTS).read_text().replace('"search": ', '"other": ', 1))
     assert "out holds a comparison; name another folder with --output" in run("--trials", "1").errors
 
 

@@ -25,6 +25,8 @@ from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
 from tests.support.unity_player import DIES, HANGS, StandIn, agent, free_port, hybrid, says, vector
 
+pytestmark = pytest.mark.nightly
+
 QUICK = "wait=1"  # seconds, for players that say nothing
 
 

@@ -16,8 +16,8 @@ finished runs and resumes the others from their last checkpoints, with the same 
     for job, reason in failed.items():
         print(job.name, reason)
 
-The metrics of each finished run are then in `results`, see `ResultName`; `find_results` lists them. On a Ray cluster
-(extra `cluster`):
+The metrics of all finished runs are then in the table `results/runs.csv.xz`, which `read_table` and pandas read. On a
+Ray cluster (extra `cluster`):
 
     from joybridge.ray_cluster.grid import Cluster
 
@@ -27,6 +27,7 @@ The metrics of each finished run are then in `results`, see `ResultName`; `find_
 
 from joybridge.compare.grid import run_grid
 from joybridge.compare.job import Job, Process, start
-from joybridge.compare.names import ResultName, RunName, find_results
+from joybridge.compare.names import ResultName, RunName
+from joybridge.compare.table import add_results, read_table
 
-__all__ = ["Job", "Process", "ResultName", "RunName", "find_results", "run_grid", "start"]
+__all__ = ["Job", "Process", "ResultName", "RunName", "add_results", "read_table", "run_grid", "start"]

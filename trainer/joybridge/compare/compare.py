@@ -1,8 +1,9 @@
 """`joybridge compare`: train variants of a configuration with several seeds each, and write a page that compares them.
 
 The folder of a comparison holds everything that a repetition needs: the configurations of the variants and the specs of
-their games (`configs`), the runs (`runs`), the metrics of finished runs (`metrics`), and the page. The command may be
-killed at any time. Repeated, it skips finished runs, and ends with the same figures. Finished runs may be deleted.
+their games (`variants.json`), the runs (`runs`), the metrics of finished runs (`runs.csv.xz`), and the page. The
+command may be killed at any time. Repeated, it skips finished runs, and ends with the same figures. Finished runs may
+be deleted.
 """
 
 import argparse
@@ -19,17 +20,18 @@ from joybridge.client.command_line import (
     say_next,
 )
 from joybridge.compare.analysis import Analysis, analyze, least_seeds
-from joybridge.compare.grid import kept_results, run_grid
+from joybridge.compare.grid import is_kept, run_grid
 from joybridge.compare.job import Job
 from joybridge.compare.launch import backend, make_job, repetition, scored_policy, served_specs
 from joybridge.compare.names import ResultName
 from joybridge.compare.page import Setting, final_scores, write_page
 from joybridge.compare.ranges import is_fixed
-from joybridge.compare.scores import Run, read_run
+from joybridge.compare.scores import Run, score_run
+from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.variants import Variant, check_unchanged, kept_spec, make_variants, read_values
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
-from joybridge.config.metrics import metrics_name
+from joybridge.config.metrics import metrics_name, numbers
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.errors import JoybridgeError
 from joybridge.v1 import bridge_pb2 as pb
@@ -142,13 +144,14 @@ def compare(options: argparse.Namespace) -> int:
         say(f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
             f"--seeds {least} is the least number with which they can")  # fmt: skip
     failed = train(list(jobs), options)
+    results = read_table(options.output)
     runs: dict[str, list[Run]] = {}
     missing = []
     for job, label in jobs.items():
         try:
             if job in failed:
                 raise ConfigError(failed[job].removeprefix("error: "))
-            run = finished_run(job, policies[label], options)
+            run = finished_run(job, policies[label], results, options)
             runs.setdefault(label, []).append(run)
         except JoybridgeError as error:
             missing.append(f"{job.name}: {error}")
@@ -172,38 +175,35 @@ def find_specs(variants: Sequence[Variant], options: argparse.Namespace) -> list
     kept = [kept_spec(variant, options.output) for variant in variants]
     known = [(variant, spec) for variant, spec in zip(variants, kept, strict=True) if spec]
     jobs = [make_job(*one, seed, options) for one in known for seed in range(options.seeds)]
-    if len(known) == len(variants) and all(is_finished(job, options) for job in jobs):
+    results = read_table(options.output)
+    if len(known) == len(variants) and all(is_deleted(job, results) or job.finished() for job in jobs):
         return [spec for _, spec in known]
     return served_specs(variants, options)
 
 
 def train(jobs: Sequence[Job], options: argparse.Namespace) -> dict[Job, str]:
     """Train what is not finished. Return the failed runs with the reasons."""
-    jobs = [job for job in jobs if not is_deleted(job, options)]
+    results = read_table(options.output)
+    jobs = [job for job in jobs if not is_deleted(job, results)]
     if options.backend == "ray" and all(job.finished() for job in jobs):
         options.backend = "local"  # a cluster would have nothing to do
     parallel, begin = backend(options)
     try:
-        return run_grid(jobs, parallel, options.output / "metrics", begin)
+        return run_grid(jobs, parallel, options.output, begin)
     except KeyboardInterrupt:
         say("finished runs are kept; repeat the same command to continue")
         raise
 
 
-def is_finished(job: Job, options: argparse.Namespace) -> bool:
-    """Return whether nothing of a run is left to train."""
-    return is_deleted(job, options) or job.finished()
-
-
-def is_deleted(job: Job, options: argparse.Namespace) -> bool:
+def is_deleted(job: Job, results: Results) -> bool:
     """Return whether a finished run was deleted, or is on another machine; its metrics are all that the page needs."""
-    return not job.run.exists() and bool(kept_results(job, options.output / "metrics"))
+    return not job.run.exists() and is_kept(job, results)
 
 
-def finished_run(job: Job, policy: str, options: argparse.Namespace) -> Run:
+def finished_run(job: Job, policy: str, results: Results, options: argparse.Namespace) -> Run:
     """Return what a finished run has reached. Raises ConfigError and CheckpointError."""
-    path = options.output / "metrics" / ResultName(job.name, job.timesteps, metrics_name(policy)).path
-    if not path.exists():
+    name = ResultName(job.name, job.timesteps, metrics_name(policy))
+    if name not in results:
         interval = load_config(job.config).log_interval
         if job.timesteps < interval:
             raise ConfigError(
@@ -211,7 +211,7 @@ def finished_run(job: Job, policy: str, options: argparse.Namespace) -> Run:
                 "lengthen the runs, or set log_interval, with another --output"
             )
         raise ConfigError(f"{job.run} has no metrics; delete this folder, and repeat the command to train it again")
-    return read_run(path, job.seed, options.metric)
+    return score_run(numbers(results[name]), f"{name} in {options.output / TABLE}", job.seed, options.metric)
 
 
 def best_run(analysis: Analysis, jobs: Mapping[Job, str]) -> Path:

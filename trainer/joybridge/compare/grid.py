@@ -1,16 +1,15 @@
 """Run a grid of jobs, several at a time, and keep the metrics of the finished ones."""
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from joybridge.compare.display import Display
 from joybridge.compare.job import Job, Process, start
-from joybridge.compare.names import ResultName, find_results
+from joybridge.compare.names import ResultName, RunName
+from joybridge.compare.table import Results, add_results
 from joybridge.config.config import load_config
-from joybridge.config.files import write_atomically
-from joybridge.config.metrics import Row, read_rows
+from joybridge.config.metrics import read_cells
 from joybridge.contract.errors import JoybridgeError
 
 POLL_SECONDS = 0.5
@@ -85,28 +84,28 @@ def end(processes: Sequence[Process]) -> None:
 
 
 def keep_results(job: Job, results: Path) -> None:
-    """Copy the metrics of a finished run to the folder `results`, one CSV per policy, up to the job's timesteps.
+    """Add the metrics of a finished run to the table in the folder `results`, up to the job's timesteps.
 
     Raises FileExistsError instead of replacing the result of another run, which has other rewards.
     """
-    paths = sorted(job.run.glob("metrics-*.csv"))
     interval = load_config(job.config, job.settings()).log_interval
-    for path in paths:
-        policy = "" if len(paths) == 1 else path.stem.removeprefix("metrics-")
-        target = results / ResultName(job.name, job.timesteps, policy).path
-        rows = [row for row in read_rows(path) if row["timesteps"] // interval <= job.timesteps // interval]
-        if target.exists() and _rewards(read_rows(target)) != _rewards(rows):
-            raise FileExistsError(f"{target} is the result of another run; move it away or use another folder")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        lines = path.read_bytes().splitlines(keepends=True)
-        write_atomically(target, b"".join(lines[: 1 + len(rows)]))  # 1: the header
+    add_results(results, run_results(job.run, job.name, job.timesteps, interval))
 
 
-def kept_results(job: Job, results: Path) -> list[Path]:
-    """Return the files of a job in the folder `results`, one per policy; empty if there is none."""
-    wanted = ResultName(job.name, job.timesteps)
-    return [path for name, path in find_results(results).items() if replace(name, policy="") == wanted]
+def run_results(run: Path, name: RunName, timesteps: int, interval: int) -> Results:
+    """Return what each policy in the folder of a run has reached up to some timesteps.
+
+    interval: timesteps between two rows of metrics.
+    """
+    paths = sorted(run.glob("metrics-*.csv"))
+    return {
+        ResultName(name, timesteps, "" if len(paths) == 1 else path.stem.removeprefix("metrics-")): [
+            cells for cells in read_cells(path) if float(cells["timesteps"]) // interval <= timesteps // interval
+        ]
+        for path in paths
+    }
 
 
-def _rewards(rows: Sequence[Row]) -> list[float | None]:
-    return [row.get("reward") for row in rows]
+def is_kept(job: Job, results: Collection[ResultName]) -> bool:
+    """Return whether results have those of a job."""
+    return any((name.run, name.timesteps) == (job.name, job.timesteps) for name in results)

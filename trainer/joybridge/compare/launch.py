@@ -26,8 +26,7 @@ def served_specs(variants: Sequence[Variant], options: argparse.Namespace) -> li
     for variant, spec in zip(variants, specs, strict=True):
         check_variant(variant, spec)
         check_game(variant, spec, options.output)
-    for variant, spec in zip(variants, specs, strict=True):
-        keep(variant, spec, options.output)
+    keep(variants, specs, options.output)
     return specs
 
 

@@ -1,8 +1,7 @@
-"""How runs and the files of their results are named: in one place, from a name to its text and back."""
+"""How runs and their results are named: in one place, from a name to its text and back."""
 
 import re
 from dataclasses import dataclass
-from pathlib import Path
 
 SEED = re.compile(r"-s(\d+)(?=-|$)")  # where a run's experiment ends
 
@@ -36,40 +35,17 @@ class RunName:
 
 @dataclass(frozen=True)
 class ResultName:
-    """The name of the CSV of one policy of a finished run.
+    """The name of what one policy of a finished run has reached.
 
-    Its path below the folder of results is `LENGTH/EXPERIMENT-sSEED.csv`, or `LENGTH/EXPERIMENT-sSEED-POLICY.csv` where
-    a run has several policies. LENGTH is in millions of timesteps, e.g. `30M`.
+    It is written `LENGTH/EXPERIMENT-sSEED`, or `LENGTH/EXPERIMENT-sSEED-POLICY` where a run has several policies.
+    LENGTH is in millions of timesteps, e.g. `30M`.
     """
 
     run: RunName
     timesteps: int
     policy: str = ""  # empty for the only policy of a run
 
-    @property
-    def path(self) -> Path:
-        """Return the file's path below the folder of results."""
+    def __str__(self) -> str:
         millions = f"{self.timesteps / 1e6:.6f}".rstrip("0").rstrip(".")
         end = f"-{self.policy}" if self.policy else ""
-        return Path(f"{millions}M", f"{self.run}{end}.csv")
-
-    @classmethod
-    def parse(cls, path: Path) -> "ResultName":
-        """Return the name that a path below the folder of results spells. Raises ValueError."""
-        length, _, name = path.as_posix().partition("/")
-        stem, found = name.removesuffix(".csv"), SEED.search(name.removesuffix(".csv"))
-        if not (re.fullmatch(r"\d+(\.\d+)?M", length) and name.endswith(".csv") and found):
-            raise ValueError(f"{path} is not the path of a result, LENGTH/EXPERIMENT-sSEED[-POLICY].csv")
-        run = RunName.parse(stem[: found.end()])
-        return cls(run, round(float(length[:-1]) * 1e6), stem[found.end() + 1 :])
-
-
-def find_results(folder: Path) -> dict[ResultName, Path]:
-    """Return the results in a folder, sorted by path. Files with other names are ignored."""
-    found = {}
-    for path in sorted(folder.glob("*M/**/*.csv")):
-        try:
-            found[ResultName.parse(path.relative_to(folder))] = path
-        except ValueError:
-            continue
-    return found
+        return f"{millions}M/{self.run}{end}"

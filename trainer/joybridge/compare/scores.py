@@ -1,14 +1,14 @@
 """What the runs of a comparison have reached: their metrics as curves, and one score per run."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
 
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.config.metrics import read_rows
+from joybridge.config.metrics import Row
 
 FINAL = 0.1  # of the rows of metrics: their mean is the score of a run
 
@@ -43,20 +43,19 @@ class Run:
         return next((point for point in self.points if point.value >= score), None)
 
 
-def read_run(path: Path, seed: int, metric: str) -> Run:
-    """Return a run from its file of metrics. Raises CheckpointError for a damaged file, and ConfigError."""
-    rows = read_rows(path)
+def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
+    """Return a run from its rows of metrics. Raises CheckpointError and ConfigError, which name the source."""
     points = tuple(
         Point(int(row["timesteps"]), row.get("seconds", math.nan), row[metric]) for row in rows if metric in row
     )
     for point in points:
         if not math.isfinite(point.value):
             raise CheckpointError(
-                f"{path}: {metric} is {point.value} after {point.timesteps:,} timesteps, expected a finite number; "
+                f"{source}: {metric} is {point.value} after {point.timesteps:,} timesteps, expected a finite number; "
                 "move it away"
             )
     if not points:
         known = sorted({name for row in rows for name in row} - {"timesteps", "seconds"})
         why = "no episode ended; lengthen the runs" if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
-        raise ConfigError(f"{path} has no {metric}: {why}")
+        raise ConfigError(f"{source} has no {metric}: {why}")
     return Run(seed, points)

@@ -17,7 +17,7 @@ from joybridge.compare.job import Job, Process
 from joybridge.compare.launch import backend, check_variant, make_job, repetition, scored_policy, served_specs
 from joybridge.compare.proposals import hopeless, importances, propose
 from joybridge.compare.ranges import Choices, Range, own_settings, read_ranges
-from joybridge.compare.scores import Run, read_run
+from joybridge.compare.scores import Run, score_run
 from joybridge.compare.search_display import Display
 from joybridge.compare.search_page import ENOUGH, Outcome, ranking, write_page
 from joybridge.compare.trials import (
@@ -30,12 +30,12 @@ from joybridge.compare.trials import (
     until,
     write_record,
 )
-from joybridge.compare.variants import Variant, check_unchanged, config_path, kept_spec
+from joybridge.compare.variants import Variant, check_unchanged, config_path, kept_spec, read_variants
 from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.config.metrics import is_trainers, metrics_name
+from joybridge.config.metrics import column_name, is_trainers, metrics_name, read_rows
 from joybridge.contract.errors import JoybridgeError
 from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb
@@ -95,7 +95,7 @@ class Training:
         wanted = f"metrics-{metrics_name(self.policy)}" if self.policy else None
         for path in paths:
             if wanted in (None, path.stem):
-                return read_run(path, self.job.seed, metric)
+                return score_run(read_rows(path), str(path), self.job.seed, metric)
         raise CheckpointError(
             f"{self.job.run} has no metrics; delete this folder, and repeat the command to train it again"
         )
@@ -108,7 +108,7 @@ def search(options: argparse.Namespace) -> int:
     made = Search(options, path, base, read_ranges(options.search, path, options.overrides))
     check(made)
     variant = Variant(BASE, base)
-    if (options.output / "configs").exists() and not config_path(options.output, BASE).exists():
+    if (kept := read_variants(options.output)) and BASE not in kept:
         raise ConfigError(f"{options.output} holds a comparison; name another folder with --output")
     check_unchanged(variant, options.output)
     made.trials = read_record(made.record, made.identity, made.ranges)
@@ -147,7 +147,7 @@ def check_game_side(made: Search) -> None:
     """Raise ConfigError for a metric that the game does not have, and for ends of ranges that do not fit it."""
     metric, behaviors = made.options.metric, made.spec.behaviors
     names = dict.fromkeys(each.name for behavior in behaviors for each in behavior.metrics)
-    known = ["reward", "length", *(f"game_{name}" if is_trainers(name) else name for name in names)]
+    known = ["reward", "length", *map(column_name, names)]
     if metric not in known and not is_trainers(metric):
         raise ConfigError(f"--metric got {metric!r}; {made.spec.name} has {', '.join(known)}")
     for each in made.ranges:

@@ -6,12 +6,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 
 from joybridge.compare.names import SEED
-from joybridge.config.config import MAY_CHANGE, Config, dump_config, load_config
+from joybridge.config.config import MAY_CHANGE, Config, dump_config, load_config, make_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
@@ -21,7 +21,8 @@ from joybridge.v1 import bridge_pb2 as pb
 
 ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys that do not vary, and what to use instead
 FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a comparison is repeated
-LARGEST = 2**24  # bytes of a spec as text
+VARIANTS = "variants.json"
+MAX_BYTES = 2**26  # of this file
 MOST = 3  # differences that an error names
 # What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
 OFFERS = {"description", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode"}
@@ -38,6 +39,13 @@ class Variant:
     def name(self) -> str:
         """Return the name of its files."""
         return re.sub(r"[^\w.+=-]+", "_", self.label.replace(", ", "-")).strip("_")
+
+
+class Kept(NamedTuple):
+    """What the folder of a comparison knows of a variant."""
+
+    config: Config
+    spec: pb.GameSpec  # of its game when the comparison began
 
 
 def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
@@ -91,9 +99,9 @@ def make_variants(
 
 def check_unchanged(variant: Variant, folder: Path) -> None:
     """Raise ConfigError if the folder of a comparison holds another configuration of this name."""
-    path = config_path(folder, variant.name)
-    if path.exists():
-        before, now = load_config(path).model_dump(), variant.config.model_dump()
+    kept = read_variants(folder).get(variant.name)
+    if kept is not None:
+        before, now = kept.config.model_dump(), variant.config.model_dump()
         changed = [each for each in differences(before, now) if each[0].partition(".")[0] not in FREE]
         if changed:
             raise ConfigError(
@@ -118,34 +126,47 @@ def check_game(variant: Variant, spec: pb.GameSpec, folder: Path) -> None:
 
 def kept_spec(variant: Variant, folder: Path) -> pb.GameSpec | None:
     """Return the spec of a variant's game when the comparison began; None if it begins now. Raises ConfigError."""
-    path = _spec_path(folder, variant.name)
+    kept = read_variants(folder).get(variant.name)
+    return kept and kept.spec
+
+
+def read_variants(folder: Path) -> dict[str, Kept]:
+    """Return what the folder knows of its variants, by name; nothing in a new folder. Raises ConfigError."""
+    path = folder / VARIANTS
     try:
-        return ParseDict(json.loads(read_file(path, LARGEST)), pb.GameSpec())
+        data = json.loads(read_file(path, MAX_BYTES))
+        return {
+            name: Kept(make_config(each["config"]), ParseDict(each["spec"], pb.GameSpec()))
+            for name, each in data.items()
+        }
     except FileNotFoundError:
-        return None
-    except (OSError, ValueError, ParseError) as error:
+        return {}
+    except (OSError, ValueError, ParseError, ConfigError, AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"{path} cannot be read ({error}); delete it, and repeat the command") from error
 
 
-def keep(variant: Variant, spec: pb.GameSpec, folder: Path) -> None:
-    """Write the configuration of a variant, and the spec of its game, into the folder. Raises StorageError."""
-    data = {
-        config_path(folder, variant.name): dump_config(variant.config),
-        _spec_path(folder, variant.name): json.dumps(_as_dict(spec), indent=1) + "\n",
-    }
-    for path, text in data.items():
+def keep(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], folder: Path) -> None:
+    """Write the configurations of variants, and the specs of their games, into the folder. Raises StorageError.
+
+    The folder `configs` has each configuration as a file of its own, for the trainers.
+    """
+    kept = read_variants(folder)
+    for variant, spec in zip(variants, specs, strict=True):
+        kept[variant.name] = Kept(variant.config, spec)
+        path = config_path(folder, variant.name)
         with storing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, text.encode())
+        write_atomically(path, dump_config(variant.config).encode())
+    lines = [
+        f"{json.dumps(name)}: {json.dumps({'config': each.config.model_dump(), 'spec': _as_dict(each.spec)})}"
+        for name, each in sorted(kept.items())
+    ]
+    write_atomically(folder / VARIANTS, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
 
 
 def config_path(folder: Path, name: str) -> Path:
     """Return the file of a variant's configuration."""
     return folder / "configs" / f"{name}.yaml"
-
-
-def _spec_path(folder: Path, name: str) -> Path:
-    return folder / "configs" / f"{name}.spec.json"
 
 
 def _as_dict(spec: pb.GameSpec) -> dict[str, Any]:

@@ -213,7 +213,11 @@ def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -
     given = data.get("parameters")
     if isinstance(given, dict) and isinstance(over.get("parameters"), dict):  # a distribution is replaced as a whole
         data = {**data, "parameters": {name: given[name] for name in given if name not in over["parameters"]}}
-    data = merge(data, over)
+    return make_config(merge(data, over))
+
+
+def make_config(data: dict[str, Any]) -> Config:
+    """Return the configuration with these keys and values. Raises ConfigError."""
     config = _validate(Config, data, "")
     for name in config.policies:
         config.policy_config(name)

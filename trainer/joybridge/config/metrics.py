@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 from joybridge.config.errors import CheckpointError
@@ -21,11 +22,12 @@ _COLUMNS = {
     "timesteps", "seconds", "lesson", "episodes", "reward", "reward_std", "length", *STATISTICS, "value",
     "explained_variance", "grad_norm", "epochs", "cloning_loss", "learning_rate", "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
+KEYS = ("run", "experiment", "seed", "total_timesteps", "policy")  # what a table of several runs adds to a row
 
 
 def column_name(metric: str) -> str:
-    """Return the column of a metric of the game, which is its name, after "game_" if the trainer has such a column."""
-    return f"game_{metric}" if is_trainers(metric) else metric
+    """Return the column of a metric of the game: its name, after "game_" if there is another column of that name."""
+    return f"game_{metric}" if is_trainers(metric) or metric in KEYS else metric
 
 
 def is_trainers(column: str) -> bool:
@@ -40,7 +42,12 @@ def metrics_name(policy: str) -> str:
 
 def read_rows(path: Path) -> list[Row]:
     """Return the rows of a metrics file; empty cells are left out."""
-    return [{name: float(cell) for name, cell in cells.items()} for cells in read_cells(path)]
+    return numbers(read_cells(path))
+
+
+def numbers(rows: list[Cells]) -> list[Row]:
+    """Return rows of text as numbers."""
+    return [{name: float(cell) for name, cell in cells.items()} for cells in rows]
 
 
 def read_cells(path: Path) -> list[Cells]:
@@ -49,17 +56,29 @@ def read_cells(path: Path) -> list[Cells]:
     Raises CheckpointError unless all cells are numbers and every row has its timesteps.
     """
     try:
-        text = read_file(path, LARGEST).decode()
-        rows = [{name: cell for name, cell in cells.items() if cell} for cells in csv.DictReader(io.StringIO(text))]
-        if not all(float(cells["timesteps"]) >= 0 for cells in rows):
-            raise ValueError("negative timesteps")
-        for cells in rows:
-            for cell in cells.values():
-                float(cell)
+        return parse_cells(read_file(path, LARGEST).decode())
     except FileNotFoundError:
         return []
-    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+    except (OSError, ValueError) as error:
         raise CheckpointError(f"{path} is no file of metrics ({error}); move it away") from error
+
+
+def parse_cells(text: str, but: Collection[str] = ()) -> list[Cells]:
+    """Return the rows of a CSV; empty cells are left out.
+
+    but: columns that need not be numbers. Raises ValueError unless all other cells are, and every row has its
+    timesteps.
+    """
+    try:
+        rows = [{name: cell for name, cell in cells.items() if cell} for cells in csv.DictReader(io.StringIO(text))]
+        for cells in rows:
+            if not float(cells["timesteps"]) >= 0:
+                raise ValueError("negative timesteps")
+            for name, cell in cells.items():
+                if name not in but:
+                    float(cell)
+    except (KeyError, TypeError, csv.Error) as error:
+        raise ValueError(f"{error}") from error
     return rows
 
 
