@@ -79,6 +79,18 @@ def axis_ranges_are_finite(subject: Subject) -> None:
             expect(valid, f"{axis.low}..{axis.high} of {axis.name!r}", "finite numbers, low below high")
 
 
+@check("Condition")
+def conditions_of_axes_name_a_choice(subject: Subject) -> None:
+    """Axis.only_with names a branch of the same device and one of its choices."""
+    axes = [(axis, behavior.device) for behavior in subject.spec.behaviors for axis in behavior.device.axes]
+    conditional = [(axis, device) for axis, device in axes if axis.HasField("only_with")]
+    skip_unless(conditional, "every axis always counts")
+    for axis, device in conditional:
+        condition, choices = axis.only_with, {branch.name: list(branch.choices) for branch in device.branches}
+        got = f"branch {condition.branch!r}, choice {condition.choice!r} of axis {axis.name!r}"
+        expect(condition.choice in choices.get(condition.branch, []), got, "a choice of a branch of its device")
+
+
 @check("Branch")
 def every_branch_has_two_choices_or_more(subject: Subject) -> None:
     """A branch has at least two choices, each with a label of its own."""
@@ -131,6 +143,20 @@ def sensor_low_is_not_above_high(subject: Subject) -> None:
             lows, highs = ([*bounds] * (count // len(bounds)) for bounds in (sensor.low, sensor.high))
             valid = all(low <= high for low, high in zip(lows, highs, strict=True))
             expect(valid, f"low {lows} and high {highs} of {sensor.name!r}", "no low above its high")
+
+
+@check("Image")
+def images_have_the_shape_of_their_color(subject: Subject) -> None:
+    """An image is UINT8: [height, width] or [height, width, 1] if it is gray, [height, width, 3] if it is RGB."""
+    images = [sensor for sensor in _sensors(subject) if sensor.HasField("image")]
+    skip_unless(images, "no sensor is an image")
+    for sensor in images:
+        shape, color = list(sensor.shape), sensor.image.color
+        channels = {pb.COLOR_GRAY: (1,), pb.COLOR_RGB: (3,)}.get(color, ())
+        flat = len(shape) == 2 and color == pb.COLOR_GRAY
+        valid = sensor.dtype == pb.DTYPE_UINT8 and (flat or (len(shape) == 3 and shape[2] in channels))
+        got = f"shape {shape}, dtype {sensor.dtype}, color {color} of {sensor.name!r}"
+        expect(valid, got, "UINT8, and one channel for gray or three for RGB")
 
 
 def _sensors(subject: Subject) -> Iterator[pb.Sensor]:
