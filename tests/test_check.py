@@ -37,7 +37,7 @@ from tests.support.broken_servers import (
 )
 
 ROOT = Path(__file__).parents[1]
-GAMES = ["shooting_birds", "hybrid", "duel", "ends"]  # to which, together, every rule applies
+GAMES = ["shooting_birds", "hybrid", "duel", "ends", "kick"]  # to which, together, every rule applies
 # Of what a game sends; the other families are about what the server does for every game.
 FAMILIES_OF_GAMES = [
     "specs", "settings", "behaviors", "start", "choices", "seeds", "steps", "episode_ends", "resets", "pictures",

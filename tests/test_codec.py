@@ -416,6 +416,20 @@ BREAKS = {
         s.behaviors[0].sensors[3].low.append(2.0),
         s.behaviors[0].sensors[3].high.append(1.0),
     ),
+    "version has 101 characters": lambda s: setattr(s, "version", "x" * 101),
+    "sensor 'place' is an image of another dtype": lambda s: setattr(
+        s.behaviors[0].sensors[0].image, "color", pb.COLOR_GRAY
+    ),
+    "sensor 'image' is an image without a valid color": lambda s: s.behaviors[0].sensors[2].image.SetInParent(),
+    "sensor 'image' is an image of shape [2, 2], expected [height, width, 3]": lambda s: setattr(
+        s.behaviors[0].sensors[2].image, "color", pb.COLOR_RGB
+    ),
+    "axis 'x' counts only with branch 'pedal', expected one of gear, press": lambda s: setattr(
+        s.behaviors[0].device.axes[0].only_with, "branch", "pedal"
+    ),
+    "axis 'x' counts only with choice 'reverse', expected one of low, middle, high": lambda s: (
+        s.behaviors[0].device.axes[0].only_with.CopyFrom(pb.Condition(branch="gear", choice="reverse"))
+    ),
     "sensor 'lamps' has 2 bounds": lambda s: s.behaviors[0].sensors[3].high.extend([1.0, 1.0]),
 }
 

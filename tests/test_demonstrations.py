@@ -159,7 +159,7 @@ def test_a_second_session_makes_another_file(demos, simulator):
 
 
 SPEC = spec(
-    type("Any", (), {"name": "any", "description": "any", "options": ()}),
+    type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
     [
         behavior(
             "any", sensors=[sensor("any", [1])], axes=[axis("x"), axis("force", 0.5, 2.0)],

@@ -147,7 +147,7 @@ def test_a_dataset_is_cloned_by_a_run_that_resumes_and_cannot_be_replayed(export
 def described(observation_space, action_space):
     """Return the spec of the game that an environment with these spaces is, and its spaces."""
     agent = AgentSpaces(observation_space, action_space)
-    game = type("Any", (), {"name": "any", "description": "any", "options": ()})
+    game = type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""})
     return spec(game, [behavior("agent", sensors=agent.sensors, axes=agent.axes, branches=agent.branches)]), agent
 
 
@@ -394,7 +394,7 @@ def test_a_dataset_of_another_game_or_behavior_is_named(exported, simulator, tmp
 
 
 def test_names_that_cannot_stand_in_a_dataset_are_refused(tmp_path, monkeypatch, capsys):
-    game = type("Any", (), {"name": "any", "description": "any", "options": ()})
+    game = type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""})
     odd = spec(game, [behavior("agent", sensors=[sensor("a/b", [1])], axes=[axis("x")], branches=[button("y")])])
     shown = type("Shown", (), {"spec": odd, "stretches": [], "remark": lambda self: ""})()
     monkeypatch.setattr("joybridge.minari.writing.load_recorded", lambda file, spec: shown)

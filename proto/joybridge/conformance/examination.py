@@ -20,7 +20,7 @@ from joybridge.conformance.step_expectations import VALID
 from joybridge.conformance.subject import Subject
 from joybridge.contract.credentials import Credentials
 from joybridge.contract.limits import element_count, request_bytes
-from joybridge.contract.versions import mismatch, own_version
+from joybridge.contract.versions import OLDEST_REVISION, client_version, mismatch, own_version
 from joybridge.v1 import bridge_pb2 as pb
 
 SECONDS = 4.5  # for everything
@@ -126,12 +126,12 @@ def _calls(client: Client, listed: list[pb.GameSummary]) -> str:
 
 
 def _versions(client: Client) -> str:
-    own = own_version()
-    server = client.call(f"/{SERVICE}/ListGames", pb.ListGamesRequest(version=own), pb.ListGamesResponse)
+    client_needs, own = client_version(), own_version()
+    server = client.call(f"/{SERVICE}/ListGames", pb.ListGamesRequest(version=client_needs), pb.ListGamesResponse)
     if isinstance(server, Status):
         raise Violation(f"ListGames with the version of this client failed with {server}", "a response")
-    text = mismatch(own, server.version)
-    expect(not text, text, f"revision {own.revision} or newer")
+    text = mismatch(client_needs, server.version)
+    expect(not text, text, f"revision {OLDEST_REVISION} or newer")
     theirs = server.version
     return f"the server is {theirs.product}, revision {theirs.revision}; this is {own.product}, revision {own.revision}"
 

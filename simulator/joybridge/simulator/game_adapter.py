@@ -20,7 +20,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 def batched(game: type[Game]) -> type["GameAdapter"]:
     """Return the BatchedGame class that runs many arenas of a one-arena game."""
-    names = ("name", "description", "options", "in_event_loop")
+    names = ("name", "description", "options", "version", "in_event_loop")
     members = {name: getattr(game, name) for name in names} | {"game": game}
     return type(game.__name__, (GameAdapter,), members)
 

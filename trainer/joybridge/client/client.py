@@ -31,7 +31,7 @@ from joybridge.contract.limits import max_pictures, response_bytes
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array
 from joybridge.contract.text import printable
-from joybridge.contract.versions import mismatch, own_version
+from joybridge.contract.versions import client_version, mismatch
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
@@ -66,7 +66,7 @@ def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
 def list_games(address: str) -> list[str]:
     """Return the names of a simulator's games. Raises SimulatorError."""
     try:
-        request = pb.ListGamesRequest(version=own_version())
+        request = pb.ListGamesRequest(version=client_version())
         response = EVENT_LOOP.run(_call, address, "ListGames", request, pb.ListGamesResponse)
     except grpc.RpcError as error:
         raise from_grpc(error, address) from error
@@ -79,10 +79,10 @@ def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec
     Raises SimulatorError if the simulator refuses, sends a spec that breaks the contract, or has an older revision of
     the contract than this client.
     """
-    request = pb.DescribeGameRequest(game=game, options=options, version=own_version())
+    request = pb.DescribeGameRequest(game=game, options=options, version=client_version())
     try:
         response = EVENT_LOOP.run(_call, address, "DescribeGame", request, pb.DescribeGameResponse)
-        if text := mismatch(own_version(), response.version):
+        if text := mismatch(client_version(), response.version):
             raise SimulatorError(f"{address}: {text}")
         spec = response.spec
         check_spec(spec)
@@ -139,7 +139,7 @@ class Session:
             game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
             distributions=distributions or {}, first_arena=first_arena,
             snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
-            version=own_version(),
+            version=client_version(),
         )  # fmt: skip
         try:
             response = self._run(self._open, stream, self._start, transport)

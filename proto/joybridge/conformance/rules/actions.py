@@ -63,6 +63,34 @@ def axis_at_low_or_high_is_accepted(subject: Subject) -> None:
             subject.expect_answered(*prefix, changed(act, index, "axes", values))
 
 
+@check("Axis")
+def axis_without_its_choice_has_no_effect(subject: Subject) -> None:
+    """An axis with `only_with` counts only in decisions with that choice."""
+    recording = subject.short_session
+    requests, idle_any = [*recording.requests], False
+    for moment in range(1, len(requests)):
+        act = pb.Act()
+        act.CopyFrom(requests[moment].act)
+        for index, behavior in enumerate(subject.spec.behaviors):
+            branches = {branch.name: column for column, branch in enumerate(behavior.device.branches)}
+            for column, axis in enumerate(behavior.device.axes):
+                if not axis.HasField("only_with") or axis.only_with.branch not in branches:
+                    continue
+                axes, choices = read(act.behaviors[index].axes), read(act.behaviors[index].choices)
+                branch = branches[axis.only_with.branch]
+                labels = behavior.device.branches[branch].choices
+                idle = np.array(labels)[choices[:, branch]] != axis.only_with.choice
+                axes[idle, column] = np.where(axes[idle, column] == np.float32(axis.high), axis.low, axis.high)
+                act.behaviors[index].axes.CopyFrom(pack(axes))
+                idle_any = idle_any or bool(idle.any())
+        requests[moment] = act_request(act)
+    skip_unless(idle_any, "every axis counts in every decision")
+    got = [step_bytes(step) for step in subject.expect_steps(requests)]
+    expect(
+        got == recording.step_bytes, "different steps after other values of axes that do not count", "the same bytes"
+    )
+
+
 @check("BehaviorAct")
 def masked_choice_is_refused(subject: Subject) -> None:
     """Each choice must be allowed by its mask."""

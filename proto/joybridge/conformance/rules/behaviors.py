@@ -6,7 +6,7 @@ from typing import Any
 
 from joybridge.conformance.expectations import expect, skip_unless
 from joybridge.conformance.registry import check, table
-from joybridge.conformance.spec_expectations import expect_each, expect_unique_names
+from joybridge.conformance.spec_expectations import expect_each, expect_unique_names, parts_of
 from joybridge.conformance.subject import Subject
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import NUMPY_TYPES
@@ -96,3 +96,28 @@ def _each_part_holds(
     subject: Subject, kind: str, fields: list[str], holds: Callable[[Any], object], expected: str
 ) -> None:
     expect_each(subject.spec, kind, fields, holds, expected)
+
+
+@check("Condition")
+def conditions_of_axes_name_a_choice(subject: Subject) -> None:
+    """Axis.only_with names a branch of the same device and one of its choices."""
+    axes = [(axis, behavior.device) for behavior in subject.spec.behaviors for axis in behavior.device.axes]
+    conditional = [(axis, device) for axis, device in axes if axis.HasField("only_with")]
+    skip_unless(conditional, "every axis always counts")
+    for axis, device in conditional:
+        condition, choices = axis.only_with, {branch.name: list(branch.choices) for branch in device.branches}
+        got = f"branch {condition.branch!r}, choice {condition.choice!r} of axis {axis.name!r}"
+        expect(condition.choice in choices.get(condition.branch, []), got, "a choice of a branch of its device")
+
+
+@check("Image")
+def images_have_the_shape_of_their_color(subject: Subject) -> None:
+    """An image is UINT8: [height, width] or [height, width, 1] if it is gray, [height, width, 3] if it is RGB."""
+    images = [sensor for sensor in parts_of(subject.spec, "sensors") if sensor.HasField("image")]
+    skip_unless(images, "no sensor is an image")
+    for sensor in images:
+        shape, color = list(sensor.shape), sensor.image.color
+        channels = {pb.COLOR_GRAY: 1, pb.COLOR_RGB: 3}.get(color, 0)
+        fits = (len(shape) == 2 and color == pb.COLOR_GRAY) or (len(shape) == 3 and shape[2] == channels)
+        got = f"shape {shape}, dtype {sensor.dtype}, color {color} of {sensor.name!r}"
+        expect(fits and sensor.dtype == pb.DTYPE_UINT8, got, "UINT8, and one channel for gray or three for RGB")
