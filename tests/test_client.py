@@ -347,7 +347,6 @@ def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address, monkeypat
 INTERRUPTED = """
 import asyncio, random, signal
 from joybridge.contract.versions import own_version
-from joybridge.simulator.session import Refusal
 from joybridge.layouts import make_acts
 from joybridge.client.client import Session
 own_version()  # imports modules when it is first called, and an interrupt in an import is not what is tested here
