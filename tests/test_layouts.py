@@ -17,6 +17,7 @@ from joybridge.layouts.check import check_layouts
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.fast.kernels import Action, draw_noise
 from joybridge.ppo.networks import Network
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.own_layouts import ENTRY_POINTS, offer
@@ -182,8 +183,8 @@ def test_the_joint_probability_of_auto_is_that_of_the_buttons_times_that_of_the_
     action = Action(np.zeros((200, 0), np.float32), np.zeros((200, 5), np.int64), np.zeros(200, np.float32))
     masks = np.zeros((200, 5, 4), np.float32)
     with torch.inference_mode():
-        outputs, _ = network.heads(observations)
-        logits = network(observations).logits.clone()
+        outputs, _ = network.heads(Observations(observations))
+        logits = network(Observations(observations)).logits.clone()
         sample_actions(network, outputs, masks, noise, action, deterministic=False)
     buttons = torch.from_numpy(action.discrete[:, 0])
     rows = torch.arange(200)
@@ -230,8 +231,8 @@ def test_the_joint_probability_of_auto_axes_is_that_of_the_axes_times_that_of_th
     fill_masks(layout.masks(device_masks), masks)
     forbidden = torch.from_numpy(masks.copy())
     with torch.inference_mode():
-        outputs, _ = network.heads(observations)
-        logits = network(observations).logits + forbidden
+        outputs, _ = network.heads(Observations(observations))
+        logits = network(Observations(observations)).logits + forbidden
         sample_actions(network, outputs, masks, noise, action, deterministic=False)
     chosen = torch.from_numpy(action.discrete)
     truth = sum(Categorical(logits=logits[:, axis]).log_prob(chosen[:, axis]) for axis in (0, 1))
@@ -239,7 +240,7 @@ def test_the_joint_probability_of_auto_axes_is_that_of_the_axes_times_that_of_th
     buttons = Categorical(logits=logits[rows, branch])
     truth = truth + buttons.log_prob(chosen[rows, branch])
     torch.testing.assert_close(torch.from_numpy(action.log_probs), truth, atol=1e-5, rtol=1e-5)
-    left = Categorical(logits=network(observations).logits.detach() + torch.from_numpy(masks))
+    left = Categorical(logits=network(Observations(observations)).logits.detach() + torch.from_numpy(masks))
     wanted = sum(Categorical(logits=logits[:, axis]).entropy() for axis in (0, 1)) + buttons.entropy()
     torch.testing.assert_close(left.entropy().sum(dim=1), wanted, atol=1e-5, rtol=1e-5)
     act = ActArrays(np.zeros((lanes, 2), np.float32), np.zeros((lanes, 2), np.int32))

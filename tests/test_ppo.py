@@ -15,6 +15,7 @@ from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
 from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients, anneal
 from joybridge.ppo.update import Learner, explained_variance, ppo_update
 from tests.support.measured import interpreted
@@ -43,7 +44,7 @@ def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 
     if masked:
         forbidden = (torch.rand(rows, len(space.branches), max(space.branches), generator=generator) < 0.3).float()
         masks = forbidden.scatter(-1, discrete.unsqueeze(-1), 0.0) * FORBIDDEN
-    observations = normal((rows, 20))
+    observations = Observations(normal((rows, 20)))
     outputs = network(observations)
     value = outputs.value.detach()
     batch = Batch(
@@ -249,8 +250,8 @@ def test_the_network_begins_as_the_original_does():
     assert network.critic is not None
     assert network.critic.head.weight.abs().max().item() <= (6 / 301) ** 0.5
     assert not network.log_variance.any()
-    observation = torch.randn(3, 132)
-    outputs = network(observation)
+    observations = Observations(torch.randn(3, 132))
+    outputs = network(observations)
     assert outputs.logits.shape == (3, 2, 11)
     assert (torch.softmax(outputs.logits, -1)[:, 1, 3:] == 0).all()
-    torch.testing.assert_close(network.value(observation), outputs.value)
+    torch.testing.assert_close(network.heads(observations)[1], outputs.value)

@@ -39,6 +39,7 @@ from joybridge.gym import BridgeEnv
 from joybridge.layouts import make_layouts
 from joybridge.ppo.loss import Batch
 from joybridge.ppo.networks import Network
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 from joybridge.ppo.threads import use_one_thread
 from joybridge.ppo.update import Learner, ppo_update
@@ -214,7 +215,7 @@ def bench_learner() -> Figures:
             for name, network in zip(ways, networks, strict=True)
         }  # fmt: skip
         batch = Batch(
-            torch.randn(rows, inputs), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
+            Observations(torch.randn(rows, inputs)), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
             torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
         )  # fmt: skip
 

@@ -75,7 +75,7 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
-    if actor.network.actor.images is not None:
+    if actor.network.encoders:
         raise ExportError(
             f"{actor.name}: networks with convolutions cannot be exported; train it with image_encoder=none, or play "
             "it with the trainer"

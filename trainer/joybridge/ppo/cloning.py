@@ -26,7 +26,7 @@ def minibatches(actions: Actions, size: int, rng: np.random.Generator) -> Iterat
     """Yield shuffled minibatches without end; each pass takes as many whole ones as there are."""
     size = min(size, len(actions))
     while True:
-        order = torch.from_numpy(rng.permutation(len(actions))).to(actions.observations.device)
+        order = torch.from_numpy(rng.permutation(len(actions))).to(actions.discrete.device)
         for start in range(0, len(actions) - size + 1, size):
             yield actions.rows(order[start : start + size])
 

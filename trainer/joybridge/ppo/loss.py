@@ -15,6 +15,7 @@ from joybridge.contract.tensors import Array
 from joybridge.ppo.continuous import Distribution, entropies_of_each, log_probs_of_each
 from joybridge.ppo.distributions import branch_entropies, chosen_log_probs, gaussian_log_probs
 from joybridge.ppo.networks import Network, Outputs
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 
 
@@ -22,7 +23,7 @@ from joybridge.ppo.schedule import Coefficients
 class Actions:
     """Observations, and what was done; every tensor has one row per timestep."""
 
-    observations: Tensor  # [n, observation]
+    observations: Observations
     continuous: Tensor  # [n, continuous]: samples before clipping
     discrete: Tensor  # int64 [n, branches]
     masks: Tensor | None  # [n, branches, widest]: 0 or FORBIDDEN, added to the logits
@@ -39,7 +40,7 @@ class Actions:
         """Return the timesteps start .. end - 1 without copying them."""
         return self._each(lambda field: field[start:end])
 
-    def _each(self, function: Callable[[Tensor], Tensor]) -> Self:
+    def _each(self, function: Callable[[Any], Any]) -> Self:
         fields: dict[str, Any] = {name: None if f is None else function(f) for name, f in vars(self).items()}
         return type(self)(**fields)
 
