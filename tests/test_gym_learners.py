@@ -22,7 +22,7 @@ from tools import ppo_loop
 with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
     from sb3_contrib import MaskablePPO
 
-SUITABLE = sorted(set(BUILT_IN) - {"ferry", "noughts"})  # one agent
+SUITABLE = sorted(set(BUILT_IN) - {"beastly_rivals_full", "ferry", "noughts"})  # one agent
 SHORT: dict[str, Any] = {"n_steps": 8, "batch_size": 32, "n_epochs": 1, "device": "cpu", "seed": 1}
 
 

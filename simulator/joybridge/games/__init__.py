@@ -2,6 +2,7 @@
 
 BUILT_IN = {
     "beastly_rivals": "joybridge.games.beastly_rivals.game:BeastlyRivals",
+    "beastly_rivals_full": "joybridge.games.beastly_rivals_full.game:BeastlyRivalsFull",
     "shooting_birds": "joybridge.games.shooting_birds.game:ShootingBirds",
     "ferry": "joybridge.games.ferry.game:Ferry",
     "orchard": "joybridge.games.orchard.game:Orchard",

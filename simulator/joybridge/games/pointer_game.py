@@ -1,7 +1,7 @@
-"""`PointerGame`: what Shooting Birds and Beastly Rivals share. Arenas are records, advanced by compiled rules.
+"""`PointerGame`: what the games with a pointer share. Arenas are records, advanced by compiled rules.
 
-One behavior with one agent per arena moves a pointer by an option `locomotion`. This class holds the arenas, their
-random streams and the parameters, resets and observes them, and saves and restores snapshots.
+The agents of one behavior move a pointer by an option `locomotion`. This class holds the arenas, their random streams
+and the parameters, resets and observes them, and saves and restores snapshots.
 """
 
 from abc import abstractmethod
@@ -20,15 +20,16 @@ from joybridge.v1 import bridge_pb2 as pb
 class PointerGame(BatchedGame):
     """Many arenas of a game with a pointer.
 
-    Its arena records have a field "heading", and one for every parameter of the game, of the same name. What begins an
-    episode calls `draw_parameters` before.
+    Its arena records have a field "heading", unless there are several agents, and one for every parameter of the game,
+    of the same name. What begins an episode calls `draw_parameters` before.
     """
 
     in_event_loop: ClassVar[bool] = True
     arena_dtype: ClassVar[np.dtype[Any]]  # of the record of one arena
     parameters: ClassVar[list[pb.Parameter]]
-    sensors: ClassVar[list[pb.Sensor]]  # without that of the locomotion
+    sensors: list[pb.Sensor]  # without that of the locomotion
     channels: ClassVar[list[pb.RewardChannel]]
+    agents = 1  # per arena
 
     streams: Streams
 
@@ -40,7 +41,7 @@ class PointerGame(BatchedGame):
         self.first_arena = first_arena
         self.arenas = np.zeros(arenas, self.arena_dtype).view(np.recarray)
         self.fields = self.arenas.view(np.ndarray)  # the same memory; attributes of a recarray are slow to look up
-        self._shapes = [(arenas, *sensor.shape) for sensor in self.sensors]
+        self._shapes = [(arenas * self.agents, *sensor.shape) for sensor in self.sensors]
         self.episodes = np.zeros(arenas, np.int64)  # that have begun in each arena since the seed was set
         defaults = {parameter.name: parameter.default_value for parameter in self.parameters}
         self.reset(seed, defaults | dict(parameters))
@@ -95,14 +96,19 @@ class PointerGame(BatchedGame):
         return [quiet_step(self.observations(), len(self.channels))]
 
     def observations(self) -> list[Array]:
-        """Return the current observations, float32 [arenas, *shape] per sensor."""
+        """Return the current observations, float32 [lanes, *shape] per sensor."""
         values = [np.empty(shape, np.float32) for shape in self._shapes]
         self.write_sensors(*values)
-        return [*values, observe_heading(self.fields["heading"])] if self.locomotion.sensors else values
+        return [*values, observe_heading(self.headings())] if self.locomotion.sensors else values
+
+    def headings(self) -> Array:
+        """Return the heading of every lane, rad."""
+        headings: Array = self.fields["heading"]
+        return headings
 
     @abstractmethod
     def write_sensors(self, *values: Array) -> None:
-        """Write the values of every sensor in `sensors`, float32 [arenas, *shape]."""
+        """Write the values of every sensor in `sensors`, float32 [lanes, *shape]."""
 
     def save(self) -> dict[str, Array]:
         """Return arenas, with their parameters, and random streams."""

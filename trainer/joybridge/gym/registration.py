@@ -7,7 +7,7 @@ import gymnasium
 from joybridge.gym.vector_env import BridgeVectorEnv
 
 # A list of its own: this package does not import the simulator.
-GAMES = ("archer", "beastly_rivals", "ferry", "marble", "noughts", "orchard", "shooting_birds")
+GAMES = ("archer", "beastly_rivals", "beastly_rivals_full", "ferry", "marble", "noughts", "orchard", "shooting_birds")
 
 
 def environment_id(game: str) -> str:
