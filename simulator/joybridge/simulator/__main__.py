@@ -69,7 +69,7 @@ def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
         return [next(specs(game)) for game in load_games(options.game).values()]
     if options.game:
         raise ServerError(
-            "--game, --gym, --pettingzoo and --unity are not for a running simulator, which has its own games"
+            "--game, --gym, --pettingzoo, --pygame and --unity are not for a running simulator, which has its own games"
         )
     credentials = load_credentials(options.tls_ca, options.token_file)
     return describe_all(ProtectedAddress(options.simulator, credentials))
@@ -107,6 +107,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     for option, metavar, text in (
         ("gym", "ID", "add an environment of Gymnasium: its ID, or module:ID"),
         ("pettingzoo", "MODULE", "add an environment of PettingZoo: the module with its parallel_env or env"),
+        ("pygame", "PROGRAM", "add a program written with pygame: FILE, MODULE or PACKAGE:SCRIPT"),
         ("unity", "BUILD", "add a player of Unity ML-Agents: its executable file"),
         ("unity-port", "PORT", "add a player of Unity ML-Agents that is started by hand and connects to this port"),
     ):
