@@ -9,7 +9,8 @@ import pytest
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
-from joybridge.simulator.catalog import load_game
+from joybridge.simulator.batched_game import GameError
+from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
 from tests.support.servers import ROOT
 
@@ -103,3 +104,150 @@ def test_a_snapshot_continues_like_the_original_over_2000_frames(catch):
         repeated.restore(state)
         results = {played(one, catch, 500, np.random.default_rng(6)) for one in (original, forked, repeated)}
     assert len(results) == 1
+
+
+HEAD = "import pygame\npygame.init()\nscreen = pygame.display.set_mode((64, 48))\nclock = pygame.time.Clock()\n"
+LOOP = "while True:\n    events = pygame.event.get()\n    pygame.mouse.get_pos()\n"
+SHOW = "    pygame.display.flip()\n    clock.tick(60)\n"
+
+
+def still(game):
+    """Return an act in which nothing is pressed and the pointer stays in the middle."""
+    device = game.describe(choose_options(game.options, {}, game.name)).behaviors[0].device
+    return [ActArrays(np.zeros((1, len(device.axes)), np.float32), np.zeros((1, len(device.branches)), np.int32))]
+
+
+def steps(game, count, **options):
+    with opened(game, **options) as playing:
+        return [playing.step(still(game))[0] for _ in range(count)]
+
+
+def test_sounds_variables_and_text_pay_each_in_its_own_channel(tmp_path):
+    body = "n = 0\ntone = pygame.mixer.Sound('tone.wav')\nfont = pygame.font.Font(None, 20)\n" + LOOP
+    body += "    n += 1\n    font.render(f'gold {2 * n}', True, 'white')\n    tone.play() if n % 2 else None\n"
+    (tmp_path / "tone.wav").write_bytes(bytes(1000))
+    game = program(
+        tmp_path, HEAD + body + SHOW, r"reward=sound:tone reward=attr:n 'reward=gold (\d+)' max_decisions=50"
+    )
+    first, second = steps(game, 2)
+    assert first.rewards.tolist() == second.rewards.tolist() == [[2.0, 4.0, 8.0]]
+
+
+def test_a_rendered_text_or_the_end_of_the_program_ends_the_episode(tmp_path):
+    body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
+    for line, settings in (
+        ("    if n == 6: font.render('Game over', True, 'white')\n", "'done=Game over'"),
+        ("    if n == 6: break\n", ""),
+        ("    if n == 6: pygame.quit(); raise SystemExit\n", ""),
+    ):
+        game = program(tmp_path, HEAD + body + "    n += 1\n" + line + SHOW, settings)
+        ends = [(step.terminated[0], step.truncated[0]) for step in steps(game, 3)]
+        assert ends == [(False, False), (True, False), (False, False)]
+
+
+def test_an_episode_is_truncated_at_its_longest(tmp_path):
+    ends = [bool(step.truncated[0]) for step in steps(program(tmp_path, HEAD + LOOP + SHOW, "max_decisions=2"), 4)]
+    assert ends == [False, True, False, True]
+
+
+def test_a_hook_adds_a_sensor_rewards_an_end_and_metrics(tmp_path):
+    hook = tmp_path / "hook.py"
+    hook.write_text(
+        "def state(program): return [program.n, 0.5]\ndef reward(program): return {'frames': 1.0}\n"
+        "def done(program): return program.n >= 8\ndef metrics(program): return {'last': program.n}\n"
+    )
+    game = program(tmp_path, HEAD + "n = 0\n" + LOOP + "    n += 1\n" + SHOW, f"hook={hook}")
+    first, second = steps(game, 2)
+    assert first.observations[1].tolist() == [[5.0, 0.5]] and first.rewards.tolist() == [[4.0]]
+    assert second.terminated[0] and second.metrics.tolist() == [[8.0]]
+
+
+def test_pointer_buttons_and_keys_come_as_events_and_as_states(tmp_path):
+    body = LOOP + (
+        "    for event in events:\n"
+        "        if event.type == pygame.MOUSEBUTTONDOWN: print(event.pos)\n"
+        "        if event.type == pygame.KEYDOWN and event.key == pygame.K_a: text = event.unicode\n"
+        "    held = pygame.key.get_pressed()[pygame.K_a], pygame.mouse.get_pressed()[0]\n"
+        "    seen = [*pygame.mouse.get_pos(), *held, len(text)]\n"
+    )
+    hook = tmp_path / "hook.py"
+    hook.write_text("def state(program): return program.seen\n")
+    game = program(tmp_path, HEAD + "text, seen = '', [0] * 5\n" + body + SHOW, f"hook={hook}")
+    with opened(game) as playing:
+        (step,) = playing.step([ActArrays(np.array([[1, 1]], np.float32), np.array([[1, 1]], np.int32))])
+    assert step.observations[1].tolist() == [[63.0, 0.0, 1.0, 1.0, 1.0]]
+
+
+def test_time_is_virtual_everywhere(tmp_path):
+    body = LOOP + "    seen = time.time(), pygame.time.get_ticks(), datetime.datetime.now().timestamp()\n"
+    body += "    late = pygame.time.get_ticks() + 100\n    while pygame.time.get_ticks() < late: pass\n"
+    hook = tmp_path / "hook.py"
+    hook.write_text("def state(program): return [program.seen[1], program.seen[0] % 86400, program.seen[2] % 86400]\n")
+    game = program(tmp_path, "import datetime, time\n" + HEAD + "seen = (0, 0, 0)\n" + body + SHOW, f"hook={hook}")
+    first, second = (step.observations[1][0] for step in steps(game, 2))
+    assert 400 <= second[0] - first[0] <= 500
+    assert second[1] == second[2] == pytest.approx(second[0] / 1000, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("open('/nowhere', 'w')", "may write in its home and its working directory only, not /nowhere"),
+        ("pygame.image.save(screen, '/nowhere.png')", "not /nowhere.png"),
+        ("import subprocess; subprocess.run(['true'])", "may not start or end processes"),
+        ("import socket; socket.create_connection(('127.0.0.1', 9))", "may not use the network"),
+        ("input()", "may not read standard input"),
+        ("pygame.display.set_mode((64, 48), pygame.OPENGL)", "draws with OpenGL"),
+        ("import moderngl", "moderngl needs OpenGL"),
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_what_a_program_may_not_do_is_said_in_a_sentence(tmp_path, line, what):
+    with pytest.raises(CatalogError, match=what):
+        program(tmp_path, HEAD + line + "\n" + LOOP + SHOW)
+
+
+def test_a_program_writes_below_its_home_and_beside_itself_without_a_trace(tmp_path):
+    write = "pathlib.Path('score.txt').write_text('9')\n(pathlib.Path.home() / 'high.txt').write_text('9')\n"
+    game = program(tmp_path, "import pathlib\n" + HEAD + write + LOOP + SHOW)
+    assert len(steps(game, 1)) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["program.py"]
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("exec('while True: pass')", "drew no frame in 0.3 s"),
+        ("os.kill", "ended"),
+        ("1 / 0", "arena 0: the program has failed: ZeroDivisionError: division by zero .line 11 of .*program.py"),
+    ],
+)
+def test_a_program_that_hangs_or_fails_costs_its_session_a_sentence(tmp_path, line, what):
+    line = "ctypes.string_at(0)" if line == "os.kill" else line
+    body = "n = 0\n" + LOOP + f"    n += 1\n    if n > 200: {line}\n" + SHOW
+    game = program(tmp_path, "import ctypes\n" + HEAD + body, "seconds=0.3")
+    with pytest.raises(GameError, match=what):
+        steps(game, 100)
+    assert len(steps(game, 1)) == 1  # the program itself goes on
+
+
+@pytest.mark.parametrize(
+    ("settings", "what"),
+    [
+        ("keys=nothing", "got the key 'nothing'"),
+        ("buttons=fourth", "got the button 'fourth'"),
+        ("'reward=Score'", "has 0 groups"),
+        ("'done=('", "no regular expression"),
+        ("colour=red", "got colour=red, expected one of"),
+        ("seconds=never", "got seconds=never, expected a number"),
+    ],
+)
+def test_wrong_settings_are_refused(tmp_path, settings, what):
+    with pytest.raises(CatalogError, match=what):
+        program(tmp_path, HEAD + LOOP + SHOW, settings)
+
+
+def test_a_program_that_is_not_there_is_refused():
+    for place in ("nothing.py", "no_such_package"):
+        with pytest.raises(CatalogError, match=f"there is no file.*{place}"):
+            load_game(f"pygame:{place}")

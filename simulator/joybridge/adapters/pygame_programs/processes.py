@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections import OrderedDict
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from select import select
 from threading import RLock
@@ -63,6 +64,9 @@ class ProgramProcesses:
                 self._stem = self._accept(0, seconds)
                 kind, message = self._stem.receive(seconds)
             except (OSError, EOFError, GameError) as error:
+                if not isinstance(error, TimeoutError):
+                    with suppress(subprocess.TimeoutExpired):
+                        self._process.wait(FORK_SECONDS)
                 status = self._process.poll()
                 fate = f"no frame came in {seconds:g} s" if status is None else f"the process has ended with {status}"
                 self.end()

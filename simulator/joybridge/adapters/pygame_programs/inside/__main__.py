@@ -45,8 +45,9 @@ def _run(player: Player, settings: Mapping[str, Any]) -> None:
     """Run the program to its end, however it comes."""
     os._exit = sys.exit
     fences = player.stage.fences
-    fences.raise_up(settings["memory"])
     try:
+        player.stage.keep_score()
+        fences.raise_up(settings["memory"])
         program = find_program(settings["place"], settings["arguments"])
         player.root = program.root
         if program.beside is not None:

@@ -20,7 +20,7 @@ def scale(pixels: Pixels, height: int, width: int) -> Array:
     """Return 0x00RRGGBB pixels as a picture of a size, uint8 [height, width, 3]."""
     rows, samples_y = _samples(pixels.shape[0], height)
     columns, samples_x = _samples(pixels.shape[1], width)
-    samples = pixels[rows[:, None], columns]
+    samples = pixels[rows].take(columns, axis=1)  # twice as fast as both at once
     red_blue = _sums(samples & np.uint32(0xFF00FF), samples_y, samples_x)
     green = _sums((samples >> np.uint32(8)) & np.uint32(0xFF), samples_y, samples_x)
     count = np.uint32(samples_y * samples_x)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
+import pygame
 
 from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
 from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, scale
@@ -58,12 +59,15 @@ class Player:
             return
         self._frames_left -= 1
         self.stage.score.after_frame()
-        if self._acts and (self._frames_left <= 0 or self.stage.score.over):
-            self._act(self._acts.pop(0))
-        elif self._frames_left <= 0:
-            self._answer(over=self.stage.score.over)
-        else:
+        if self.stage.score.over:
+            self._acts.clear()
+            self._answer(over=True)
+        elif self._frames_left > 0:
             self._move()
+        elif self._acts:
+            self._act(self._acts.pop(0))
+        else:
+            self._answer(over=False)
 
     def end(self) -> None:
         """Tell the server that the program has ended, and with it the episode."""
@@ -108,7 +112,7 @@ class Player:
         """Tell the server what is to be seen, and wait for the next decision."""
         signal.setitimer(signal.ITIMER_REAL, 0)
         score = self.stage.score
-        if not over or not self._seen:
+        if pygame.display.get_surface() is not None or not self._seen:  # else the program has closed its display
             self._seen = self._observe()
         numbers = np.array([*score.take(), *score.metrics()], np.float32)
         header = STEP_HEADER.pack(over, self.stage.clock.now)

@@ -59,8 +59,8 @@ class Texts:
         pygame.freetype.Font = FreetypeFont
 
     def search(self, pattern: str, found: Callable[["re.Match[str]"], None]) -> None:
-        """Call `found` for every rendered text with a match. Raises re.error."""
-        search = lru_cache(maxsize=1024)(re.compile(pattern).search)
+        """Call `found` for every rendered text with a match. Raises ValueError."""
+        search = lru_cache(maxsize=1024)(_compiled(pattern).search)
 
         def read(text: str) -> None:
             if (match := search(text)) is not None:

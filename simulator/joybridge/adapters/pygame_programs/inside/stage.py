@@ -22,7 +22,7 @@ class Stage:
     """The surroundings of the program, made in an order in which each may use what was made before."""
 
     def __init__(self, settings: Mapping[str, Any], folders: Folders, on_frame: Callable[[], None]) -> None:
-        """Put everything in the place of the real things. Raises ValueError for a wrong reward, end or hook."""
+        """Put everything in the place of the real things."""
         self.folders = folders
         pygame.sysfont.initsysfonts()  # it starts a process the first time
         self.clock = VirtualClock()
@@ -33,7 +33,12 @@ class Stage:
         self.texts = Texts()
         self.chance = Chance()
         self.fences = Fences(str(folders.base))
-        self.score = Score(self.texts, self.sounds, settings["rewards"], settings["done"], settings["hook"])
+        self._settings = settings
+
+    def keep_score(self) -> None:
+        """Begin to look at what is paid. Raises ValueError for a wrong reward, end or hook."""
+        rewards, done, hook = (self._settings[name] for name in ("rewards", "done", "hook"))
+        self.score = Score(self.texts, self.sounds, rewards, done, hook)
 
     def size(self) -> tuple[int, int]:
         """Return the width and the height of the display."""
