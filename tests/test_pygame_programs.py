@@ -1,7 +1,8 @@
 """Programs written with pygame as games: they run as they are, with exact seeds, snapshots, rewards and fences."""
 
 import hashlib
-from contextlib import closing
+import io
+from contextlib import closing, redirect_stderr
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,14 @@ import pytest
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
+from joybridge.simulator.__main__ import main
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
-from tests.support.servers import ROOT
+from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.wire.client import Session
+from tests.support.command_line import joybridge
+from tests.support.servers import ROOT, server
 
 CATCH = f"{ROOT / 'tests/support/pygame_programs/catch.py'} 'reward=Score: (\\d+)'"
 SPEC = r"""catch: .*
@@ -251,3 +256,30 @@ def test_a_program_that_is_not_there_is_refused():
     for place in ("nothing.py", "no_such_package"):
         with pytest.raises(CatalogError, match=f"there is no file.*{place}"):
             load_game(f"pygame:{place}")
+
+
+def test_a_server_gives_its_program_rewards_keys_and_arguments(tmp_path):
+    path = tmp_path / "program.py"
+    path.write_text("import sys\nassert sys.argv[1:] == ['--level']\n" + HEAD + LOOP + SHOW)
+    words = ["--pygame", str(path), "--reward", r"Score: (\d+)", "--keys", "UP,a", "--", "--level"]
+    listed = joybridge("list", *words)
+    assert "rewards: score (weight 1)" in listed.output
+    assert "key_UP (released | pressed), key_a (released | pressed)" in " ".join(listed.output.split())
+    with server(*words) as process, Session(process.address, "program", arenas=2, seed=1) as session:
+        (step,) = session.step(make_acts(session.spec, 2))
+    assert step.observations[0].shape == (2, 55, 74, 3)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--reward", "Score"], "--reward is for the program in a --pygame before it"),
+        (["--gym", "CartPole-v1", "--done", "over"], "--done is for the program in a --pygame before it"),
+        (["--", "--level", "3"], "got '--level' after --"),
+    ],
+)
+def test_options_of_a_program_without_one_are_refused(words, what):
+    errors = io.StringIO()
+    with redirect_stderr(errors), pytest.raises(SystemExit):
+        main(["list", *words])
+    assert what in errors.getvalue()
