@@ -50,7 +50,7 @@ GUARDED = {  # where another function has made sure
         "signal.SIGCHLD",
         "signal.setitimer",
     },  # `adapt` refuses before, here and in the next five
-    "simulator/joybridge/adapters/pygame_programs/inside/fences.py": {"resource"},
+    "simulator/joybridge/adapters/pygame_programs/inside/fences.py": {"resource", "/proc/self/fd/"},
     "simulator/joybridge/adapters/pygame_programs/inside/player.py": {"signal.setitimer"},
     "simulator/joybridge/adapters/pygame_programs/inside/stem.py": {"os.fork"},
     "simulator/joybridge/adapters/pygame_programs/processes.py": {"socket.AF_UNIX"},

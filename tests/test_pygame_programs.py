@@ -214,8 +214,13 @@ def test_what_a_program_may_not_do_is_said_in_a_sentence(tmp_path, line, what):
 
 def test_a_program_writes_below_its_home_and_beside_itself_without_a_trace(tmp_path):
     write = "pathlib.Path('score.txt').write_text('9')\n(pathlib.Path.home() / 'high.txt').write_text('9')\n"
-    game = program(tmp_path, "import pathlib\n" + HEAD + write + LOOP + SHOW)
+    write += "(pathlib.Path.home() / 'a/b').mkdir(parents=True)\nshutil.rmtree(pathlib.Path.home() / 'a')\n"
+    game: Any = program(tmp_path, "import pathlib, shutil\n" + HEAD + write + LOOP + SHOW)
     assert len(steps(game, 1)) == 1
+    folder = game.processes.folder
+    assert folder.exists()
+    game.processes.end()
+    assert not folder.exists()
     assert [path.name for path in tmp_path.iterdir()] == ["program.py"]
 
 
@@ -267,6 +272,7 @@ def test_a_server_gives_its_program_rewards_keys_and_arguments(tmp_path):
     assert "key_UP (released | pressed), key_a (released | pressed)" in " ".join(listed.output.split())
     with server(*words) as process, Session(process.address, "program", arenas=2, seed=1) as session:
         (step,) = session.step(make_acts(session.spec, 2))
+        process.kill()  # then the processes of the program end by themselves
     assert step.observations[0].shape == (2, 55, 74, 3)
 
 

@@ -38,7 +38,7 @@ class ProgramProcesses:
         """Start nothing yet."""
         self.settings = settings
         self._lock = RLock()
-        self._folder = Path()
+        self.folder = Path()  # in which every process has its own
         self._process: subprocess.Popen[bytes] | None = None
         self._stem: Link | None = None
         self._branches: OrderedDict[bytes, Link] = OrderedDict()
@@ -49,13 +49,13 @@ class ProgramProcesses:
         """Start the program anew, and return what its first look has shown. Raises AdapterError."""
         with self._lock:
             self.end()
-            self._folder = Path(tempfile.mkdtemp(prefix="joybridge-"))
-            (self._folder / "settings.json").write_bytes(as_json(self.settings.inside()))
+            self.folder = Path(tempfile.mkdtemp(prefix="joybridge-"))
+            (self.folder / "settings.json").write_bytes(as_json(self.settings.inside()))
             self._door = socket.socket(socket.AF_UNIX)
-            self._door.bind(str(self._folder / DOOR))
+            self._door.bind(str(self.folder / DOOR))
             self._door.listen(1024)
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-u", "-m", MODULE, str(self._folder)], stdin=subprocess.DEVNULL,
+                [sys.executable, "-P", "-u", "-m", MODULE, str(self.folder)], stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL, env=_environment(), start_new_session=True,  # Ctrl-C is for the server
             )  # fmt: skip
             atexit.register(self.end)
@@ -139,7 +139,7 @@ class ProgramProcesses:
                 self._door.close()
                 if self._stem is not None:
                     self._stem.close()
-                shutil.rmtree(self._folder, ignore_errors=True)
+                shutil.rmtree(self.folder, ignore_errors=True)
                 atexit.unregister(self.end)
 
     def _fork_from(self, stem: Link, told: list[Mapping[str, Any]]) -> list[Link]:

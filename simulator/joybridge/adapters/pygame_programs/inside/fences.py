@@ -21,6 +21,7 @@ CHANGES = {  # events whose first arguments are paths that are changed, and how 
     "os.mkdir": 1, "os.rename": 2, "os.remove": 1, "os.rmdir": 1, "os.link": 2, "os.symlink": 2, "os.truncate": 1,
     "os.chmod": 1, "os.chown": 1, "os.utime": 1, "sqlite3.connect": 1,
 }  # fmt: skip
+RELATIVE = {"os.remove", "os.rmdir"}  # whose second argument is the descriptor of a folder, or -1
 PROCESSES = {
     "subprocess.Popen",
     "os.system",
@@ -82,7 +83,10 @@ class Fences:
                 need = CANNOT_DRAW[arguments[0]]
                 self._refuse(f"{arguments[0]} needs {need}, which a program here does not have", ImportError)
         elif event in CHANGES:
-            for path in arguments[: CHANGES[event]]:
+            paths = arguments[: CHANGES[event]]
+            if event in RELATIVE and arguments[1] >= 0:
+                paths = (f"/proc/self/fd/{arguments[1]}/{os.fsdecode(paths[0])}",)
+            for path in paths:
                 self._check_write(path)
         elif event in PROCESSES:
             self._refuse(f"the program may not start or end processes ({event})")

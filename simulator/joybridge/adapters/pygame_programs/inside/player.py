@@ -87,7 +87,7 @@ class Player:
                 self.link.receive()
             except (OSError, EOFError):
                 pass
-            leave(self.stage.folders)
+            leave(self.stage.folders, self.stage.fences)
 
     def _first_look(self) -> dict[str, Any]:
         if len(threads := threading.enumerate()) > 1:
@@ -121,7 +121,7 @@ class Player:
             try:
                 kind, message = self.link.receive()
             except (OSError, EOFError):
-                leave(self.stage.folders)
+                leave(self.stage.folders, self.stage.fences)
             if kind == ACT:
                 return self._act(message)
             if kind == REPLAY:

@@ -14,6 +14,7 @@ from joybridge.simulator.workers.link import Link
 
 MAX_BESIDE = 200  # files and folders that a working directory begins with
 MAX_COPY_BYTES = 100_000
+REMOVALS = 100  # tries to remove a folder in which others remove theirs
 
 
 class Folders:
@@ -71,7 +72,7 @@ def serve(link: Link, folders: Folders, fences: Fences) -> tuple[Link, dict[str,
         try:
             kind, message = link.receive()
         except (EOFError, OSError):
-            leave(folders)
+            leave(folders, fences)
         assert kind == FORK, kind
         told = json.loads(message)
         own = fork(folders, fences, told["number"])
@@ -80,9 +81,14 @@ def serve(link: Link, folders: Folders, fences: Fences) -> tuple[Link, dict[str,
             return own, told
 
 
-def leave(folders: Folders) -> NoReturn:
+def leave(folders: Folders, fences: Fences) -> NoReturn:
     """End this process without a word. What is left in its folder goes with it."""
-    shutil.rmtree(folders.own if folders.own.name != "0" else folders.base, ignore_errors=True)
+    with fences.trusting():
+        if folders.own != folders.base / "0":
+            shutil.rmtree(folders.own, ignore_errors=True)
+        for _ in range(REMOVALS):  # players remove their own folders at the same time
+            if folders.own == folders.base / "0" and folders.base.exists():
+                shutil.rmtree(folders.base, ignore_errors=True)
     _exit(0)
 
 
