@@ -14,7 +14,9 @@ from joybridge.simulator.__main__ import main
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
+from joybridge.trainer.errors import ConfigError
 from joybridge.trainer.layouts import make_acts
+from joybridge.trainer.own_games import choose_game
 from joybridge.trainer.wire.client import Session
 from tests.support.command_line import joybridge
 from tests.support.servers import ROOT, server
@@ -289,3 +291,16 @@ def test_options_of_a_program_without_one_are_refused(words, what):
     with redirect_stderr(errors), pytest.raises(SystemExit):
         main(["list", *words])
     assert what in errors.getvalue()
+
+
+def test_commands_name_a_program_by_its_place(tmp_path):
+    done = joybridge("look", f"pygame:{CATCH} name=fruit", str(tmp_path / "look.png"), "--pictures", "2")
+    assert done == (0, f"{tmp_path / 'look.png'}: 2 pictures of fruit, one every 4 decisions\n", "")
+
+
+@pytest.mark.parametrize("place", ["pygame:", "pygame:'open"])
+def test_a_place_without_a_program_is_refused_by_both_sides(place):
+    with pytest.raises(CatalogError, match=r"missing|quotation"):
+        load_game(place)
+    with pytest.raises(ConfigError, match=r"missing|quotation"):
+        choose_game(place, (), None)

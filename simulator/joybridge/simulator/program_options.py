@@ -5,7 +5,8 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
-KIND = "pygame:"
+from joybridge.contract.places import PYGAME
+
 SETTINGS = {  # the metavar and the help of each
     "reward": ("SOURCE", "pay the difference of a number in rendered text, 'Score: (\\d+)', the beginning of a sound, "
                "sound:NAME, or the difference of a variable, attr:NAME; each is a reward channel (repeatable)"),
@@ -21,7 +22,7 @@ class _Setting(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
-        if not (namespace.game and namespace.game[-1].startswith(KIND)):
+        if not (namespace.game and namespace.game[-1].startswith(PYGAME)):
             parser.error(f"{option} is for the program in a --pygame before it")
         place = f"{namespace.game[-1]} {shlex.quote(f'{self.dest}={values}')}"
         namespace.game = [*namespace.game[:-1], place]
@@ -48,6 +49,6 @@ def give_arguments(parser: argparse.ArgumentParser, options: argparse.Namespace,
     if not arguments:
         return
     games = getattr(options, "game", None) or [""]
-    if not (isinstance(games, list) and games[-1].startswith(KIND)):
+    if not (isinstance(games, list) and games[-1].startswith(PYGAME)):
         parser.error(f"got {arguments[0]!r} after --, where arguments of the program in the last --pygame stand")
     options.game = [*games[:-1], f"{games[-1]} -- {shlex.join(arguments)}"]

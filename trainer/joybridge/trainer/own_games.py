@@ -1,9 +1,10 @@
-"""Games of one's own: a class or "MODULE:CLASS", which a simulator in a child process imports."""
+"""Games of one's own: a class, "MODULE:CLASS" or "pygame:PROGRAM", which a simulator in a child process runs."""
 
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from joybridge.contract.places import PYGAME, program_name
 from joybridge.trainer.errors import ConfigError
 
 Game = str | type  # a game class, or "MODULE:CLASS"
@@ -45,6 +46,11 @@ def _place(game: Game) -> str:
 def _name(game: Game) -> str:
     """Return the name of the game in a class or at "MODULE:CLASS". Raises ConfigError."""
     found: object = game
+    if isinstance(game, str) and game.startswith(PYGAME):
+        try:
+            return program_name(game.removeprefix(PYGAME))
+        except ValueError as error:
+            raise ConfigError(f"game {game!r}: {error}") from error
     if isinstance(game, str):
         module, _, attribute = game.partition(":")
         try:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from joybridge.adapters.settings import AdapterError
+from joybridge.contract.places import program_name
 
 REPEATED = {"reward", "done"}
 NUMBERS = {  # the default of each, and its range
@@ -24,6 +25,7 @@ FLAGS = {"mouse", "wheel"}
 class PygameSettings:
     """A program, and how it is run."""
 
+    name: str  # of the game
     place: str  # FILE, MODULE or PACKAGE:SCRIPT
     arguments: list[str] = field(default_factory=list)
     rewards: dict[str, str] = field(default_factory=dict)  # by channel; see inside/rewards.py
@@ -32,12 +34,6 @@ class PygameSettings:
     names: dict[str, list[str]] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
     flags: dict[str, bool] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """Return the name of the game."""
-        file = Path(self.place).stem if self.place.endswith(".py") else self.place
-        return self.texts.get("name") or re.split(r"[./:]", file)[-1]
 
     def number(self, name: str) -> float:
         """Return a number, its default if it is not set."""
@@ -56,13 +52,11 @@ class PygameSettings:
 def read_pygame_settings(text: str) -> PygameSettings:
     """Return the settings in "PROGRAM KEY=VALUE … -- ARGUMENTS". Raises AdapterError."""
     try:
-        words = shlex.split(text)
+        words, name = shlex.split(text), program_name(text)
     except ValueError as error:
         raise AdapterError(f"got {text!r}: {error}") from error
     words, arguments = (words[: words.index("--")], words[words.index("--") + 1 :]) if "--" in words else (words, [])
-    if not words:
-        raise AdapterError("a program is missing: FILE, MODULE or PACKAGE:SCRIPT")
-    settings = PygameSettings(words[0], arguments)
+    settings = PygameSettings(name, words[0], arguments)
     for word in words[1:]:
         key, equals, value = word.partition("=")
         if not equals:
