@@ -1,7 +1,8 @@
-"""`PointerGame`: what the games with a pointer share. Arenas are records, advanced by compiled rules.
+"""`PointerGame`: what Shooting Birds and Beastly Rivals share. Arenas are records, advanced by compiled rules.
 
-The agents of one behavior move a pointer by an option `locomotion`. This class holds the arenas, their random streams
-and the parameters, resets and observes them, and saves and restores snapshots.
+One behavior with one agent per arena moves a pointer by an option `locomotion` and sees what the option `observation`
+says. This class holds the arenas, their random streams and the parameters, resets and observes them, and saves and
+restores snapshots.
 """
 
 from abc import abstractmethod
@@ -11,6 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from joybridge.games.locomotion import LOCOMOTIONS, observe_heading
+from joybridge.games.pictures import Eye, Field, View, open_eye
+from joybridge.games.sight import image_sensor, sees_state, views
 from joybridge.simulator import Array, BatchedGame, StepArrays, check_range, quiet_step
 from joybridge.simulator.distributions import draw_parameters
 from joybridge.simulator.randomness import Streams, open_streams, restore_streams, save_streams
@@ -20,16 +23,16 @@ from joybridge.v1 import bridge_pb2 as pb
 class PointerGame(BatchedGame):
     """Many arenas of a game with a pointer.
 
-    Its arena records have a field "heading", unless there are several agents, and one for every parameter of the game,
-    of the same name. What begins an episode calls `draw_parameters` before.
+    Its arena records have a field "heading", and one for every parameter of the game, of the same name. What begins an
+    episode calls `draw_parameters` before.
     """
 
     in_event_loop: ClassVar[bool] = True
     arena_dtype: ClassVar[np.dtype[Any]]  # of the record of one arena
     parameters: ClassVar[list[pb.Parameter]]
-    sensors: list[pb.Sensor]  # without that of the locomotion
+    numbers: ClassVar[list[pb.Sensor]]  # the sensors of the observation "state", without that of the locomotion
+    field: ClassVar[Field]  # what its images show
     channels: ClassVar[list[pb.RewardChannel]]
-    agents = 1  # per arena
 
     streams: Streams
 
@@ -41,7 +44,8 @@ class PointerGame(BatchedGame):
         self.first_arena = first_arena
         self.arenas = np.zeros(arenas, self.arena_dtype).view(np.recarray)
         self.fields = self.arenas.view(np.ndarray)  # the same memory; attributes of a recarray are slow to look up
-        self._shapes = [(arenas * self.agents, *sensor.shape) for sensor in self.sensors]
+        self._sees_state, self._cursor = sees_state(options), options["cursor"] == "drawn"
+        self._eyes = [(view, open_eye(view, self.field)) for view in self.views(options).values()]
         self.episodes = np.zeros(arenas, np.int64)  # that have begun in each arena since the seed was set
         defaults = {parameter.name: parameter.default_value for parameter in self.parameters}
         self.reset(seed, defaults | dict(parameters))
@@ -63,6 +67,18 @@ class PointerGame(BatchedGame):
             self.fields[name] = values
         self.draw_parameters(every)
         self.begin()
+
+    @classmethod
+    def views(cls, options: Mapping[str, str]) -> dict[str, View]:
+        """Return the images that agents observe, by the names of their sensors."""
+        return views(options, cls.field.half_width, cls.field.half_height)
+
+    @classmethod
+    def sensors(cls, options: Mapping[str, str]) -> list[pb.Sensor]:
+        """Return what an agent observes: numbers, images or both, and the sensor of the locomotion."""
+        images = [image_sensor(name, view) for name, view in cls.views(options).items()]
+        numbers = cls.numbers if sees_state(options) else []
+        return [*numbers, *images, *LOCOMOTIONS[options["locomotion"]].sensors]
 
     @abstractmethod
     def begin(self) -> None:
@@ -93,22 +109,28 @@ class PointerGame(BatchedGame):
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""
-        return [quiet_step(self.observations(), len(self.channels))]
+        return [quiet_step(self.observations(self.arenas), len(self.channels))]
 
-    def observations(self) -> list[Array]:
-        """Return the current observations, float32 [lanes, *shape] per sensor."""
-        values = [np.empty(shape, np.float32) for shape in self._shapes]
-        self.write_sensors(*values)
-        return [*values, observe_heading(self.headings())] if self.locomotion.sensors else values
-
-    def headings(self) -> Array:
-        """Return the heading of every lane, rad."""
-        headings: Array = self.fields["heading"]
-        return headings
+    def observations(self, arenas: Array) -> list[Array]:
+        """Return the current observations of some arenas, records of `arena_dtype`: [arenas, *shape] per sensor."""
+        observed = []
+        if self._sees_state:
+            observed = [np.empty((len(arenas), *sensor.shape), np.float32) for sensor in self.numbers]
+            self.write_numbers(arenas, *observed)
+        for view, eye in self._eyes:
+            observed.append(np.empty((len(arenas), view.height, view.width, view.channels), np.uint8))
+            self.paint(arenas, eye, self._cursor and not view.centered, observed[-1])
+        if self.locomotion.sensors:
+            observed.append(observe_heading(arenas["heading"]))
+        return observed
 
     @abstractmethod
-    def write_sensors(self, *values: Array) -> None:
-        """Write the values of every sensor in `sensors`, float32 [lanes, *shape]."""
+    def write_numbers(self, arenas: Array, *values: Array) -> None:
+        """Write the values of every sensor in `numbers`, float32 [arenas, *shape]."""
+
+    @abstractmethod
+    def paint(self, arenas: Array, eye: Eye, cursor: bool, images: Array) -> None:
+        """Paint what the agents see into `images`, uint8 [arenas, height, width, channels], the pointer if `cursor`."""
 
     def save(self) -> dict[str, Array]:
         """Return arenas, with their parameters, and random streams."""
