@@ -1,8 +1,8 @@
 # make install   .venv with everything, at the versions in constraints.txt
 # make demo      train Shooting Birds for a few minutes; ends with scores, a plot and a video
 # make check     style, types and the quick tests, in about two minutes
-# make test      style, types and all tests
-# make coverage  which lines the quick tests reach
+# make test      style, types and all tests but those marked nightly, which CI runs
+# make coverage  which lines the tests that are not slow reach
 # make docs      the site with all pages and the reference, into site/; needs no PyTorch
 # make bench     how fast it is on this machine
 

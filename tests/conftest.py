@@ -1,13 +1,14 @@
 """What tests share: a real server process, with the tests' own games."""
 
 import gc
+import os
 import signal
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.launch import simulator_process
 from tests.support.games import PLACES
 
 # A shell that starts the tests in the background lets them, and the programs that they start, ignore interrupts.
@@ -30,6 +31,12 @@ def pytest_collection_finish() -> None:
     """Let garbage collection pass over what was imported: there are hundreds of thousands of objects."""
     gc.freeze()
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def state_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Let the key of runs be one of the tests, not the one of the user who runs them."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
 @pytest.fixture(scope="session")

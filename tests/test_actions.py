@@ -7,11 +7,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, pack_act
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import CLIP, ActionSpace, Layout, make_layouts
-from joybridge.trainer.layouts.bucket import bucket
-from joybridge.trainer.layouts.threshold import threshold
+from joybridge.layouts import CLIP, ActionSpace, Layout, make_layouts
+from joybridge.layouts.bucket import bucket
+from joybridge.layouts.threshold import threshold
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.own_layouts import ENTRY_POINTS, offer
 

@@ -7,11 +7,11 @@ import gymnasium
 import numpy as np
 import pytest
 
+from joybridge.commands.__main__ import main
 from joybridge.contract.codec import ActArrays
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game, load_games
 from joybridge.simulator.listing import listing
-from joybridge.trainer.__main__ import main
 
 HERE = "tests.support.environments"
 MIXED = f"gym:{HERE}:Mixed-v0"

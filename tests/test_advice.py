@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.policy.actor import make_actors
+from joybridge.policy.policy import Policy
+from joybridge.run.advice import SAME_DECISIONS, Adviser
 from joybridge.simulator.catalog import load_games
-from joybridge.trainer.actor import make_actors
-from joybridge.trainer.advice import SAME_DECISIONS, Adviser
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.policy import Policy
 from tests.support.games import PLACES
 
 LANES, STEPS = 50, 100

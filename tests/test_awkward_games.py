@@ -10,20 +10,20 @@ import av
 import numpy as np
 import pytest
 
+from joybridge.client.client import SimulatorError
+from joybridge.client.launch import simulator_process
+from joybridge.client.sharded_session import ShardedSession
+from joybridge.commands.replay import main as replay
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError, DivergedError
+from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.config import Config
-from joybridge.trainer.errors import ConfigError, DivergedError
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.options import balanced_options
-from joybridge.trainer.policy import Policy
-from joybridge.trainer.progress import Display
-from joybridge.trainer.record import record
-from joybridge.trainer.replay import main as replay
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import SimulatorError
-from joybridge.trainer.wire.launch import simulator_process
-from joybridge.trainer.wire.sharded_session import ShardedSession
+from joybridge.play.record import record
+from joybridge.policy.policy import Policy
+from joybridge.policy.stratify import balanced_options
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.progress import Display
+from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.awkward_games import LENGTH
 

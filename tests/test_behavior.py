@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from joybridge.trainer import playing
-from joybridge.trainer.config import load_config, run_config
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.options import balanced_options
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import describe
+from joybridge.client.client import describe
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
+from joybridge.play import playing
+from joybridge.policy.stratify import balanced_options
+from joybridge.run.folder import run_config
+from joybridge.run.train import train
 from tools.paper import behavior, birds, videos
 from tools.paper.behavior import Trace, add_measures, beastly_rivals, lap_radius, measure, shooting_birds
 
@@ -51,12 +52,9 @@ def test_whole_laps_on_a_circle_have_its_radius_at_any_place(radius, lap):
     assert points == [[5.0, pytest.approx(radius)], [15.0, pytest.approx(radius)], [25.0, pytest.approx(radius)]]
 
 
-def test_an_almost_whole_lap_has_almost_the_radius():
+def test_standing_has_lap_radius_0_a_straight_walk_that_of_a_rod_and_almost_a_lap_almost_its_own():
     ((_, nearly),) = lap_radius(trace(ends(100, 3)), circle(100, 3, 7.0, 110))
     assert 6.8 < nearly < 7.0
-
-
-def test_standing_has_lap_radius_0_and_a_straight_walk_that_of_a_rod():
     standing = np.ones((100, 3, 2))
     assert lap_radius(trace(ends(100, 3)), standing) == [[5.0, 0.0]]
     walk = standing * np.arange(100)[:, None, None] / 100 * 8.0  # 8 along either axis
@@ -87,18 +85,19 @@ def test_a_window_counts_if_three_episodes_last_through_it():
 # -------------------------------------------------------------------------------------------------- Beastly Rivals
 
 
-def rivals(decisions=12, lanes=3) -> dict[str, Any]:
-    sensors = {name: np.zeros((decisions, lanes, 4)) for name in ("character", "cursor")}
-    sensors["slow_sphere"] = np.full((decisions, lanes, 4), 1.0)
-    pressed = {name: np.zeros((decisions, lanes), bool) for name in ("move", "blink")}
-    metrics = {name: np.full((decisions, lanes), np.nan) for name in ("survival", "blinks")}
+def play(shape, seconds, sensors, buttons, metrics) -> dict[str, Any]:
+    """Return a play [decisions, lanes] in which nothing happens. sensors: their values, by name."""
     return {
-        "ended": ends(decisions, lanes),
-        "sensors": sensors,
-        "pressed": pressed,
-        "metrics": metrics,
-        "seconds": 0.12,
-    }
+        "ended": ends(*shape), "seconds": seconds,
+        "sensors": {name: np.full((*shape, len(values)), values) for name, values in sensors.items()},
+        "pressed": {name: np.zeros(shape, bool) for name in buttons},
+        "metrics": {name: np.full(shape, np.nan) for name in metrics},
+    }  # fmt: skip
+
+
+def rivals(decisions=12, lanes=3) -> dict[str, Any]:
+    sensors = {"character": [0.0] * 4, "cursor": [0.0] * 4, "slow_sphere": [1.0] * 4}
+    return play((decisions, lanes), 0.12, sensors, ("move", "blink"), ("survival", "blinks"))
 
 
 def test_a_decision_with_either_button_or_both_is_one_command():
@@ -108,18 +107,14 @@ def test_a_decision_with_either_button_or_both_is_one_command():
     assert beastly_rivals(trace(**made))["commands_per_decision"] == pytest.approx(4 / 12, abs=1e-4)  # 0, 4, 6, 8
 
 
-def test_blinks_and_survival_are_means_over_episodes():
-    made = rivals()
+def test_blinks_and_survival_are_means_over_episodes_and_a_clock_is_survived_by_its_only_episode():
+    made = rivals(lanes=4)
+    made["ended"][[3, 7, 5], [0, 0, 2]] = True
     made["metrics"]["survival"][[3, 11, 11, 11], [0, 0, 1, 2]] = 4, 8, 12, 12
     made["metrics"]["blinks"][[3, 11, 11, 11], [0, 0, 1, 2]] = 0, 1, 2, 3
     measures = beastly_rivals(trace(**made))
     assert measures["survival_seconds"] == pytest.approx(9 * 0.12) and measures["blinks_per_episode"] == 1.5
-
-
-def test_a_clock_is_survived_if_its_only_episode_ends_with_it():
-    made = rivals(lanes=4)
-    made["ended"][[3, 7, 5], [0, 0, 2]] = True
-    assert beastly_rivals(trace(**made))["clocks_survived"] == 0.5
+    assert measures["clocks_survived"] == 0.5
 
 
 def test_time_in_the_slow_sphere_and_the_same_by_chance():
@@ -139,16 +134,8 @@ def test_time_in_the_slow_sphere_and_the_same_by_chance():
 
 
 def shooter(decisions=40, lanes=2) -> dict[str, Any]:
-    sensors = {"crosshair": np.zeros((decisions, lanes, 5)), "gun": np.ones((decisions, lanes, 2))}
-    pressed = {"shoot": np.zeros((decisions, lanes), bool)}
-    metrics = {name: np.full((decisions, lanes), np.nan) for name in ("hits", "click_accuracy")}
-    return {
-        "ended": ends(decisions, lanes),
-        "sensors": sensors,
-        "pressed": pressed,
-        "metrics": metrics,
-        "seconds": 0.02,
-    }
+    sensors = {"crosshair": [0.0] * 5, "gun": [1.0] * 2}
+    return play((decisions, lanes), 0.02, sensors, ("shoot",), ("hits", "click_accuracy"))
 
 
 def test_speeds_are_in_units_per_second_whatever_their_sign():
@@ -159,15 +146,10 @@ def test_speeds_are_in_units_per_second_whatever_their_sign():
     assert measures["abs_vx"] == pytest.approx((15 + 40) / 2) and measures["abs_vy"] == pytest.approx((20 + 30) / 2)
 
 
-def test_a_shot_every_ten_decisions_is_one_every_fifth_of_a_second():
+def test_shots_are_timed_within_episodes_and_an_empty_gun_does_not_shoot():
     made = shooter()
     made["pressed"]["shoot"][3::10] = True
     assert shooting_birds(trace(**made))["seconds_between_shots"] == pytest.approx(0.2)
-
-
-def test_an_empty_gun_does_not_shoot_and_the_last_episode_does_not_count():
-    made = shooter()
-    made["pressed"]["shoot"][3::10] = True
     made["sensors"]["gun"][13, :, 0] = 0.0
     assert shooting_birds(trace(**made))["seconds_between_shots"] == pytest.approx((0.4 + 0.2) / 2)
     made["ended"][20] = True  # 3 | 23, 33
@@ -211,6 +193,7 @@ def runs(simulator, tmp_path_factory) -> dict[str, Path]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, capsys, monkeypatch):
     config = run_config(runs["shooting_birds"])
     levels = balanced_options(config, describe(simulator, config.game, {}))
@@ -243,6 +226,7 @@ def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, ca
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_birds_that_are_hit_are_replaced_at_the_edge(runs, monkeypatch):
     monkeypatch.setattr(birds, "EPISODE_TICKS", 300)
     field = birds.watch(runs["shooting_birds"], episodes=8, seed=1)
@@ -261,6 +245,7 @@ def test_a_game_without_measures_is_refused_by_name(simulator, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_videos_of_the_best_runs_are_small_and_play(runs, tmp_path):
     output = tmp_path / "videos"
     assert videos.main([str(runs["beastly_rivals"]), "--seconds", "0.4", "--output", str(output)]) == 0

@@ -12,21 +12,26 @@ from typing import NamedTuple
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = {
-    "joybridge.v1": ROOT / "proto/joybridge/v1",
-    "joybridge.contract": ROOT / "proto/joybridge/contract",
-    "joybridge.mlagents": ROOT / "proto/joybridge/mlagents",
-    "joybridge.conformance": ROOT / "proto/joybridge/conformance",
-    "joybridge.simulator": ROOT / "simulator/joybridge/simulator",
-    "joybridge.games": ROOT / "simulator/joybridge/games",
-    "joybridge.adapters": ROOT / "simulator/joybridge/adapters",
-    "joybridge.trainer": ROOT / "trainer/joybridge/trainer",
-    "joybridge.gym": ROOT / "trainer/joybridge/gym",
-    "joybridge.viewer": ROOT / "trainer/joybridge/viewer",
-    "joybridge.experiments": ROOT / "trainer/joybridge/experiments",
-}
+SIDES = {
+    "proto": ("v1", "contract", "mlagents", "conformance"),
+    "simulator": ("simulator", "games", "adapters"),
+    # The rooms of the trainer, from the ground floor up: each may import those before it.
+    "trainer": (
+        "config", "client", "layouts", "ppo", "policy", "gym", "demonstrations", "run", "play", "compare",
+        "commands", "viewer", "ray_cluster", "minari", "mlagents_player",
+    ),
+}  # fmt: skip
+PACKAGES = {f"joybridge.{name}": ROOT / side / "joybridge" / name for side, names in SIDES.items() for name in names}
 CONTRACT = {"joybridge.v1", "joybridge.contract"}
 SIMULATOR = CONTRACT | {"joybridge.simulator", "joybridge.games", "joybridge.adapters"}
+ROOMS = [f"joybridge.{name}" for name in SIDES["trainer"]]
+# Optional parts, found by entry points.
+WINGS = {
+    "joybridge.viewer",
+    "joybridge.ray_cluster",
+    "joybridge.minari",
+    "joybridge.mlagents_player",
+}  # by entry points
 MAY_IMPORT = {  # of ours; each package may import itself as well
     "joybridge.v1": set(),
     "joybridge.contract": CONTRACT,
@@ -35,12 +40,12 @@ MAY_IMPORT = {  # of ours; each package may import itself as well
     "joybridge.simulator": SIMULATOR,
     "joybridge.games": SIMULATOR,
     "joybridge.adapters": SIMULATOR | {"joybridge.mlagents"},
-    "joybridge.trainer": CONTRACT | {"joybridge.mlagents"},
-    "joybridge.gym": CONTRACT | {"joybridge.trainer"},
-    "joybridge.viewer": CONTRACT | {"joybridge.trainer"},
-    "joybridge.experiments": CONTRACT | {"joybridge.trainer"},
+    **{room: CONTRACT | set(ROOMS[:floor]) - WINGS for floor, room in enumerate(ROOMS)},
+    "joybridge.mlagents_player": CONTRACT | {"joybridge.mlagents"} | set(ROOMS) - WINGS,
 }
 LEARNING = {"torch", "gymnasium", "pettingzoo", "tensorboard", "pydantic"}
+OPTIONAL = {"ray", "minari", "h5py", "websockets"}  # each belongs to one wing
+WITHOUT_TORCH = ("config", "client", "layouts", "gym", "minari", "mlagents_player")
 MAY_NOT_IMPORT = {  # of others'; nobody imports the tools and the tests
     "joybridge.v1": LEARNING | {"pygame", "numba"},
     "joybridge.contract": LEARNING | {"pygame", "numba"},
@@ -49,10 +54,12 @@ MAY_NOT_IMPORT = {  # of others'; nobody imports the tools and the tests
     "joybridge.simulator": LEARNING,
     "joybridge.games": LEARNING,
     "joybridge.adapters": LEARNING - {"gymnasium", "pettingzoo"} | {"pygame", "numba"},
-    "joybridge.trainer": {"pygame"},
-    "joybridge.gym": {"pygame", "torch", "pydantic"},
-    "joybridge.viewer": LEARNING | {"pygame"},
-    "joybridge.experiments": {"pygame"},
+    **{room: {"pygame"} | OPTIONAL for room in ROOMS},
+    **{f"joybridge.{room}": {"pygame", "torch"} | OPTIONAL for room in WITHOUT_TORCH},
+    "joybridge.gym": {"pygame", "torch", "pydantic"} | OPTIONAL,
+    "joybridge.viewer": LEARNING | {"pygame"} | OPTIONAL - {"websockets"},
+    "joybridge.ray_cluster": {"pygame"} | OPTIONAL - {"ray"},
+    "joybridge.minari": {"pygame", "torch"} | OPTIONAL - {"minari", "h5py"},
 }
 
 
@@ -88,6 +95,18 @@ def modules(package: str) -> dict[str, list[Import]]:
     return found
 
 
+def test_the_rooms_of_the_trainer_have_no_more_arrows_than_their_drawing():
+    arrows = {
+        (room, f"joybridge.{module.split('.')[1]}")
+        for room in ROOMS
+        for targets in modules(room).values()
+        for module, _ in targets
+        if module.startswith("joybridge.")
+    }
+    between = {(room, other) for room, other in arrows if other in ROOMS and other != room}
+    assert len(between) <= 64
+
+
 def trespasses(package: str, found: dict[str, list[Import]]) -> list[str]:
     def forbidden(module: str) -> bool:
         root, *rest = module.split(".")
@@ -112,9 +131,9 @@ def test_no_package_imports_what_is_not_its_business(package):
         "import torch",
         "import torch.nn as nn",
         "from torch import nn",
-        "def f():\n    from joybridge.trainer.wire.client import Session",
+        "def f():\n    from joybridge.client.client import Session",
         "try:\n    import torch\nexcept ImportError:\n    pass",
-        "if True:\n    import numpy, joybridge.trainer",
+        "if True:\n    import numpy, joybridge.run",
         "class A:\n    async def f(self):\n        import gymnasium",
     ],
 )
@@ -209,7 +228,7 @@ for game in games:
 
 def test_serving_and_stepping_loads_no_learning_and_no_drawing():
     assert loaded(PLAY.replace("DRAW", "False")).isdisjoint(
-        {"torch", "gymnasium", "joybridge.trainer", "pygame", "matplotlib"}
+        {"torch", "gymnasium", "joybridge.run", "joybridge.client", "pygame", "matplotlib"}
     )
 
 
@@ -218,8 +237,8 @@ def test_drawing_is_loaded_when_a_picture_is_asked_for():
 
 
 def test_training_loads_no_game():
-    modules = loaded("import joybridge.trainer.train, joybridge.trainer.__main__")
-    assert {"joybridge.trainer", "torch", "joybridge.contract"} <= modules
+    modules = loaded("import joybridge.run.train, joybridge.commands.__main__")
+    assert {"joybridge.run", "torch", "joybridge.contract"} <= modules
     assert modules.isdisjoint({"joybridge.simulator", "joybridge.games", "pygame"})
 
 

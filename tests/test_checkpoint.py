@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from joybridge.config.errors import CheckpointError, StorageError
 from joybridge.contract.tensors import Array
-from joybridge.trainer import checkpoint
-from joybridge.trainer.checkpoint import (
+from joybridge.run import checkpoint
+from joybridge.run.checkpoint import (
     ARRAYS,
     MANIFEST,
     SUMS,
@@ -25,7 +26,6 @@ from joybridge.trainer.checkpoint import (
     read_checkpoint,
     save_checkpoint,
 )
-from joybridge.trainer.errors import CheckpointError, StorageError
 
 SOME: dict[str, Array] = {
     "a": np.arange(6, dtype=np.float32).reshape(2, 3),

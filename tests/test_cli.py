@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-import joybridge.trainer
+import joybridge
 from joybridge import cli
+from joybridge.client.errors import SimulatorLost
+from joybridge.client.launch import simulator_process
 from joybridge.contract.address import READY
-from joybridge.trainer.wire.errors import SimulatorLost
-from joybridge.trainer.wire.launch import simulator_process
 from tests.support.wire import SECONDS
 
 
@@ -20,7 +20,7 @@ from tests.support.wire import SECONDS
 def test_without_a_command_or_with_help_it_lists_the_commands(arguments, monkeypatch, capsys):
     assert cli.main(arguments) == 0
     given = capsys.readouterr().out
-    assert all(f"  {name} " in given for name in cli.COMMANDS)
+    assert all(f"  {name} " in given for name in cli.commands())
     monkeypatch.setattr(sys, "argv", ["joybridge", *arguments])
     assert cli.main() == 0
     assert capsys.readouterr().out == given
@@ -33,8 +33,10 @@ def test_an_unknown_command_is_refused_with_the_known_ones(capsys):
 
 def test_a_command_whose_extra_is_missing_names_the_extra(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "torch", None)  # which makes importing it fail
-    monkeypatch.setattr(joybridge, "trainer", joybridge.trainer)  # importing it anew replaces it
-    for name in [name for name in sys.modules if name.startswith("joybridge.trainer")]:
+    rooms = ("joybridge.commands", "joybridge.run", "joybridge.policy", "joybridge.ppo", "joybridge.demonstrations")
+    for name in [name for name in sys.modules if name.startswith(rooms)]:
+        room, _, _ = name.removeprefix("joybridge.").partition(".")
+        monkeypatch.setattr(joybridge, room, getattr(joybridge, room, None))  # importing it anew replaces it
         monkeypatch.delitem(sys.modules, name)
     assert cli.main(["train", "archer/hybrid"]) == 2
     assert "needs the module torch; install it with `pip install 'joybridge[train]'`" in capsys.readouterr().err
@@ -67,6 +69,7 @@ def test_a_command_whose_output_nobody_reads_any_more_ends_quietly():
 
 INTERRUPTED = """
 import os, signal, sys
+import joybridge
 from joybridge import cli
 from joybridge.contract.address import READY
 

@@ -15,10 +15,8 @@ from threading import Event
 import numpy as np
 import pytest
 
-from joybridge.contract.versions import own_version
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire import client, interruptible_loop, local_stream, stream
-from joybridge.trainer.wire.client import (
+from joybridge.client import client, interruptible_loop, local_stream, stream
+from joybridge.client.client import (
     CALL_SECONDS,
     Session,
     SimulatorError,
@@ -27,8 +25,11 @@ from joybridge.trainer.wire.client import (
     describe,
     wait_for,
 )
-from joybridge.trainer.wire.errors import SimulatorShutDown
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.errors import SimulatorShutDown
+from joybridge.client.launch import simulator_process
+from joybridge.contract.versions import own_version
+from joybridge.layouts import make_acts
+from joybridge.simulator.session import Refusal
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import AnswersTwice, BrokenServer, Gauntlet, Honest, serving
 from tests.support.instructions import run_with
@@ -230,6 +231,37 @@ def test_a_response_that_was_not_asked_for_ends_the_session_instead_of_answering
             play()
 
 
+class OfRevision1(Honest):
+    """A server of the first revision: it refuses clients that need a newer one, and sends nothing newer."""
+
+    @staticmethod
+    def version():
+        return pb.Version(product="old 1.0", revision=1)
+
+    @staticmethod
+    def look(request):
+        if request.version.revision > 1:
+            raise Refusal(pb.REASON_OLD_SERVER, "too new")
+
+
+class GameOfRevision1(Gauntlet):
+    @classmethod
+    def describe(cls, options):
+        spec = super().describe(options)
+        spec.behaviors[0].sensors[2].ClearField("image")
+        spec.behaviors[0].device.axes[1].ClearField("only_with")
+        return spec
+
+
+def test_a_server_of_the_first_revision_is_still_played_with():
+    with serving(BrokenServer(set(), game=GameOfRevision1, session=OfRevision1)) as address:
+        assert not describe(address, "gauntlet", {}).behaviors[0].sensors[2].HasField("image")
+        with Session(address, "gauntlet", arenas=3, seed=0) as session:
+            acts = make_acts(session.spec, 3)
+            acts[0].axes[:, 1] = 1.0
+            assert session.step(acts)[0].rewards.shape == (3, 2)
+
+
 def test_a_session_that_nobody_refers_to_is_ended(address):
     session = Session(address, "marble", arenas=2, seed=0, transport="grpc")
     call = session._stream._call  # type: ignore[union-attr]
@@ -250,9 +282,9 @@ def run_alone(script: str) -> None:
 def test_the_garbage_collector_may_close_a_session_while_the_event_loop_runs(address):
     run_alone(f"""
 import gc, weakref
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
+from joybridge.layouts import make_acts
+from joybridge.client.client import Session
+from joybridge.client.interruptible_loop import EVENT_LOOP
 class Owner:
     def __init__(self):
         self.me = self  # so that only the garbage collector frees it
@@ -271,8 +303,8 @@ with Session({address!r}, "marble", arenas=2, seed=0) as session:
 
 def test_a_session_that_is_never_closed_ends_with_the_program_without_output(address):
     run_alone(f"""
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session
+from joybridge.layouts import make_acts
+from joybridge.client.client import Session
 session = Session({address!r}, "marble", arenas=2, seed=0)
 session.step(make_acts(session.spec, 2))
 session.send(make_acts(session.spec, 2))
@@ -315,8 +347,9 @@ def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address, monkeypat
 INTERRUPTED = """
 import asyncio, random, signal
 from joybridge.contract.versions import own_version
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session
+from joybridge.simulator.session import Refusal
+from joybridge.layouts import make_acts
+from joybridge.client.client import Session
 own_version()  # imports modules when it is first called, and an interrupt in an import is not what is tested here
 signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
 delays = random.Random(0)

@@ -13,20 +13,28 @@ from unittest.mock import Mock
 
 import pytest
 
+from joybridge.client.client import list_games
+from joybridge.client.errors import SimulatorError, SimulatorLost
+from joybridge.client.simulator_source import (
+    FILE,
+    Simulators,
+    choose_simulators,
+    last_simulators,
+    open_simulators,
+    remember,
+)
+from joybridge.commands.__main__ import main as trainer
+from joybridge.compare import run_grid
 from joybridge.contract.credentials import Credentials, ProtectedAddress
-from joybridge.experiments import run_grid
-from joybridge.trainer.__main__ import main as trainer
-from joybridge.trainer.learners.choice import Learners
-from joybridge.trainer.simulators import FILE, Simulators, choose_simulators, last_simulators, open_simulators, remember
-from joybridge.trainer.train import train
-from joybridge.trainer.wire import ray_program
-from joybridge.trainer.wire.client import list_games
-from joybridge.trainer.wire.cluster import PRIVATE, join_cluster
-from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost
-from joybridge.trainer.wire.ray_program import Simulator, start_all
+from joybridge.ray_cluster import program as ray_program
+from joybridge.ray_cluster.program import Simulator, start_all
+from joybridge.ray_cluster.simulators import PRIVATE, join_cluster
+from joybridge.run.train import train
 from tests.support.jobs import train_here
 from tests.test_experiments import command_line, figures, make_job, write_configs
 from tests.test_recovery import CONFIG, LANES, ROLLOUT, outcome
+
+pytestmark = pytest.mark.nightly
 
 ROOT = Path(__file__).parents[1]
 NOWHERE = "127.0.0.1:1"
@@ -88,15 +96,6 @@ def test_a_run_whose_simulators_lose_their_nodes_ends_like_one_on_this_machine(n
     assert len(used) == 2 and len(set(used[0]) | set(used[1])) == 4
     assert "training goes on from 128 timesteps (restart 1 of 5)" in caplog.text
     assert all(map(gone, used[1]))
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")  # of Ray
-def test_a_run_with_a_learner_on_the_cluster_ends_like_one_with_a_learner_here(nodes, simulator, tmp_path):
-    for name, cluster in (("here", ""), ("there", nodes.cluster.address)):
-        learners = Learners(2, cluster)
-        train(CONFIG, tmp_path / name, [simulator], resume=False, report=lambda *_: None, learners=learners)
-    assert outcome(tmp_path / "there") == outcome(tmp_path / "here")
 
 
 @pytest.mark.slow
@@ -199,11 +198,11 @@ def test_a_cluster_with_too_few_cores_is_waited_for_and_named(capsys):
 
 
 def test_a_run_remembers_games_but_no_cluster_and_the_cluster_gets_its_games(tmp_path):
-    remember(tmp_path, Simulators(games=("a:B",), cluster=NOWHERE, count=2))
-    assert last_simulators(tmp_path) == Simulators(games=("a:B",))
+    remember(tmp_path, Simulators(games=("a:B",), cluster=NOWHERE, count=2), print)
+    assert last_simulators(tmp_path).simulators == Simulators(games=("a:B",))
     (tmp_path / FILE).write_text(f'{{"games": ["a:B"], "cluster": "{NOWHERE}", "count": 2}}')
-    assert last_simulators(tmp_path) == Simulators(games=("a:B",))
+    assert last_simulators(tmp_path).simulators == Simulators(games=("a:B",))
     wanted = Simulators(cluster=NOWHERE, count=2)
     assert wanted.arguments() == ["--ray", NOWHERE, "--simulators", "2"]
-    chosen = choose_simulators(wanted, last_simulators(tmp_path), CONFIG, print)
+    chosen = choose_simulators(wanted, last_simulators(tmp_path), CONFIG, print, trust=True)
     assert chosen == replace(wanted, games=("a:B",))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.__main__ import main
+from joybridge.commands.__main__ import main
 
 pytestmark = pytest.mark.usefixtures("signals")
 

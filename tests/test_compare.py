@@ -8,17 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.experiments import compare as command
-from joybridge.experiments import grid, launch
-from joybridge.experiments import page as pages
-from joybridge.experiments.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
-from joybridge.experiments.job import Job
-from joybridge.experiments.launch import make_job, scored_policy
-from joybridge.experiments.page import Setting, page_html, page_text
-from joybridge.experiments.scores import Point, Run, read_run
-from joybridge.experiments.variants import check_game, differences, kept_spec, make_variants, read_values
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.errors import CheckpointError, ConfigError
+from joybridge.compare import compare as command
+from joybridge.compare import grid, launch
+from joybridge.compare import page as pages
+from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
+from joybridge.compare.job import Job
+from joybridge.compare.launch import make_job, scored_policy
+from joybridge.compare.page import Setting, page_html, page_text
+from joybridge.compare.scores import Point, Run, score_run
+from joybridge.compare.table import TABLE, add_results, read_table
+from joybridge.compare.variants import VARIANTS, check_game, differences, kept_spec, make_variants, read_values
+from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.config.metrics import read_rows
+from joybridge.run.checkpoint import has_checkpoint
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
 
@@ -83,6 +85,13 @@ def numbers(folder: Path) -> dict[str, object]:
     return data
 
 
+def forget(run: str) -> None:
+    """Take a run out of the table of finished runs."""
+    results = read_table(OUT)
+    (OUT / TABLE).unlink()
+    add_results(OUT, {name: rows for name, rows in results.items() if str(name.run) != run})
+
+
 def assert_same(one: Path, other: Path) -> None:
     assert page(one) == page(other)
     assert numbers(one) == numbers(other)
@@ -97,7 +106,7 @@ def test_a_comparison_that_was_killed_and_is_repeated_ends_in_the_same_figures(w
     # As a kill leaves it: a finished run, one that was interrupted after a checkpoint, two that have not begun.
     for name in ("hybrid-s1", "bucket-3-s0", "bucket-3-s1"):
         shutil.rmtree(OUT / "runs" / name)
-    shutil.rmtree(OUT / "metrics")
+    (OUT / TABLE).unlink()
     half = Job("bucket-3", 0, 640, OUT / "configs", OUT / "runs", arguments=("--simulator", simulator))
     assert train_here(half).status == 0 and has_checkpoint(half.run)
     done = run_in(copied, simulator)
@@ -117,7 +126,7 @@ def test_finished_runs_may_be_deleted_and_the_rest_is_trained(whole, copied, sim
     finished = run_in(copied, "127.0.0.1:1", "--wait", "0.1")
     assert finished.status == 0
     shutil.rmtree(OUT / "runs")
-    next(OUT.glob("metrics/*/bucket-3-s1.csv")).unlink()
+    forget("bucket-3-s1")
     done = run_in(copied, simulator)
     assert done.status == 0 and done.output.count(": done") == 1 and "1 runs, 0 of them" in done.output
     assert_same(copied, whole)
@@ -154,12 +163,11 @@ def test_a_comparison_of_another_configuration_is_refused_by_name(copied):
 
 
 def test_a_game_that_has_changed_is_refused_by_name(copied, simulator):
-    path = OUT / "configs/bucket-3.spec.json"
-    spec = json.loads(path.read_text())
-    spec["behaviors"][0]["sensors"][0]["shape"] = [77]
-    path.write_text(json.dumps(spec))
+    data = json.loads((OUT / VARIANTS).read_text())
+    data["bucket-3"]["spec"]["behaviors"][0]["sensors"][0]["shape"] = [77]
+    (OUT / VARIANTS).write_text(json.dumps(data))
     shutil.rmtree(OUT / "runs/bucket-3-s1")
-    next(OUT.glob("metrics/*/bucket-3-s1.csv")).unlink()
+    forget("bucket-3-s1")
     done = run_in(copied, simulator)
     assert done.status == 1
     assert (
@@ -184,10 +192,9 @@ def test_a_comparison_goes_on_with_a_simulator_that_offers_more_with_the_same_ga
 
 def test_another_default_of_an_option_or_an_option_that_is_gone_is_another_game(copied):
     (variant,) = make_variants(["archer/hybrid"], [], [])
-    path = OUT / "configs/hybrid.spec.json"
-    before = json.loads(path.read_text())
-    weather = {"name": "weather", "choices": ["calm", "windy"], "default_choice": "calm"}
-    path.write_text(json.dumps({**before, "options": [weather]}))
+    data = json.loads((OUT / VARIANTS).read_text())
+    data["hybrid"]["spec"]["options"] = [{"name": "weather", "choices": ["calm", "windy"], "default_choice": "calm"}]
+    (OUT / VARIANTS).write_text(json.dumps(data))
     spec = kept_spec(variant, OUT)
     assert spec is not None
     check_game(variant, spec, OUT)
@@ -210,8 +217,7 @@ def test_damaged_metrics_are_named_and_nothing_else_is_lost(whole, copied):
     damaged.rename(copied / "away.csv")  # as the error says; the kept copy is whole
     assert run_in(copied, "127.0.0.1:1").status == 0
     assert_same(copied, whole)
-    kept = OUT / "metrics/0.00128M/hybrid-s1.csv"
-    kept.unlink()
+    forget("hybrid-s1")
     done = run_in(copied, "127.0.0.1:1")
     assert "out/runs/hybrid-s1 has no metrics; delete this folder, and repeat the command" in done.errors
 
@@ -336,14 +342,18 @@ def test_the_score_of_a_run_is_the_mean_of_its_last_tenth_rounded_up():
 
 def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path):
     path = tmp_path / "run-s0.csv"
+
+    def read() -> Run:
+        return score_run(read_rows(path), path.name, 7, "reward")
+
     path.write_text("timesteps,seconds,reward\n100,1,\n200,2,0.5\n300,3,1.5\n")
-    assert read_run(path, 7, "reward") == Run(7, (Point(200, 2.0, 0.5), Point(300, 3.0, 1.5)))
+    assert read() == Run(7, (Point(200, 2.0, 0.5), Point(300, 3.0, 1.5)))
     path.write_text("timesteps,reward\n100,nan\n")
     with pytest.raises(CheckpointError, match=r"run-s0.csv: reward is nan after 100 timesteps, expected a finite"):
-        read_run(path, 7, "reward")
+        read()
     path.write_text("timesteps,length\n100,\n")
     with pytest.raises(ConfigError, match="has no reward: no episode ended; lengthen the runs"):
-        read_run(path, 7, "reward")
+        read()
 
 
 def test_the_time_to_a_score_is_a_median_to_which_unsuccessful_runs_count():

@@ -8,7 +8,7 @@ from importlib import import_module
 import pytest
 from numba.core.caching import CompileResultCacheImpl
 
-MODULES = ["joybridge.simulator.compiled", "joybridge.trainer.ppo.fast.kernels"]
+MODULES = ["joybridge.simulator.compiled", "joybridge.ppo.fast.kernels"]
 
 
 @pytest.mark.parametrize("module", MODULES)

@@ -5,18 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.checkpoint import Manifest, save_checkpoint
-from joybridge.trainer.config import (
-    OTHER_NAMES,
-    Config,
-    PolicyConfig,
-    check_run,
-    dump_config,
-    keep_config,
-    load_config,
-    run_name,
-)
-from joybridge.trainer.errors import ConfigError
+from joybridge.config.config import OTHER_NAMES, Config, PolicyConfig, dump_config, load_config
+from joybridge.config.errors import ConfigError
+from joybridge.run.checkpoint import Manifest, save_checkpoint
+from joybridge.run.folder import check_run, keep_config, run_name
 
 CONFIGS = sorted(Path(__file__).parents[1].glob("configs/*/*.yaml"))
 BUCKET = Path(__file__).parents[1] / "configs/shooting_birds/bucket-11.yaml"

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.config_files import config_names, find_config
-from joybridge.trainer.errors import ConfigError
+from joybridge.config.config import load_config
+from joybridge.config.config_files import config_names, find_config
+from joybridge.config.errors import ConfigError
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 

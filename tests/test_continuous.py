@@ -7,18 +7,18 @@ import pytest
 import torch
 from torch.distributions import AffineTransform, Normal, TanhTransform, TransformedDistribution
 
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import CLIP
-from joybridge.trainer.ppo.continuous import (
+from joybridge.config.errors import ConfigError
+from joybridge.layouts import CLIP
+from joybridge.ppo.continuous import (
     Distribution,
     entropies_of_each,
     load_distributions,
     log_probs_of_each,
     sample_each,
 )
-from joybridge.trainer.ppo.continuous.beta import Beta
-from joybridge.trainer.ppo.continuous.gaussian import Gaussian
-from joybridge.trainer.ppo.continuous.squashed import Squashed
+from joybridge.ppo.continuous.beta import Beta
+from joybridge.ppo.continuous.gaussian import Gaussian
+from joybridge.ppo.continuous.squashed import Squashed
 from tests.support.own_layouts import Laplace
 
 ALL: list[Distribution] = [Gaussian(), Squashed(), Beta(), Laplace()]

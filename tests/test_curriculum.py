@@ -7,18 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-import joybridge.trainer.__main__ as trainer
+import joybridge.commands.__main__ as trainer
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import StepArrays
 from joybridge.games.archer.game import Archer
 from joybridge.games.orchard.game import Orchard
+from joybridge.policy.config_fit import check_fit
+from joybridge.policy.episodes import Episodes
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.curriculum import Curriculum
+from joybridge.run.folder import play_config
 from joybridge.simulator.game_adapter import batched
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.config import load_config, play_config
-from joybridge.trainer.config_fit import check_fit
-from joybridge.trainer.curriculum import Curriculum
-from joybridge.trainer.episodes import Episodes
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.metrics import read_rows
 
 ARCHER = batched(Archer).describe({})
 CURRICULUM = """

@@ -12,28 +12,28 @@ import numpy as np
 import pytest
 import torch
 
+from joybridge.client.client import Session
+from joybridge.client.recording import RecordingError, load_recording
+from joybridge.commands.__main__ import main
+from joybridge.commands.look import obey_masks, press_at_random
+from joybridge.commands.replay import FaultFound, replay
+from joybridge.commands.replay import main as replay_main
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.demonstrations.cloning import targets
+from joybridge.demonstrations.files import load_demonstration
+from joybridge.demonstrations.recorded import Demonstration, Stretch
+from joybridge.layouts import list_roles, make_acts, make_layouts
+from joybridge.play.playing import Player
+from joybridge.policy.actor import Actor
+from joybridge.ppo.cloning import add_cloning_gradient
+from joybridge.ppo.loss import Actions
+from joybridge.ppo.update import Learner
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button, sensor, spec
-from joybridge.trainer.__main__ import main
-from joybridge.trainer.actor import Actor
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.cloning import targets
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.demonstration_files import load_demonstration
-from joybridge.trainer.demonstrations import Demonstration, Stretch
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import list_roles, make_acts, make_layouts
-from joybridge.trainer.look import obey_masks, press_at_random
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.playing import Player
-from joybridge.trainer.ppo.cloning import add_cloning_gradient
-from joybridge.trainer.ppo.loss import Actions
-from joybridge.trainer.ppo.update import Learner
-from joybridge.trainer.replay import FaultFound, replay
-from joybridge.trainer.replay import main as replay_main
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.recording import RecordingError, load_recording
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from tests.support.broken_servers import BrokenServer, Gauntlet, serving
 
@@ -122,8 +122,8 @@ def test_a_program_that_is_killed_loses_no_step(tmp_path, simulator, described):
     program = f"""
 import os, signal
 from pathlib import Path
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.layouts import make_acts
+from joybridge.client.client import Session
+from joybridge.layouts import make_acts
 session = Session({simulator!r}, "hybrid", arenas=1, seed=5)
 session.record_demonstration(Path({str(tmp_path)!r}))
 for _ in range(12):
@@ -159,7 +159,7 @@ def test_a_second_session_makes_another_file(demos, simulator):
 
 
 SPEC = spec(
-    type("Any", (), {"name": "any", "description": "any", "options": ()}),
+    type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
     [
         behavior(
             "any", sensors=[sensor("any", [1])], axes=[axis("x"), axis("force", 0.5, 2.0)],

@@ -5,16 +5,16 @@ import pytest
 import torch
 from torch.distributions import Categorical, Normal
 
-from joybridge.trainer.layouts import ActionSpace
-from joybridge.trainer.ppo.distributions import (
+from joybridge.layouts import ActionSpace
+from joybridge.ppo.distributions import (
     FORBIDDEN,
     branch_entropies,
     chosen_log_probs,
     fill_masks,
     gaussian_log_probs,
 )
-from joybridge.trainer.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
-from joybridge.trainer.ppo.networks import Network
+from joybridge.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
+from joybridge.ppo.networks import Network
 
 SIZES = (5, 3, 2)
 

@@ -13,9 +13,10 @@ import pytest
 from jsonschema import Draft202012Validator
 from ruamel.yaml import YAML
 
-from joybridge.cli import COMMANDS, main
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.keys import SCHEMA, all_keys
+from joybridge.cli import commands as all_commands
+from joybridge.cli import main
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.keys import SCHEMA, all_keys
 from joybridge.v1 import bridge_pb2 as pb
 from tests.test_public_api import PROMISED
 from tools.docs import errors, reference
@@ -25,6 +26,7 @@ from tools.docs.pages import INSTEAD, filled, readme_sections
 from tools.docs.schema import schema
 
 ROOT = Path(__file__).parents[1]
+COMMANDS = all_commands()
 ELSEWHERE = {"node_modules", "build", "runs", "site"}  # written by programs
 PATHS = [
     path

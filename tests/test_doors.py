@@ -1,6 +1,7 @@
 """Who may call a server: addresses, TLS, the token, malformed and compressed messages."""
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -13,10 +14,13 @@ import grpc
 import numpy as np
 import pytest
 from grpc import StatusCode
-from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_health.v1 import health_pb2
 from hypothesis import given
 from hypothesis import strategies as st
 
+from joybridge.client.errors import from_grpc
+from joybridge.commands.__main__ import main as trainer
+from joybridge.commands.look import main as look
 from joybridge.conformance.__main__ import main as check
 from joybridge.conformance.doctor import main as doctor
 from joybridge.contract import limits
@@ -37,14 +41,13 @@ from joybridge.simulator.__main__ import main
 from joybridge.simulator.doors import DoorError, Protection, load_protection
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.session import Refusal, Session
-from joybridge.trainer.__main__ import main as trainer
-from joybridge.trainer.look import main as look
-from joybridge.trainer.wire.errors import from_grpc
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
+from joybridge.viewer.play import main as viewer
+from joybridge.viewer.watch import main as watch
 from tests.support.games import PICTURE, Hybrid
 from tests.support.servers import Server, end, server
-from tests.support.wire import PLAY, SECONDS, Stream, act, start
+from tests.support.wire import SECONDS, Stream, act, start
 
 TOKEN = "0123456789abcdef-a-secret"
 
@@ -128,6 +131,106 @@ def test_malformed_addresses_are_refused(text):
             address(text)
 
 
+# ------------------------------------------------------------------------------------------------------- TLS
+
+
+def nothing(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def garbage(path: Path) -> None:
+    path.write_bytes(b"\x00\xff garbage")
+
+
+def truncated(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-60])
+
+
+def truncated_inside(path: Path) -> None:
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([*lines[:2], lines[-1]]))
+
+
+def a_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def a_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def an_endless_device(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("/dev/zero")
+
+
+DAMAGES = [nothing, garbage, truncated, truncated_inside, a_folder, a_pipe, an_endless_device]
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("damaged", ["server.pem", "server.key"])
+def test_a_server_that_is_told_to_use_tls_never_listens_without(damaged, damage, files, tmp_path, capsys):
+    certificate, key, token = [Path(shutil.copy(file, tmp_path)) for file in files]
+    damage(tmp_path / damaged)
+    protection = ["--tls-cert", str(certificate), "--tls-key", str(key), "--token-file", str(token)]
+    assert main(["serve", "--address", "0.0.0.0:0", *protection]) == 2
+    errors = capsys.readouterr()
+    assert errors.err.startswith("error: ") and str(tmp_path / damaged) in errors.err and "listening" not in errors.out
+
+
+def test_a_key_of_another_certificate_or_with_a_password_is_refused(files, tmp_path):
+    certificate, key, token = files
+    for options in (["ecparam", "-name", "prime256v1", "-genkey", "-noout"], ["ec", "-in", str(key), "-aes128"]):
+        password = ["-passout", "pass:secret"] if options[0] == "ec" else []
+        other = tmp_path / options[0]
+        subprocess.run(["openssl", *options, *password, "-out", str(other)], check=True, capture_output=True)
+        with pytest.raises(CredentialsError, match=r"are no certificate and its key without a password"):
+            load_protection("127.0.0.1:0", certificate, other, token)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_client_that_is_told_to_use_tls_never_calls_without(damage, files, tmp_path, capsys):
+    certificate = Path(shutil.copy(files[0], tmp_path))
+    damage(certificate)
+    with pytest.raises(CredentialsError, match=str(certificate)):
+        load_credentials(certificate, files[2])
+    assert main(["list", "--simulator", "127.0.0.1:1", "--tls-ca", str(certificate)]) == 2
+    assert str(certificate) in capsys.readouterr().err
+
+
+FAR = "192.0.2.1:5005"  # an address that documents use and no machine has
+SENDING = {
+    "list": (main, ["list", "--simulator", FAR]),
+    "new": (main, ["new", "--for", FAR, "--game", "orchard"]),
+    "check": (check, ["check", FAR]),
+    "doctor": (doctor, ["doctor", FAR]),
+    "look": (look, ["look", FAR, "look.png", "--game", "orchard"]),
+    "train": (trainer, ["train", "orchard/hybrid", "--simulator", FAR, "--wait", "1"]),
+    "play": (viewer, ["play", "orchard", "--simulator", FAR, "--no-browser"]),
+    "watch": (watch, ["watch", FAR, "--no-browser"]),
+}
+
+
+@pytest.mark.parametrize("command", SENDING)
+def test_no_command_sends_a_token_in_clear_text_to_another_machine(command, files, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run, arguments = SENDING[command]
+    assert run([*arguments, "--token-file", str(files[2])]) in (1, 2)
+    printed = capsys.readouterr()
+    assert f"the token would travel to {FAR} in clear text" in printed.err + printed.out
+    assert TOKEN not in printed.err + printed.out
+
+
+@pytest.mark.parametrize("place", [FAR, "[2001:db8::1]:5005", "nowhere.invalid:5005"])
+def test_no_environment_sends_a_token_in_clear_text_to_another_machine(place):
+    with pytest.raises(CredentialsError, match="in clear text; let that server use TLS"):
+        BridgeEnv("orchard", simulator=ProtectedAddress(place, Credentials(token=TOKEN)))
+    for place in ("127.0.0.1:1", "unix:s", "[::1]:1"):
+        Credentials(token=TOKEN).channel(place).close()
+
+
 # ------------------------------------------------------------------------------------------------- the token
 
 
@@ -147,40 +250,8 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
         load_credentials(tls_ca=tmp_path / "missing")
 
 
-def call_all(credentials: Credentials, place: str) -> list[StatusCode]:
-    """Return the statuses of ListGames, DescribeGame, reflection's stream, Play and health."""
-    with credentials.channel(place) as channel:
-        metadata = credentials.metadata
-        stub = rpc.SimulatorServiceStub(channel)
-        reflect = channel.stream_stream("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo")
-        play = channel.stream_stream(PLAY, pb.PlayRequest.SerializeToString, pb.PlayResponse.FromString)
-        health = health_pb2_grpc.HealthStub(channel)
-        calls = [
-            lambda: stub.ListGames(pb.ListGamesRequest(), metadata=metadata, timeout=SECONDS),
-            lambda: stub.DescribeGame(pb.DescribeGameRequest(game="archer"), metadata=metadata, timeout=SECONDS),
-            lambda: list(reflect(iter([]), metadata=metadata, timeout=SECONDS)),
-            lambda: list(play(iter([start("archer")]), metadata=metadata, timeout=SECONDS)),
-            lambda: health.Check(health_pb2.HealthCheckRequest(), timeout=SECONDS),
-        ]
-        return [status_of(call) for call in calls]
-
-
-def status_of(call) -> StatusCode:
-    try:
-        call()
-    except grpc.RpcError as error:
-        return StatusCode.INTERNAL if TOKEN in error.details() else error.code()
-    return StatusCode.OK
-
-
-def test_every_call_but_health_needs_the_token(guarded):
-    place = guarded.server.address
-    right = load_credentials(guarded.certificate, guarded.token)
-    assert call_all(right, place) == [StatusCode.OK] * 5
-    for token in ("", TOKEN[:-1], TOKEN + "x", TOKEN.upper()):
-        wrong = Credentials(right.certificates, token)
-        assert call_all(wrong, place) == [StatusCode.UNAUTHENTICATED] * 4 + [StatusCode.OK]
-    assert TOKEN not in repr(right)
+def test_a_token_is_not_shown(files):
+    assert TOKEN not in repr(load_credentials(token_file=files[2]))
 
 
 def test_a_server_with_tls_speaks_to_no_client_without(guarded):

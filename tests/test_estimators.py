@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from joybridge.experiments.estimators import (
+from joybridge.compare.estimators import (
     bootstrap,
     estimate,
     holm,

@@ -1,7 +1,7 @@
 """Grids: finished runs are skipped, a failed run stops no other, and a killed grid ends with the same results."""
 
-import csv
 import io
+import lzma
 import os
 import shutil
 import signal
@@ -16,18 +16,30 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-import joybridge.experiments
-from joybridge.experiments import Job, Process, ResultName, RunName, cluster, find_results, grid, job, run_grid, start
-from joybridge.experiments.cluster import read_files, write_files
-from joybridge.experiments.display import Display, time_left
-from joybridge.experiments.grid import keep_results
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.errors import RunLockedError
-from joybridge.trainer.run_lock import locked
+from joybridge.compare import (
+    Job,
+    Process,
+    ResultName,
+    RunName,
+    add_results,
+    grid,
+    job,
+    read_table,
+    run_grid,
+    start,
+)
+from joybridge.compare.display import Display, time_left
+from joybridge.compare.grid import keep_results
+from joybridge.compare.table import TABLE
+from joybridge.config.errors import CheckpointError, RunLockedError
+from joybridge.config.metrics import KEYS, Cells, column_name, is_trainers
+from joybridge.ray_cluster import grid as cluster
+from joybridge.ray_cluster.grid import read_files, write_files
+from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.run_lock import locked
 from tests.support.jobs import Ended, train_here
+from tools import pack_results
 from tools.paper import __main__ as paper
-
-pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 TIMESTEPS = 6_000
@@ -80,15 +92,12 @@ def wait_for_checkpoint(process: "subprocess.Popen[bytes]", only: Job) -> None:
         time.sleep(0.02)
 
 
-def figures(results: Path) -> dict[str, list[dict[str, str]]]:
-    """Return every cell that does not depend on time, by file."""
-    tables = {}
-    for path in sorted(results.glob("*/*.csv")):
-        with path.open(newline="") as file:
-            tables[path.name] = [
-                {name: cell for name, cell in row.items() if name not in TIMING} for row in csv.DictReader(file)
-            ]
-    return tables
+def figures(results: Path) -> dict[str, list[Cells]]:
+    """Return every cell that does not depend on time, by the name of the run."""
+    return {
+        str(name.run): [{column: cell for column, cell in row.items() if column not in TIMING} for row in rows]
+        for name, rows in read_table(results).items()
+    }
 
 
 @dataclass
@@ -118,39 +127,10 @@ def resume(simulator) -> Callable[[Job], Ended]:
     return lambda chosen: train_here(replace(chosen, arguments=("--simulator", simulator)))
 
 
-@dataclass
-class Killed:
-    """What a grid has left that was killed: its folder of runs, and where its simulator would be in /proc."""
-
-    runs: Path
-    simulator: Path
-
-
 def child(process: int) -> int:
     """Return the only child of a process."""
     (number,) = Path(f"/proc/{process}/task/{process}/children").read_text().split()
     return int(number)
-
-
-@pytest.fixture(scope="module")
-def killed(configs, tmp_path_factory) -> Killed:
-    """Return what a grid of one run has left that was killed in the middle together with its trainer."""
-    runs = tmp_path_factory.mktemp("killed")
-    process = start_grid(configs, runs, start_new_session=True)
-    only = make_job(configs, runs)
-    wait_for_checkpoint(process, only)
-    simulator = Path(f"/proc/{child(child(process.pid))}")
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    assert not only.finished()
-    return Killed(runs, simulator)
-
-
-def test_a_killed_trainer_takes_its_simulator_with_it(killed):
-    deadline = time.monotonic() + DEADLINE_SECONDS
-    while not has_ended(killed.simulator):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def has_ended(process: Path) -> bool:
@@ -160,13 +140,19 @@ def has_ended(process: Path) -> bool:
         return True
 
 
-def test_one_failing_run_is_reported_with_its_reason_and_does_not_stop_the_others(whole):
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_one_failing_run_is_reported_and_the_others_keep_all_of_their_different_rows(whole):
     assert [(str(failed.name), reason) for failed, reason in whole.failed.items()] == [
         ("fail-s0", "error: unknown key 'arenaz'; did you mean 'arenas'? `joybridge keys` lists all keys")
     ]
-    assert list(figures(whole.results)) == ["survive-s0.csv", "survive-s1.csv"]
+    one, other = figures(whole.results).values()
+    assert [int(row["timesteps"]) // 1500 for row in one] == [1, 2, 3, 4]
+    assert all(float(row["episodes"]) > 0 for row in one) and one != other
 
 
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_trainers_of_a_killed_grid_save_and_end_and_the_grid_resumes_them(whole, configs, resume, tmp_path):
     process = start_grid(configs, tmp_path)
     only = make_job(configs, tmp_path)
@@ -175,10 +161,11 @@ def test_the_trainers_of_a_killed_grid_save_and_end_and_the_grid_resumes_them(wh
     process.wait()
     assert run_grid([only], 1, tmp_path / "results", resume) == {}
     assert "interrupted" in (only.run / "log.txt").read_text()
-    name = "survive-s0.csv"
-    assert figures(tmp_path / "results") == {name: figures(whole.results)[name]}
+    assert figures(tmp_path / "results") == {"survive-s0": figures(whole.results)["survive-s0"]}
 
 
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_killed_run_is_reported_with_its_signal(configs, tmp_path):
     victim = make_job(configs, tmp_path)
 
@@ -190,24 +177,26 @@ def test_a_killed_run_is_reported_with_its_signal(configs, tmp_path):
     assert run_grid([victim], 1, tmp_path / "results", begin) == {victim: "killed by SIGKILL"}
 
 
-def test_every_finished_run_keeps_all_rows_and_different_seeds_differ(whole):
-    tables = figures(whole.results)
-    rows = tables["survive-s0.csv"]
-    assert [int(row["timesteps"]) // 1500 for row in rows] == [1, 2, 3, 4]
-    assert all(float(row["episodes"]) > 0 for row in rows)
-    assert rows != tables["survive-s1.csv"]
-
-
-def test_a_grid_that_is_killed_and_repeated_ends_with_the_same_results(
-    whole, killed, configs, resume, tmp_path, monkeypatch, signals
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_a_grid_that_is_killed_with_its_trainers_and_repeated_ends_with_the_same_results(
+    whole, configs, resume, tmp_path, monkeypatch, signals
 ):
-    runs = shutil.copytree(killed.runs, tmp_path / "runs")
+    process, only = start_grid(configs, tmp_path, start_new_session=True), make_job(configs, tmp_path)
+    wait_for_checkpoint(process, only)
+    simulator = Path(f"/proc/{child(child(process.pid))}")
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not only.finished()
+    deadline = time.monotonic() + DEADLINE_SECONDS
+    while not has_ended(simulator):  # it watches its trainer
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
     monkeypatch.setattr(paper, "start", resume)
-    assert paper.main(command_line(configs, runs, "--experiments", "survive", "--jobs", "2")) == 0
-    name = "survive-s0.csv"
-    assert figures(runs / "results") == {name: figures(whole.results)[name]}
-    assert run_grid([make_job(configs, runs)], 2, runs / "once more", begin=refuse) == {}
-    assert figures(runs / "once more") == figures(runs / "results")  # kept again without running again
+    assert paper.main(command_line(configs, tmp_path, "--experiments", "survive", "--jobs", "2")) == 0
+    assert figures(tmp_path / "results") == {"survive-s0": figures(whole.results)["survive-s0"]}
+    assert run_grid([only], 2, tmp_path / "once more", begin=refuse) == {}
+    assert figures(tmp_path / "once more") == figures(tmp_path / "results")  # kept again without running again
 
 
 def refuse(finished: Job) -> Process:
@@ -283,6 +272,8 @@ def test_the_table_shows_what_all_runs_have_reached_and_the_time_left_leaves_fai
     assert list(display.first) == [jobs[1]]
 
 
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_that_cannot_be_resumed_exactly_begins_anew(whole, configs, tmp_path):
     plain = make_job(configs, whole.results.parent)
     shutil.copytree(plain.run, tmp_path / "survive-s0")
@@ -295,29 +286,23 @@ def test_a_run_that_cannot_be_resumed_exactly_begins_anew(whole, configs, tmp_pa
     assert not has_checkpoint(left.run) and not left.last_row() and (left.run / "log.txt").exists()
 
 
-def test_results_of_one_policy_are_named_without_it(tmp_path):
-    birds = Job("shooting_birds/bucket-11", 3, 3_000_000, ROOT / "configs", tmp_path / "runs")
-    birds.run.mkdir(parents=True)
-    (birds.run / "metrics-hunter.csv").write_text("timesteps\n300000\n")
-    keep_results(birds, tmp_path / "results")
-    assert (tmp_path / "results/3M/shooting_birds/bucket-11-s3.csv").read_text() == "timesteps\n300000\n"
-
-
 def test_results_end_at_the_timesteps_of_the_job_and_never_replace_those_of_another_run(tmp_path):
     birds = Job("shooting_birds/bucket-11", 0, 700_000, ROOT / "configs", tmp_path / "runs")
     birds.run.mkdir(parents=True)
-    metrics, kept = birds.run / "metrics-hunter.csv", tmp_path / "results/0.7M/shooting_birds/bucket-11-s0.csv"
+    metrics, name = birds.run / "metrics-hunter.csv", ResultName(birds.name, 700_000)  # of one policy: without it
     metrics.write_text("timesteps,reward\n300024,1.5\n600021,2.5\n900018,3.5\n")
+    kept = {name: [{"timesteps": "300024", "reward": "1.5"}, {"timesteps": "600021", "reward": "2.5"}]}
     for _ in range(2):
-        keep_results(birds, tmp_path / "results")
-        assert kept.read_text() == "timesteps,reward\n300024,1.5\n600021,2.5\n"
+        keep_results(birds, tmp_path)
+        assert read_table(tmp_path) == kept
     metrics.write_text("timesteps,reward\n300024,1.5\n600021,9.5\n")
-    with pytest.raises(FileExistsError, match="is the result of another run; move it away"):
-        keep_results(birds, tmp_path / "results")
-    assert [path.name for path in kept.parent.iterdir()] == [kept.name]
-    assert kept.read_text().endswith("600021,2.5\n")
+    with pytest.raises(FileExistsError, match=r"has 0.7M/shooting_birds/bucket-11-s0 of another run; move it away"):
+        keep_results(birds, tmp_path)
+    assert read_table(tmp_path) == kept
 
 
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_finished_run_is_unfinished_after_its_configuration_changes(whole, configs):
     plain = make_job(configs, whole.results.parent)
     assert plain.finished()
@@ -347,38 +332,70 @@ def test_files_of_a_run_are_copied_and_old_checkpoints_are_deleted(tmp_path):
     assert read_files(here) == second
 
 
-# Names
+# Tables
+
+
+def result(experiment: str, seed: int, policy: str = "", **cells: str) -> dict[ResultName, list[Cells]]:
+    """Return a result of one row."""
+    return {ResultName(RunName(experiment, seed), 600_000, policy): [{"timesteps": "600000", **cells}]}
+
+
+def test_the_bytes_of_a_table_do_not_depend_on_the_order_of_its_runs(tmp_path):
+    added = [result("a/b", 1, reward="1e-05"), result("a/b", 0, "axes", hits="2.50"), result("c", 0, reward="3")]
+    for folder, results in (("one", added), ("other", added[::-1] * 2)):
+        for each in results:
+            add_results(tmp_path / folder, each)
+    assert (tmp_path / "one" / TABLE).read_bytes() == (tmp_path / "other" / TABLE).read_bytes()
+    assert read_table(tmp_path / "one") == added[1] | added[0] | added[2]
+    assert lzma.decompress((tmp_path / "one" / TABLE).read_bytes()).decode().splitlines() == [
+        "run,experiment,seed,total_timesteps,policy,timesteps,hits,reward",
+        "0.6M/a/b-s0-axes,a/b,0,600000,axes,600000,2.50,",
+        "0.6M/a/b-s1,a/b,1,600000,,600000,,1e-05",
+        "0.6M/c-s0,c,0,600000,,600000,,3",
+    ]
+
+
+def test_a_metric_of_a_game_never_takes_the_place_of_a_key():
+    assert [column_name(key) for key in KEYS] == [f"game_{key}" for key in KEYS]
+    assert not any(map(is_trainers, KEYS))
 
 
 @pytest.mark.parametrize(
-    ("name", "path"),
+    ("text", "what"),
     [
-        (ResultName(RunName("shooting_birds/bucket-11", 0), 30_000_000), "30M/shooting_birds/bucket-11-s0.csv"),
-        (ResultName(RunName("rivals/multiagent", 12), 600_000, "axes"), "0.6M/rivals/multiagent-s12-axes.csv"),
-        (ResultName(RunName("survive", 3), 12_345, "a-s1"), "0.012345M/survive-s3-a-s1.csv"),
-        (ResultName(RunName("deep/er/x-slow", 3), 1), "0.000001M/deep/er/x-slow-s3.csv"),
+        ("experiment,seed,total_timesteps,timesteps\na,0,6,many\n", "could not convert string to float: 'many'"),
+        ("experiment,seed,total_timesteps,timesteps\na,x,6,3\n", "invalid literal for int"),
+        ("experiment,seed,timesteps\na,0,3\n", "invalid literal for int"),
+        ("timesteps\n3\n", "invalid literal for int"),
     ],
 )
-def test_the_path_of_a_result_spells_its_name_and_back(name, path):
-    assert name.path == Path(path)
-    assert ResultName.parse(Path(path)) == name
-    assert RunName.parse(str(name.run)) == name.run
+def test_a_damaged_table_is_named_and_stays_as_it_is(text, what, tmp_path):
+    whole = lzma.compress(text.encode())
+    ends = "its end is missing, is not its end"
+    for data, reason in ((whole, what), (whole[:-9], ends), (whole * 2, ends), (b"\0" * 99, "not supported")):
+        (tmp_path / TABLE).write_bytes(data)
+        with pytest.raises(CheckpointError, match=f"{TABLE} is no table of results .*{reason}.*; move it away"):
+            add_results(tmp_path, result("c", 0))
+        assert (tmp_path / TABLE).read_bytes() == data
 
 
-@pytest.mark.parametrize("path", ["M/birds-s0.csv", "3M/birds.csv", "3M/birds-s0.txt", "figures/birds-s0.csv"])
-def test_other_paths_are_not_results(path, tmp_path):
-    with pytest.raises(ValueError, match="not the path of a result, LENGTH/EXPERIMENT"):
-        ResultName.parse(Path(path))
-    (tmp_path / path).parent.mkdir()
-    (tmp_path / path).touch()
-    assert find_results(tmp_path) == {}
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_finished_runs_of_a_folder_are_packed_into_the_table_of_a_study(whole, tmp_path, capsys):
+    folder, study = whole.results.parent, tmp_path / "study"
+    kept = read_table(whole.results)
+    for _ in range(2):
+        assert pack_results.main([str(folder), str(study)]) == 0
+        assert {name.run: rows for name, rows in read_table(study).items()} == {
+            name.run: rows for name, rows in kept.items()
+        }
+    shutil.copytree(folder / "survive-s0", tmp_path / "runs" / "longer-s0")
+    config = tmp_path / "runs/longer-s0/config.yaml"
+    config.write_text(config.read_text().replace("stop: 6000", "stop: 9000"))
+    assert pack_results.main([str(tmp_path / "runs"), str(study)]) == 1
+    assert "longer-s0: it has 6,000 of 9,000 timesteps; resume it first" in capsys.readouterr().err
 
 
 def test_an_experiment_whose_name_contains_a_seed_is_refused(tmp_path):
     with pytest.raises(ValueError, match="'birds-s2-x': '-s2' reads as a seed"):
         Job("birds-s2-x", 0, 1, tmp_path, tmp_path)
-
-
-def test_every_public_name_is_documented():
-    for name in joybridge.experiments.__all__:
-        assert getattr(joybridge.experiments, name).__doc__

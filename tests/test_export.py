@@ -14,16 +14,17 @@ import pytest
 import torch
 
 from joybridge import cli
-from joybridge.trainer import export as exporting
-from joybridge.trainer.__main__ import main
-from joybridge.trainer.actor import SCALING, make_actors
-from joybridge.trainer.checkpoint import Manifest, save_checkpoint
-from joybridge.trainer.config import Config, PolicyConfig, keep_config
-from joybridge.trainer.export import Exported, compare
-from joybridge.trainer.onnx_model import build_model
-from joybridge.trainer.playing import open_play
-from joybridge.trainer.policy_document import decode, encode, make_document
-from joybridge.trainer.wire.client import describe
+from joybridge.client.client import describe
+from joybridge.commands.__main__ import main
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.play import export as exporting
+from joybridge.play.export import Exported, compare
+from joybridge.play.onnx_model import build_model
+from joybridge.play.playing import open_play
+from joybridge.play.policy_document import decode, encode, make_document
+from joybridge.policy.actor import SCALING, make_actors
+from joybridge.run.checkpoint import Manifest, save_checkpoint
+from joybridge.run.folder import keep_config
 
 pytestmark = pytest.mark.usefixtures("signals")
 
@@ -280,7 +281,7 @@ def test_a_checkpoint_of_another_game_is_refused(simulator, tmp_path, capsys):
 def test_without_onnx_the_extra_is_named(simulator, tmp_path, monkeypatch, capsys):
     run = make_run(tmp_path / "run", simulator)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    monkeypatch.delitem(sys.modules, "joybridge.trainer.export")
+    monkeypatch.delitem(sys.modules, "joybridge.play.export")
     assert cli.main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 2
     assert "needs the module onnxruntime; install it with `pip install 'joybridge[export]'`" in capsys.readouterr().err
 

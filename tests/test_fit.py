@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from joybridge.layouts import ActionSpace
+from joybridge.policy.fit import misfits
+from joybridge.ppo.networks import Network
 from joybridge.simulator import sensor
-from joybridge.trainer.fit import misfits
-from joybridge.trainer.layouts import ActionSpace
-from joybridge.trainer.ppo.networks import Network
 
 SENSORS = [sensor("hand", [3]), sensor("target", [1])]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from joybridge.trainer.ppo.gae import gae
+from joybridge.ppo.gae import gae
 
 GAMMA, LAM = 0.9, 0.8
 

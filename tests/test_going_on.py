@@ -6,11 +6,11 @@ import shlex
 import numpy as np
 import pytest
 
-import joybridge.trainer.train as training
-from joybridge.trainer.__main__ import main
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.config import run_config
-from joybridge.trainer.metrics import read_rows
+import joybridge.run.train as training
+from joybridge.commands.__main__ import main
+from joybridge.config.metrics import read_rows
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.folder import run_config
 
 pytestmark = pytest.mark.usefixtures("signals")
 

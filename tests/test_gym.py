@@ -19,15 +19,15 @@ from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
 import joybridge.gym
+from joybridge.client.client import Session, SimulatorError, SimulatorLost, describe
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
 from joybridge.games import BUILT_IN
 from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv, sample_allowed
 from joybridge.gym.registration import GAMES, environment_id
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import CLIP, make_layouts
-from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost, describe
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.layouts import CLIP, make_layouts
 from tests.support.gym_games import Brief, Chase
 
 with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of games that it imports of its own

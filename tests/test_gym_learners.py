@@ -13,10 +13,10 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import VecMonitor
 
+from joybridge.client.launch import simulator_process
 from joybridge.games import BUILT_IN
 from joybridge.gym import BridgeEnv, BridgeVectorEnv
 from joybridge.gym.sb3 import BridgeVecEnv
-from joybridge.trainer.wire.launch import simulator_process
 from tools import ppo_loop
 
 with warnings.catch_warnings(action="ignore", category=DeprecationWarning):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from joybridge.config.config import load_config
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.policy.hand import hand_limits, make_hands
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button, sensor
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.config import load_config
-from joybridge.trainer.hand import hand_limits, make_hands
-from joybridge.trainer.train import train
 from joybridge.v1 import bridge_pb2 as pb
 
 SPEC = pb.GameSpec(

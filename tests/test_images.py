@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 import torch
 
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.errors import ConfigError
+from joybridge.layouts import ActionSpace
+from joybridge.policy.actor import make_actors
+from joybridge.policy.scaling import make_scaling
+from joybridge.ppo.convolutions import ImageEncoder
+from joybridge.ppo.fast.gradient import ClosedFormGradient
+from joybridge.ppo.images import Image, find_images
+from joybridge.ppo.loss import Batch
+from joybridge.ppo.networks import Network
+from joybridge.ppo.schedule import Coefficients
+from joybridge.ppo.update import Learner
 from joybridge.simulator import sensor
 from joybridge.simulator.catalog import load_games
-from joybridge.trainer.actor import make_actors
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.images import Image, find_images
-from joybridge.trainer.layouts import ActionSpace
-from joybridge.trainer.ppo.convolutions import ImageEncoder
-from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.loss import Batch
-from joybridge.trainer.ppo.networks import Network
-from joybridge.trainer.ppo.schedule import Coefficients
-from joybridge.trainer.ppo.update import Learner
-from joybridge.trainer.scaling import make_scaling
 from tests.support.games import PLACES
 
 SENSORS = [

@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from joybridge.commands.__main__ import main
+from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.trainer.__main__ import main
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.device_names import rest_choice
-from joybridge.trainer.input_measures import InputMeasures, Inputs
-from joybridge.trainer.train import train
+from joybridge.play.device_names import rest_choice
+from joybridge.play.input_statistics import InputMeasures, Inputs
+from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb
 
 SECONDS = 0.1

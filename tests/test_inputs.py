@@ -3,7 +3,7 @@
 import numpy as np
 
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.inputs import KEY, MARGIN, PAD, Inputs
+from joybridge.play.input_overlay import KEY, MARGIN, PAD, Inputs
 from joybridge.v1 import bridge_pb2 as pb
 
 KEYS, ACCENT = (43, 47, 59), (224, 112, 60)

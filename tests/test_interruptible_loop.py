@@ -10,9 +10,9 @@ from types import ModuleType
 
 import pytest
 
-from joybridge.trainer.signals import uninterrupted
-from joybridge.trainer.wire import interruptible_loop
-from joybridge.trainer.wire.interruptible_loop import EventLoop
+from joybridge.client import interruptible_loop
+from joybridge.client.interruptible_loop import EventLoop
+from joybridge.client.signals import uninterrupted
 from tests.support.instructions import run_with
 
 OURS = (interruptible_loop,)

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from joybridge.cli import main
-from joybridge.trainer.config import FORMS, Config, PolicyConfig, load_config
-from joybridge.trainer.keys import INDENT, WIDTH, listing
+from joybridge.config.config import FORMS, Config, PolicyConfig, load_config
+from joybridge.config.keys import INDENT, WIDTH, listing
 
 LINES = list(listing())
 WRITTEN = [line[:INDENT].strip() for line in LINES if line[0] != " "]

@@ -2,8 +2,8 @@
 
 import pytest
 
-from joybridge.trainer.wire.client import SimulatorLost, describe, list_games, wait_for
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.client import SimulatorLost, describe, list_games, wait_for
+from joybridge.client.launch import simulator_process
 
 GAME = """
 from joybridge.games.marble.game import Marble as BuiltIn

@@ -10,14 +10,14 @@ import pytest
 import torch
 from torch.distributions import Categorical
 
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import AxisRange, AxisTable, DeviceError, JointTable, Layout, list_roles, make_layouts
-from joybridge.trainer.layouts.check import check_layouts
-from joybridge.trainer.ppo.distributions import fill_masks
-from joybridge.trainer.ppo.fast.kernels import Action, draw_noise
-from joybridge.trainer.ppo.networks import Network
-from joybridge.trainer.ppo.sampling import sample_actions
+from joybridge.layouts import AxisRange, AxisTable, DeviceError, JointTable, Layout, list_roles, make_layouts
+from joybridge.layouts.check import check_layouts
+from joybridge.ppo.distributions import fill_masks
+from joybridge.ppo.fast.kernels import Action, draw_noise
+from joybridge.ppo.networks import Network
+from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.own_layouts import ENTRY_POINTS, offer
 from tests.test_actions import POINTER, make_device

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import StepArrays
+from joybridge.layouts import make_acts
+from joybridge.policy.actor import make_actors
+from joybridge.policy.policy import Policy
+from joybridge.ppo.threads import use_one_thread
+from joybridge.run.train import learn
 from joybridge.simulator import axis, behavior, branch, button, sensor
-from joybridge.trainer.actor import make_actors
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.policy import Policy
-from joybridge.trainer.threads import use_one_thread
-from joybridge.trainer.train import learn
 from joybridge.v1 import bridge_pb2 as pb
 
 LANES, STEPS, UPDATES = 64, 8, 15

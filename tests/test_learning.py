@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import Config, PolicyConfig, load_config
-from joybridge.trainer.evaluate import evaluate
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import Config, PolicyConfig, load_config
+from joybridge.play.evaluate import evaluate
+from joybridge.run.train import train
 from tests.support.learning_games import LENGTH
 
 pytestmark = pytest.mark.slow

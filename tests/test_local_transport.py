@@ -12,15 +12,15 @@ import grpc
 import numpy as np
 import pytest
 
+from joybridge.client.client import Session, SimulatorError, SimulatorLost
+from joybridge.client.local_stream import LocalStream
 from joybridge.conformance.expectations import Unreachable
 from joybridge.conformance.runner import run_checks
 from joybridge.conformance.selection import select
 from joybridge.contract.local_socket import LENGTH, FrameError, LocalSocket
 from joybridge.contract.versions import own_version
+from joybridge.layouts import make_acts
 from joybridge.simulator.local_socket import LocalSocket as Offered
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session, SimulatorError, SimulatorLost
-from joybridge.trainer.wire.local_stream import LocalStream
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import Gauntlet, Honest
 from tests.support.servers import answering_methods, impatient

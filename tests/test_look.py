@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from joybridge.cli import main
-from joybridge.trainer.contact_sheet import MARGIN, PANEL, PICTURE, Line, Tile, write_sheet
-from joybridge.trainer.look import random_play
-from joybridge.trainer.wire.client import Session
+from joybridge.client.client import Session
+from joybridge.commands.contact_sheet import MARGIN, PANEL, PICTURE, Line, Tile, write_sheet
+from joybridge.commands.look import random_play
 
 RED = (208, 80, 32)  # a marker
 

@@ -15,19 +15,19 @@ from minari.dataset.minari_storage import MinariStorage
 
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.cli import main
+from joybridge.client import recording
+from joybridge.client.client import Session
+from joybridge.client.recording import RecordingError
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.demonstrations.cloning import targets
+from joybridge.demonstrations.episodes import finished_episodes, join_episodes
+from joybridge.demonstrations.files import find_demonstrations, load_demonstration
+from joybridge.demonstrations.recorded import load_recorded
 from joybridge.gym.observer import Observer
+from joybridge.layouts import list_roles
+from joybridge.policy.actor import Actor
+from joybridge.policy.encoder import ObservationEncoder
 from joybridge.simulator import axis, behavior, button, sensor, spec
-from joybridge.trainer.actor import Actor
-from joybridge.trainer.cloning import targets
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.demonstration_files import find_demonstrations, load_demonstration
-from joybridge.trainer.demonstrations import load_recorded
-from joybridge.trainer.formats.episodes import finished_episodes, join_episodes
-from joybridge.trainer.layouts import list_roles
-from joybridge.trainer.observations import ObservationEncoder
-from joybridge.trainer.wire import recording
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.recording import RecordingError
 from tests.test_demonstrations import record
 
 pytestmark = pytest.mark.usefixtures("signals")
@@ -147,7 +147,7 @@ def test_a_dataset_is_cloned_by_a_run_that_resumes_and_cannot_be_replayed(export
 def described(observation_space, action_space):
     """Return the spec of the game that an environment with these spaces is, and its spaces."""
     agent = AgentSpaces(observation_space, action_space)
-    game = type("Any", (), {"name": "any", "description": "any", "options": ()})
+    game = type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""})
     return spec(game, [behavior("agent", sensors=agent.sensors, axes=agent.axes, branches=agent.branches)]), agent
 
 
@@ -394,10 +394,10 @@ def test_a_dataset_of_another_game_or_behavior_is_named(exported, simulator, tmp
 
 
 def test_names_that_cannot_stand_in_a_dataset_are_refused(tmp_path, monkeypatch, capsys):
-    game = type("Any", (), {"name": "any", "description": "any", "options": ()})
+    game = type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""})
     odd = spec(game, [behavior("agent", sensors=[sensor("a/b", [1])], axes=[axis("x")], branches=[button("y")])])
     shown = type("Shown", (), {"spec": odd, "stretches": [], "remark": lambda self: ""})()
-    monkeypatch.setattr("joybridge.trainer.formats.minari_export.load_recorded", lambda file, spec: shown)
+    monkeypatch.setattr("joybridge.minari.writing.load_recorded", lambda file, spec: shown)
     (tmp_path / "one.demo").touch()
     assert main(["minari", str(tmp_path), str(tmp_path / "out")]) == 1
     assert "agent: 'a/b' cannot be a name in a dataset; rename it in the game" in capsys.readouterr().err

@@ -7,19 +7,21 @@ import grpc
 import numpy as np
 import pytest
 
+from joybridge.client.client import Session
+from joybridge.config.errors import ConfigError
 from joybridge.contract.spec import SpecError
+from joybridge.layouts import make_acts
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents import side_channels
 from joybridge.mlagents.side_channels import Payload
 from joybridge.mlagents.wire import END, FAILED, FINE, METHOD, SERVICE, CommunicatorError, check_version
+from joybridge.mlagents_player.command import main
+from joybridge.mlagents_player.connection import connect, play
+from joybridge.mlagents_player.player import Player
+from joybridge.mlagents_player.records import AgentRecords
 from joybridge.simulator import behavior, sensor
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.mlagents.command import main
-from joybridge.trainer.mlagents.connection import connect, play
-from joybridge.trainer.mlagents.player import Player
-from joybridge.trainer.mlagents.records import AgentRecords
-from joybridge.trainer.wire.client import Session
+
+pytestmark = pytest.mark.nightly
 
 RESET = ml.TrainerStep(command=ml.RESET)
 

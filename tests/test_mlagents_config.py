@@ -4,10 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.keys import all_keys
-from joybridge.trainer.mlagents.their_config import BEHAVIOR, RUN, table
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.keys import all_keys
+from joybridge.mlagents_player.their_config import BEHAVIOR, RUN, table
+
+pytestmark = pytest.mark.nightly
 
 THEIRS = """
 default_settings: {hyperparameters: {num_epoch: 5}}

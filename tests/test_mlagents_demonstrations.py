@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from joybridge.cli import main
+from joybridge.client.client import Session
+from joybridge.client.recording import RecordingError
+from joybridge.commands.look import obey_masks, press_at_random
+from joybridge.demonstrations.episodes import finished_episodes
+from joybridge.demonstrations.files import load_demonstration
+from joybridge.demonstrations.recorded import load_recorded
+from joybridge.layouts import list_roles, make_acts
 from joybridge.mlagents import communicator_pb2 as ml
+from joybridge.mlagents_player.records import AgentRecords
 from joybridge.simulator import axis, behavior, branch, button, channel, sensor, spec
-from joybridge.trainer.demonstration_files import load_demonstration
-from joybridge.trainer.demonstrations import load_recorded
-from joybridge.trainer.formats.episodes import finished_episodes
-from joybridge.trainer.layouts import list_roles, make_acts
-from joybridge.trainer.look import obey_masks, press_at_random
-from joybridge.trainer.mlagents.records import AgentRecords
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.recording import RecordingError
 from tests.test_minari import rows
 
-pytestmark = pytest.mark.usefixtures("signals")
+pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("signals")]
 
 
 def varint(number):
@@ -99,7 +99,7 @@ def test_a_file_of_ml_agents_is_the_same_to_a_policy_as_our_own(simulator, tmp_p
 
 
 GAME = spec(
-    type("Any", (), {"name": "any", "description": "any", "options": ()}),
+    type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
     [
         behavior(
             "agent", sensors=[sensor("eye", [2, 2, 3], dtype=np.uint8), sensor("ear", [4])],
@@ -144,7 +144,7 @@ def test_what_an_agent_did_stands_in_its_next_step(tmp_path):
 def test_a_game_that_a_build_of_unity_is_has_images_of_floats_a_branch_less_and_two_rewards(tmp_path):
     image, vector = np.arange(12.0).reshape(3, 2, 2), np.arange(12.0)
     served = spec(
-        type("Any", (), {"name": "any", "description": "any", "options": ()}),
+        type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
         [
             behavior("agent", sensors=[sensor("camera", [2, 2, 3]), sensor("grid", [2, 2, 3])],
                      branches=[branch("discrete_1", ["0", "1", "2"])],
@@ -214,13 +214,13 @@ def test_what_does_not_fit_is_named_with_its_episode(tmp_path, change, message):
 
 
 def test_another_device_or_behavior_is_named(tmp_path):
-    other = spec(type("Any", (), {"name": "any", "description": "any", "options": ()}),
+    other = spec(type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
                  [behavior("agent", sensors=[sensor("ear", [4])], axes=[axis("turn")], branches=[])])  # fmt: skip
     with pytest.raises(
         RecordingError, match=r"has 1 continuous actions and branches of \[3, 2\] choices, expected 1 and"
     ):
         load(tmp_path, moment(), game=other)
-    two = spec(type("Any", (), {"name": "any", "description": "any", "options": ()}),
+    two = spec(type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
                [behavior(name, sensors=[sensor("ear", [4])], axes=[axis("turn")]) for name in "ab"])  # fmt: skip
     with pytest.raises(RecordingError, match="is of the behavior 'agent', expected one of a, b"):
         load(tmp_path, moment(), game=two)

@@ -2,8 +2,10 @@
 
 import pytest
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.errors import ConfigError
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
+
+pytestmark = pytest.mark.nightly
 
 THEIRS = """
 environment_parameters:

@@ -15,13 +15,13 @@ import pytest
 from ruamel.yaml import YAML
 
 from joybridge.cli import main
+from joybridge.client.client import describe
+from joybridge.config.config import load_config
+from joybridge.config.metrics import read_rows
 from joybridge.games import BUILT_IN
 from joybridge.simulator import GameSpec, behavior, button, sensor
 from joybridge.simulator.new_game.starter import starter_config
 from joybridge.simulator.new_game.write import TEMPLATE
-from joybridge.trainer.config import load_config
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.wire.client import describe
 from tests.support.command_line import joybridge
 
 ROOT = Path(__file__).parents[1]

@@ -6,12 +6,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from joybridge.trainer.actor import make_actors
-from joybridge.trainer.config import load_config
-from joybridge.trainer.pipeline import collect, group_bounds, open_groups
-from joybridge.trainer.policy import Policy
-from joybridge.trainer.profiler import Profiler
-from joybridge.trainer.wire.client import describe
+from joybridge.client.client import describe
+from joybridge.config.config import load_config
+from joybridge.policy.actor import make_actors
+from joybridge.policy.policy import Policy
+from joybridge.run.collect import collect, group_bounds, open_groups
+from joybridge.run.profiler import Profiler
 
 CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.yaml"
 
@@ -28,7 +28,7 @@ def test_one_decision_enters_18_files(simulator):
     def note(frame: FrameType, event: str, argument: Any) -> None:
         _, ours, file = frame.f_code.co_filename.partition("/joybridge/")
         comprehension = frame.f_code.co_name.startswith("<")  # a call in Python 3.11 only
-        skipped = comprehension or file in (entered[-1], "trainer/profiler.py", "trainer/pipeline.py")
+        skipped = comprehension or file in (entered[-1], "run/profiler.py", "run/collect.py")
         if event == "call" and ours and not skipped:
             entered.append(file)
 
@@ -43,4 +43,4 @@ def test_one_decision_enters_18_files(simulator):
             sys.setprofile(None)
         list(playing)
     assert len(entered[1:]) <= 18, entered[1:]
-    assert {"trainer/wire/client.py", "trainer/ppo/rollout.py", "contract/local_socket.py"} <= set(entered)
+    assert {"client/client.py", "ppo/rollout.py", "contract/local_socket.py"} <= set(entered)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
+from joybridge.compare import ResultName, RunName, add_results
 from tools.paper.__main__ import main
 
 TIMESTEPS = 12_000
@@ -28,14 +29,15 @@ def test_an_unknown_experiment_is_refused_by_name(run, tmp_path, capsys):
 
 
 def test_a_run_whose_results_could_not_be_kept_is_refused(run, tmp_path, capsys):
-    kept = tmp_path / "results" / "0.012M" / "survive-s0-axes.csv"
-    kept.parent.mkdir(parents=True)
-    kept.touch()
+    kept = ResultName(RunName("survive", 0), TIMESTEPS, "axes")
+    add_results(tmp_path / "results", {kept: [{"timesteps": "9000"}]})
     with pytest.raises(SystemExit):
         run("--experiments", "survive")
-    assert f"{kept} is the result of a run that is not in {tmp_path}; use another folder" in capsys.readouterr().err
+    assert f"has survive-s0 of a run that is not in {tmp_path}; use another folder" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_keys_are_set_for_every_run(run, capsys):
     assert run("--experiments", "survive", "--set", "arenas=3", "groups=1", "--set", "policy.epochs=x") == 1
     assert "policy.epochs: got 'x'" in capsys.readouterr().err

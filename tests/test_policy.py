@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 import torch
 
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import STATISTICS
 from joybridge.contract.codec import Codec, pack_act
+from joybridge.layouts import make_acts
+from joybridge.policy.actor import make_actors
+from joybridge.policy.policy import Policy
+from joybridge.ppo.fast.gradient import ClosedFormGradient
+from joybridge.ppo.loss import autograd_gradient, joint_log_probs
+from joybridge.ppo.schedule import Coefficients
+from joybridge.run.train import learn
 from joybridge.simulator.catalog import load_games
 from joybridge.simulator.session import Session
-from joybridge.trainer.actor import make_actors
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.metrics import STATISTICS
-from joybridge.trainer.policy import Policy
-from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.loss import autograd_gradient, joint_log_probs
-from joybridge.trainer.ppo.schedule import Coefficients
-from joybridge.trainer.train import learn
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import PLACES
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.trainer.config import PolicyConfig
-from joybridge.trainer.layouts import ActionSpace
-from joybridge.trainer.metrics import STATISTICS
-from joybridge.trainer.ppo.distributions import FORBIDDEN
-from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.loss import Batch, autograd_gradient, joint_log_probs
-from joybridge.trainer.ppo.networks import Network, flatten_parameters
-from joybridge.trainer.ppo.schedule import Coefficients, anneal
-from joybridge.trainer.ppo.update import Learner, explained_variance, ppo_update
+from joybridge.config.config import PolicyConfig
+from joybridge.config.metrics import STATISTICS
+from joybridge.layouts import ActionSpace
+from joybridge.ppo.distributions import FORBIDDEN
+from joybridge.ppo.fast.gradient import ClosedFormGradient
+from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
+from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.schedule import Coefficients, anneal
+from joybridge.ppo.update import Learner, explained_variance, ppo_update
 from tests.support.measured import interpreted
 
 SPACES = {

@@ -2,8 +2,8 @@
 
 import pytest
 
-from joybridge.trainer import progress
-from joybridge.trainer.metrics import ACTIVITIES
+from joybridge.config.metrics import ACTIVITIES
+from joybridge.run import progress
 
 LIVE = {"timesteps_per_second": 3.25, **dict.fromkeys(ACTIVITIES, 0.25)}
 ROW = LIVE | {"timesteps": 800, "seconds": 9.0, "episodes": 2, "reward": 1.5, "length": 7.0, "hits": 3.0}

@@ -19,6 +19,7 @@ from joybridge.simulator import (
     axis,
     behavior,
     branch,
+    image,
     metric,
     option,
     parameter,
@@ -56,8 +57,8 @@ PROMISED = [
     "joybridge.gym.sb3",
     "joybridge.simulator",
     "joybridge.simulator.render",
-    "joybridge.trainer.layouts",
-    "joybridge.trainer.wire.client",
+    "joybridge.layouts",
+    "joybridge.client.client",
 ]
 
 
@@ -117,6 +118,15 @@ def test_bounds_of_a_sensor_are_none_or_one_or_one_per_element():
     assert list(each.low) == [0.0, 1.0, 2.0, 3.0] and list(each.high) == [4.0] * 4
 
 
+def test_an_image_is_a_sensor_of_bytes_that_says_its_color():
+    eye, map_ = image("eye", 4, 5, channels=3, centered=True), image("map", 4, 5)
+    assert (list(eye.shape), eye.image.color, eye.image.centered) == ([4, 5, 3], pb.COLOR_RGB, True)
+    assert (list(map_.shape), map_.image.color, map_.image.centered) == ([4, 5, 1], pb.COLOR_GRAY, False)
+    assert eye.dtype == pb.DTYPE_UINT8 and (eye.low[:], eye.high[:]) == ([0.0], [255.0])
+    with pytest.raises(ValueError, match="image 'eye' has 4 channels, expected 1 for gray or 3 for RGB"):
+        image("eye", 4, 5, channels=4)
+
+
 def test_an_option_defaults_to_its_first_choice():
     assert option("size", ["small", "large"]).default_choice == "small"
     assert option("size", ["small", "large"], default="large").default_choice == "large"
@@ -127,14 +137,18 @@ class Whole(Game):
 
     name = "whole"
     description = "Everything at once."
+    version = "2b"
     options = (option("size", ["2", "3"], "3", "cells"),)
 
     @classmethod
     def describe(cls, options):
         player = behavior(
             "player",
-            sensors=[sensor("cells", [int(options["size"])], dtype="uint8", elements=["a", "b", "c"])],
-            axes=[axis("x", 0.0, 2.0)],
+            sensors=[
+                sensor("cells", [int(options["size"])], dtype="uint8", elements=["a", "b", "c"]),
+                image("eye", 4, 5, "what it sees", channels=3, centered=True),
+            ],
+            axes=[axis("x", 0.0, 2.0, only_with=("gear", "high"))],
             branches=[branch("gear", ["low", "high"])],
             metrics=["plain", metric("explained", "with words")],
         )
@@ -156,4 +170,6 @@ def test_a_spec_holds_its_parts():
     assert [one.name for one in player.metrics] == ["plain", "explained"]
     assert player.metrics[1].description == "with words" and player.channels[0].name == "reward"
     assert (made.picture.width, made.picture.height, made.decision_interval) == (4, 2, 1)
+    condition = player.device.axes[0].only_with
+    assert made.version == "2b" and (condition.branch, condition.choice) == ("gear", "high")
     assert player.device.axes[0].high == 2.0 and player.device.branches[0].choices == ["low", "high"]

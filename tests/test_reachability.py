@@ -2,7 +2,7 @@
 
 import socket
 
-from joybridge.trainer.wire.reachability import why_unreachable
+from joybridge.client.reachability import why_unreachable
 
 
 def test_a_host_name_that_is_unknown_is_told_from_a_port_on_which_nothing_listens():

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.recovery import recovering
-from joybridge.trainer.run_state import RunState
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.errors import SimulatorLost, SimulatorShutDown
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.errors import SimulatorLost, SimulatorShutDown
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.metrics import read_rows
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.recovery import recovering
+from joybridge.run.run_state import RunState
+from joybridge.run.train import train
 
 LANES, ROLLOUT, ROLLOUTS = 4, 16, 6
 CONFIG = Config(

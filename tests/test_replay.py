@@ -6,12 +6,12 @@ import zlib
 import numpy as np
 import pytest
 
+from joybridge.client import fault_log
+from joybridge.client.client import Session
+from joybridge.client.errors import SimulatorError, SimulatorLost
+from joybridge.client.recording import CHECK, HEAD, RecordingError, load_recording
+from joybridge.commands.replay import FaultFound, main, replay
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.replay import FaultFound, main, replay
-from joybridge.trainer.wire import fault_log
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.errors import SimulatorError, SimulatorLost
-from joybridge.trainer.wire.recording import CHECK, HEAD, RecordingError, load_recording
 from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, serving
 
 HONEST = BrokenServer(set())
@@ -160,8 +160,8 @@ def test_what_is_no_recorded_fault_is_refused_in_one_sentence(tmp_path, content,
 
 
 def test_training_records_the_faults_of_its_sessions_if_asked_to(simulator, tmp_path):
-    from joybridge.trainer.config import load_config
-    from joybridge.trainer.train import train
+    from joybridge.config.config import load_config
+    from joybridge.run.train import train
 
     file = tmp_path / "raises.yaml"
     file.write_text("game: raises\nlayout: hybrid\narenas: 4\ngroups: 2\n")

@@ -1,16 +1,14 @@
 """The report about the paper: which results it reads, how claims are judged, and what it writes."""
 
-import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import pytest
 from PIL import Image
 
-from tools.paper import figures
+from joybridge.compare import ResultName, RunName, add_results
 from tools.paper.claims import COMPARISONS, Behavior, Judged, judge_claims, judge_logs
 from tools.paper.original import original_curve, original_ends, original_point, paper_figures
 from tools.paper.page import BEGIN, CAPTIONS, README, RESULTS, page_text, readme_text, write_report
@@ -48,16 +46,14 @@ pytestmark = pytest.mark.no_cover  # of tools, which are not measured
 EARLY = 10 * MARK  # 3 M
 
 
-def write_run(folder: Path, length: str, name: str, rewards: Sequence[float], **more: float) -> None:
+def write_run(folder: Path, name: str, rewards: Sequence[float], policy: str = "", **more: float) -> None:
     """Write the metrics of a run: a reward per mark, and other figures that never change."""
-    path = folder / length / f"{name}.csv"
-    path.parent.mkdir(parents=True, exist_ok=True)
     columns = {"episodes": 150.0, "length": 1000.0, "click_accuracy": 0.9, "timesteps_per_second": 30_000.0} | more
-    with path.open("w", newline="") as file:
-        table = csv.DictWriter(file, ["timesteps", "reward", *columns])
-        table.writeheader()
-        for number, reward in enumerate(rewards, 1):
-            table.writerow({"timesteps": f"{number * MARK + 24:.6g}", "reward": reward, **columns})
+    rows = [
+        {"timesteps": f"{number * MARK + 24:.6g}", "reward": f"{reward}", **{key: f"{columns[key]}" for key in columns}}
+        for number, reward in enumerate(rewards, 1)
+    ]
+    add_results(folder, {ResultName(RunName.parse(name), len(rewards) * MARK, policy): rows})
 
 
 def made_up(game: str, rewards: Mapping[str, Sequence[float]], mark: int = COMPLETE, **more: float) -> Results:
@@ -82,9 +78,9 @@ def judge(text: str, game: str, results: Results, behavior: Behavior | None = No
 
 
 def test_of_several_lengths_of_one_run_the_longest_counts(tmp_path):
-    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s0", [2.0] * 5)
-    write_run(tmp_path, "3M", "shooting_birds/bucket-11-s0", [2.0] * 10)
-    write_run(tmp_path, "1.5M", "shooting_birds/bucket-11-s1", [4.0] * 5)
+    write_run(tmp_path, "shooting_birds/bucket-11-s0", [2.0] * 5)
+    write_run(tmp_path, "shooting_birds/bucket-11-s0", [2.0] * 10)
+    write_run(tmp_path, "shooting_birds/bucket-11-s1", [4.0] * 5)
     experiment = read_results(tmp_path)["shooting_birds", "bucket-11", ""]
     assert [(run.seed, run.end) for run in experiment.runs] == [(0, 10 * MARK), (1, 5 * MARK)]
     assert experiment.at(5 * MARK) == [2.0, 4.0]
@@ -93,16 +89,16 @@ def test_of_several_lengths_of_one_run_the_longest_counts(tmp_path):
 
 
 def test_runs_of_one_seed_that_begin_differently_are_different_runs(tmp_path):
-    write_run(tmp_path, "30M", "beastly_rivals/hybrid-s0", [1.0] * 100)
-    write_run(tmp_path, "3M", "beastly_rivals/hybrid-s0", [3.0] * 10)
+    write_run(tmp_path, "beastly_rivals/hybrid-s0", [1.0] * 100)
+    write_run(tmp_path, "beastly_rivals/hybrid-s0", [3.0] * 10)
     experiment = read_results(tmp_path)["beastly_rivals", "hybrid", ""]
     assert experiment.at(10 * MARK) == [1.0, 3.0]
     assert [run.end for run in experiment.complete] == [COMPLETE]
 
 
 def test_the_two_agents_are_told_apart_and_rounded_timesteps_find_their_mark(tmp_path):
-    write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-axes", [float(n) for n in range(1, 101)])
-    write_run(tmp_path, "30M", "beastly_rivals/multiagent-s3-buttons", [5.0] * 100)
+    write_run(tmp_path, "beastly_rivals/multiagent-s3", [float(n) for n in range(1, 101)], "axes")
+    write_run(tmp_path, "beastly_rivals/multiagent-s3", [5.0] * 100, "buttons")
     results = read_results(tmp_path)
     assert list(results) == [("beastly_rivals", "multiagent", policy) for policy in ("axes", "buttons")]
     axes = results["beastly_rivals", "multiagent", "axes"]
@@ -113,19 +109,13 @@ def test_the_two_agents_are_told_apart_and_rounded_timesteps_find_their_mark(tmp
 
 
 def test_runs_alone_count_for_speed_and_for_nothing_else(tmp_path):
-    write_run(tmp_path, "3M", "beastly_rivals/multiagent-s0-axes", [1.0] * 10)
-    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/multiagent-s0-axes", [2.0] * 2, timesteps_per_second=40_000)
-    write_run(tmp_path / "alone", "0.6M", "beastly_rivals/hybrid-s0", [2.0] * 2)
+    write_run(tmp_path, "beastly_rivals/multiagent-s0", [1.0] * 10, "axes")
+    write_run(tmp_path / "alone", "beastly_rivals/multiagent-s0", [2.0] * 2, "axes", timesteps_per_second=40_000)
+    write_run(tmp_path / "alone", "beastly_rivals/hybrid-s0", [2.0] * 2)
     ((key, axes),) = read_results(tmp_path).items()
     assert key == ("beastly_rivals", "multiagent", "axes")
     assert [run.end for run in axes.runs] == [10 * MARK]
     assert [run.complete_hours for run in axes.alone] == [pytest.approx(COMPLETE / 40_000 / 3600)]
-
-
-def test_files_without_rows_and_folders_of_other_names_are_ignored(tmp_path):
-    write_run(tmp_path, "3M", "shooting_birds/bucket-3-s0", [])
-    write_run(tmp_path, "pictures", "shooting_birds/bucket-11-s0", [1.0])
-    assert read_results(tmp_path) == {}
 
 
 def test_one_run_has_no_interval_and_the_interval_of_several_contains_their_mean():
@@ -214,54 +204,42 @@ def test_a_run_lies_inside_above_or_below_two_standard_deviations(reward, word):
 
 # How claims are judged
 
-BUCKET_WINS = ("The bucket approach scores higher than the threshold", "shooting_birds")
+BIRDS, RIVALS = "shooting_birds", "beastly_rivals"
+WINS = "The bucket approach scores higher than the threshold"
+AGENTS = "The two agents score higher"
+BEST = "Threshold 0.0 is the best"
+
+
+def of(best: float, others: tuple[float, float]) -> dict[str, list[float]]:
+    """Return a reward of each threshold."""
+    return {
+        f"threshold-{value}": [reward] for value, reward in zip(("0.0", "0.1", "0.5"), (best, *others), strict=True)
+    }
 
 
 @pytest.mark.parametrize(
-    ("bucket", "threshold", "word"), [(137.0, 114.0, HOLDS), (115.0, 114.0, UNDECIDED), (100.0, 114.0, FAILS)]
-)
-def test_scores_of_complete_runs_decide(bucket, threshold, word):
-    results = made_up("shooting_birds", {"bucket-11": [bucket], "threshold-0.0": [threshold]})
-    verdict = judge(*BUCKET_WINS, results).here
-    assert (verdict.word, verdict.where) == (word, "at 30 M")
-    assert f"bucket-11 {bucket:.1f} (1), threshold-0.0 {threshold:.1f} (1)" in verdict.evidence
-    assert "the original bucket-11 137.6 ± 2.8 (10)" in verdict.evidence
-
-
-def test_short_runs_do_not_decide_a_claim_that_the_original_shows_only_later():
-    results = made_up("shooting_birds", {"bucket-11": [200.0], "threshold-0.0": [10.0]}, EARLY)
-    verdict = judge(*BUCKET_WINS, results).here
-    assert verdict.word == UNTESTED
-    assert "needs longer runs" in verdict.evidence
-
-
-@pytest.mark.parametrize(("best", "word"), [(65.0, HOLDS), (30.0, UNDECIDED), (-40.0, FAILS)])
-def test_short_runs_decide_a_claim_that_the_original_shows_as_early(best, word):
-    results = made_up(
-        "shooting_birds", {"threshold-0.0": [best], "threshold-0.1": [20.0], "threshold-0.5": [15.0]}, EARLY
-    )
-    verdict = judge("Threshold 0.0 is the best", "shooting_birds", results).here
-    assert (verdict.word, verdict.where) == (word, "at 3 M")
-
-
-def test_an_early_lead_that_the_original_loses_decides_nothing():
-    rewards = {"threshold-0.0": [80.0], "threshold-0.1": [35.0], "threshold-0.5": [35.0]}
-    verdict = judge("Threshold 0.0 is the best", "beastly_rivals", made_up("beastly_rivals", rewards, EARLY)).here
-    assert verdict.word == UNTESTED
-    assert "needs longer runs" in verdict.evidence
-
-
-def test_a_claim_names_the_experiments_that_it_lacks():
-    verdict = judge(*BUCKET_WINS, made_up("shooting_birds", {"bucket-11": [100.0]})).here
-    assert (verdict.word, verdict.evidence) == (UNTESTED, "needs runs of threshold-0.0")
-
-
-def test_a_single_run_has_the_standard_deviation_of_the_originals():
-    rewards = {"multiagent": [105.0], "threshold-0.0": [100.0]}
-    claim = ("The two agents score higher", "beastly_rivals")
-    assert judge(*claim, made_up("beastly_rivals", rewards)).here.word == UNDECIDED
-    many = {layout: values * 10 for layout, values in rewards.items()}
-    assert judge(*claim, made_up("beastly_rivals", many)).here.word == HOLDS
+    ("text", "game", "mark", "rewards", "verdict", "evidence"),
+    [
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [137.0], "threshold-0.0": [114.0]}, (HOLDS, "at 30 M"),
+         "bucket-11 137.0 (1), threshold-0.0 114.0 (1)"),
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [115.0], "threshold-0.0": [114.0]}, (UNDECIDED, "at 30 M"),
+         "the original bucket-11 137.6 ± 2.8 (10)"),
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [100.0], "threshold-0.0": [114.0]}, (FAILS, "at 30 M"), ""),
+        # Short runs decide what the original shows as early, and nothing that it shows only later, or loses again.
+        (WINS, BIRDS, EARLY, {"bucket-11": [200.0], "threshold-0.0": [10.0]}, (UNTESTED, ""), "needs longer runs"),
+        (BEST, BIRDS, EARLY, of(65.0, (20.0, 15.0)), (HOLDS, "at 3 M"), ""),
+        (BEST, BIRDS, EARLY, of(30.0, (20.0, 15.0)), (UNDECIDED, "at 3 M"), ""),
+        (BEST, BIRDS, EARLY, of(-40.0, (20.0, 15.0)), (FAILS, "at 3 M"), ""),
+        (BEST, RIVALS, EARLY, of(80.0, (35.0, 35.0)), (UNTESTED, ""), "needs longer runs"),
+        (WINS, BIRDS, COMPLETE, {"bucket-11": [100.0]}, (UNTESTED, ""), "needs runs of threshold-0.0"),
+        # A single run has the standard deviation of the original's.
+        (AGENTS, RIVALS, COMPLETE, {"multiagent": [105.0], "threshold-0.0": [100.0]}, (UNDECIDED, "at 30 M"), ""),
+        (AGENTS, RIVALS, COMPLETE, {"multiagent": [105.0] * 10, "threshold-0.0": [100.0] * 10}, (HOLDS, "at 30 M"), ""),
+    ],
+)  # fmt: skip
+def test_scores_decide_where_the_runs_are_long_enough(text, game, mark, rewards, verdict, evidence):
+    here = judge(text, game, made_up(game, rewards, mark)).here
+    assert (here.word, here.where) == verdict and evidence in here.evidence
 
 
 @pytest.mark.parametrize(
@@ -280,52 +258,43 @@ def test_stability_needs_several_runs_and_compares_their_variances(bucket, thres
     assert "at least 2 runs of bucket-11, bucket-3" in verdict.evidence
 
 
-@pytest.mark.parametrize(("threshold", "word"), [(0.95, HOLDS), (0.985, FAILS)])
-def test_click_accuracy_decides_by_one_point(threshold, word):
-    results = made_up("shooting_birds", {"bucket-11": [136.0], "multiagent": [122.0]}, click_accuracy=0.99)
-    claim = ("Bucket and the two agents click more accurately", "shooting_birds")
-    assert judge(*claim, results).here.word == UNTESTED
-    results |= made_up("shooting_birds", {"threshold-0.0": [114.0]}, click_accuracy=threshold)
-    assert judge(*claim, results).here.word == word
-
-
-@pytest.mark.parametrize(("other", "word"), [(0.985, HOLDS), (0.9, FAILS)])
-def test_accuracies_within_one_point_are_alike(other, word):
-    results = made_up("shooting_birds", {"bucket-11": [136.0]}, click_accuracy=0.99)
-    results |= made_up("shooting_birds", {"bucket-3": [115.0], "bucket-41": [128.0]}, click_accuracy=other)
-    assert judge("3 and 41 values per axis click", "shooting_birds", results).here.word == word
+@pytest.mark.parametrize(
+    ("text", "exact", "others", "accuracy", "word"),
+    [
+        ("Bucket and the two agents click more", ("bucket-11", "multiagent"), ("threshold-0.0",), 0.95, HOLDS),
+        ("Bucket and the two agents click more", ("bucket-11", "multiagent"), ("threshold-0.0",), 0.985, FAILS),
+        ("Bucket and the two agents click more", ("bucket-11", "multiagent"), (), 0.0, UNTESTED),
+        ("3 and 41 values per axis click", ("bucket-11",), ("bucket-3", "bucket-41"), 0.985, HOLDS),
+        ("3 and 41 values per axis click", ("bucket-11",), ("bucket-3", "bucket-41"), 0.9, FAILS),
+    ],
+)
+def test_click_accuracies_differ_by_more_than_one_point(text, exact, others, accuracy, word):
+    results = made_up(BIRDS, dict.fromkeys(exact, (130.0,)), click_accuracy=0.99)
+    results |= made_up(BIRDS, dict.fromkeys(others, (110.0,)), click_accuracy=accuracy)
+    assert judge(text, BIRDS, results).here.word == word
 
 
 @pytest.mark.parametrize(
-    ("speed", "word", "extra"),
-    [(15_000.0, HOLDS, "+100 %"), (30_000.0, UNDECIDED, "+0 %"), (60_000.0, FAILS, "-50 %")],
+    ("text", "one", "other", "word", "extra"),
+    [
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (15, 15)}, HOLDS, "+100 %"),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (30, 30)}, UNDECIDED, "+0 %"),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (60, 60)}, FAILS, "-50 %"),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {"multiagent": (15,)}, UNTESTED, ""),
+        ("The two agents take longer", {"bucket-11": (30, 30)}, {}, UNTESTED, ""),
+        # They are compared turn by turn, because the machine is not equally fast in all turns.
+        ("The largest bucket takes longer", {"bucket-3": (10, 20, 5)}, {"bucket-41": (9, 18, 4.5)}, HOLDS, ""),
+        ("The largest bucket takes longer", {"bucket-3": (10, 20, 5)}, {"bucket-41": (18, 9, 9)}, UNDECIDED, ""),
+    ],
 )
-def test_training_time_follows_from_the_speed_of_runs_alone(speed, word, extra):
-    results = made_up("shooting_birds", {"bucket-11": [1.0, 1.0]}, EARLY)
-    claim = ("The two agents take longer", "shooting_birds")
-    assert judge(*claim, results).here.word == UNTESTED
-    once = made_up("shooting_birds", {"multiagent": [1.0]}, EARLY, timesteps_per_second=speed)
-    assert judge(*claim, results | once).here.word == UNTESTED
-    results |= made_up("shooting_birds", {"multiagent": [1.0, 1.0]}, EARLY, timesteps_per_second=speed)
-    verdict = judge(*claim, results).here
-    assert verdict.word == word
-    assert extra in verdict.evidence
-
-
-def made_alone(layout: str, speeds: Sequence[float]) -> Results:
-    """Return results with a run alone per turn."""
-    runs = [Run(turn, {MARK: {"reward": 1.0, "timesteps_per_second": speed}}) for turn, speed in enumerate(speeds)]
-    key = ("shooting_birds", layout, main_policy(layout))
-    return {key: Experiment(*key, (), tuple(runs))}
-
-
-@pytest.mark.parametrize(
-    ("slow", "word"),
-    [((9_000.0, 18_000.0, 4_500.0), HOLDS), ((18_000.0, 9_000.0, 9_000.0), UNDECIDED)],
-)
-def test_training_times_are_compared_turn_by_turn(slow, word):
-    results = made_alone("bucket-3", (10_000.0, 20_000.0, 5_000.0)) | made_alone("bucket-41", slow)
-    assert judge("The largest bucket takes longer", "shooting_birds", results).here.word == word
+def test_training_time_follows_from_the_speed_of_runs_alone(text, one, other, word, extra):
+    results = {}
+    for layout, speeds in (one | other).items():  # in thousands of timesteps per second
+        rows = [{MARK: {"reward": 1.0, "timesteps_per_second": 1000.0 * speed}} for speed in speeds]
+        key = (BIRDS, layout, main_policy(layout))
+        results[key] = Experiment(*key, (), tuple(Run(turn, row) for turn, row in enumerate(rows)))
+    verdict = judge(text, BIRDS, results).here
+    assert verdict.word == word and extra in verdict.evidence
 
 
 def policy(**more: object) -> dict[str, object]:
@@ -373,82 +342,74 @@ def test_the_originals_logs_are_judged_by_the_same_rules():
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory) -> Path:
-    """Return results of a few runs of different lengths, with the page written."""
+    """Return results of a few runs of different lengths."""
     folder = tmp_path_factory.mktemp("results")
     rising = [136.0 * number / 100 for number in range(1, 101)]
-    write_run(folder, "30M", "shooting_birds/bucket-11-s0", rising)
-    write_run(folder, "3M", "shooting_birds/bucket-11-s1", rising[:10])
-    write_run(folder, "30M", "beastly_rivals/hybrid-s0", [80.0] * 100)
-    write_run(folder, "30M", "beastly_rivals/threshold-0.0-s2", [150.0] * 100)
-    write_run(folder, "3M", "beastly_rivals/multiagent-s0-axes", [40.0] * 10, timesteps_per_second=10_000.0)
-    write_run(folder, "3M", "beastly_rivals/multiagent-s0-buttons", [41.0] * 10, timesteps_per_second=10_000.0)
-    write_run(folder / "alone", "0.6M", "shooting_birds/bucket-11-s0", rising[:2], timesteps_per_second=40_000.0)
+    write_run(folder, "shooting_birds/bucket-11-s0", rising)
+    write_run(folder, "shooting_birds/bucket-11-s1", rising[:10])
+    write_run(folder, "beastly_rivals/hybrid-s0", [80.0] * 100)
+    for seed, reward in enumerate((150.0, 130.0)):
+        write_run(folder, f"beastly_rivals/threshold-0.0-s{seed}", [reward] * 100)
+    write_run(folder, "beastly_rivals/multiagent-s0", [40.0] * 10, "axes", timesteps_per_second=10_000.0)
+    write_run(folder, "beastly_rivals/multiagent-s0", [41.0] * 10, "buttons", timesteps_per_second=10_000.0)
+    write_run(folder / "alone", "shooting_birds/bucket-11-s0", rising[:2], timesteps_per_second=40_000.0)
     shooter = {"abs_vx": 12.5, "hits_per_level": [150.0, 151.0, 120.4], "timesteps": COMPLETE}
-    known = {"beastly_rivals/threshold-0.0-s2": policy(), "shooting_birds/bucket-11-s0": shooter}
+    known = {"beastly_rivals/threshold-0.0-s0": policy(), "shooting_birds/bucket-11-s0": shooter}
     (folder / "behavior.json").write_text(json.dumps(known))
-    write_report(folder)
+    made = {f"shooting_birds/bucket-3-s{n}": {"half_hidden_hits": 0.8 + n / 100, "timesteps": EARLY} for n in range(3)}
+    (folder / "action-spaces").mkdir()
+    (folder / "action-spaces" / "behavior.json").write_text(json.dumps(made))
     return folder
 
 
-@pytest.fixture(scope="module")
-def page(results) -> str:
-    return (results / "README.md").read_text()
+SHOWN = (
+    # Complete runs: per experiment, with the mean and the range of several, and each beside the original's ten.
+    "| Shooting Birds bucket-11 | 1 | 136.0 | 137.6 ± 5.6 | 1 of 1 | 0.28 | 6.1 |",
+    "| Beastly Rivals hybrid | 1 | 80.0 | not in the paper |  | 0.28 |  |",
+    "| Beastly Rivals threshold-0.0 | 2 | 140.0 (130.0 to 150.0) | 93.2 ± 6.7 | 0 of 2 |",
+    "| Shooting Birds bucket-11, seed 0 | 136.0 | 137.6 ± 5.6 | inside | 129.9 | 135.9 ± 5.2 | 0.28 | 6.1 |",
+    "| Beastly Rivals threshold-0.0, seed 0 | 150.0 | 93.2 ± 6.7 | above | 150.0 |",
+    # Verdicts. Policies of shorter trainings decide where too few are complete.
+    "The bucket approach scores higher than the threshold approach | Shooting Birds | **not tested** | holds |",
+    "| Blinking hardly matters: policies almost never blink | Beastly Rivals | **holds** at 30 M | no logs |",
+    "| Half hidden birds are hit | Shooting Birds | **holds** at 3 M | no logs |",
+    "The logs contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)",
+    # Behavior
+    "| threshold-0.0-s0 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |",
+    "| bucket-11-s0 | 12.5 | 150 151 120 | 30000000 |",
+    "| bucket-3-s2 | 0.82 | 3000000 |",
+    # Every experiment: a line per length. Marks are bold where the means differ.
+    "| Shooting Birds bucket-11 | 3 M | 2 | 13.6 [13.6, 13.6] | 13.6 |",
+    "| Shooting Birds bucket-11 | 30 M | 1 | 136.0 | one run | 90.0 % | 0.28 | 40000 | 137.6 ± 2.8 [",
+    "| Beastly Rivals multiagent, buttons | 3 M | 1 | 41.0 | one run | 1000 | 0.08 |  | 81.7 ± 8.9 |",
+    "| bucket-11 | **1.4 (2)**; -47.7 ± 5.2 |",
+    "| 136.0 (1); 137.6 ± 5.6 |",
+)
 
 
-def test_four_small_figures_are_drawn_and_shown(results, page):
-    names = sorted(path.name for path in (results / "figures").iterdir())
-    assert names == sorted(CAPTIONS)
-    for name in names:
-        assert f"](figures/{name})" in page
+def test_runs_claims_behavior_and_marks_are_tabulated(results):
+    text = page_text(results, read_results(results))
+    assert [line for line in SHOWN if line not in text] == []
+    for number, claim in enumerate(judge_claims({}, {}), 1):
+        assert f"| {number} | {claim.text} |" in text and f"\n{number}. Here: " in text
+
+
+@pytest.mark.nightly
+def test_four_small_figures_are_drawn_and_shown(results):
+    (path,) = write_report(results)
+    assert sorted(picture.name for picture in (results / "figures").iterdir()) == sorted(CAPTIONS)
+    for name in CAPTIONS:
+        assert f"](figures/{name})" in path.read_text()
         assert (results / "figures" / name).stat().st_size < 120_000
         with Image.open(results / "figures" / name) as picture:
             assert picture.width > 1000
             assert len(picture.convert("RGB").getcolors(100_000) or []) > 50
 
 
-def test_complete_runs_are_set_against_the_originals_ten(page):
-    assert (
-        "| Shooting Birds bucket-11, seed 0 | 136.0 | 137.6 ± 5.6 | inside | 129.9 | 135.9 ± 5.2 | 0.28 | 6.1 |" in page
-    )
-    assert "| Beastly Rivals threshold-0.0, seed 2 | 150.0 | 93.2 ± 6.7 | above | 150.0 |" in page
-    assert "| Beastly Rivals hybrid, seed 0 | 80.0 |  | not in the paper |" in page
-
-
-def test_policies_of_shorter_trainings_are_shown_and_decide_where_too_few_are_complete(results):
-    assert "The same of policies" not in page_text(results, {})
-    shorter = results / "action-spaces" / "behavior.json"
-    shorter.parent.mkdir()
-    made = {f"shooting_birds/bucket-3-s{n}": {"half_hidden_hits": 0.8 + n / 100, "timesteps": EARLY} for n in range(3)}
-    shorter.write_text(json.dumps(made))
-    text = page_text(results, {})
-    assert "The same of policies" in text and "| bucket-3-s2 | 0.82 | 3000000 |" in text
-    assert "| Half hidden birds are hit | Shooting Birds | **holds** at 3 M | no logs |" in text
-    shorter.unlink()
-
-
-def test_every_claim_is_stated_with_a_verdict(page):
-    for number, claim in enumerate(judge_claims({}, {}), 1):
-        assert f"| {number} | {claim.text} |" in page
-        assert f"\n{number}. Here: " in page
-    assert (
-        "| The bucket approach scores higher than the threshold approach | Shooting Birds | **not tested** | holds |"
-        in page
-    )
-    assert (
-        "Blinking hardly matters: policies almost never blink | Beastly Rivals | **holds** at 30 M | no logs |" in page
-    )
-    assert "The logs contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)" in page
-
-
-def test_every_experiment_has_a_line_per_length_and_one_run_is_called_one(page):
-    assert "| Shooting Birds bucket-11 | 3 M | 2 | 13.6 [13.6, 13.6] | 13.6 |" in page
-    assert "| Shooting Birds bucket-11 | 30 M | 1 | 136.0 | one run | 90.0 % | 0.28 | 40000 | 137.6 ± 2.8 [" in page
-    assert "| Beastly Rivals multiagent, buttons | 3 M | 1 | 41.0 | one run | 1000 | 0.08 |  | 81.7 ± 8.9 |" in page
-
-
-def test_marks_where_means_differ_are_bold(page):
-    assert "| bucket-11 | **1.4 (2)**; -47.7 ± 5.2 |" in page
-    assert "| 136.0 (1); 137.6 ± 5.6 |" in page
+def test_without_any_run_the_page_says_so(tmp_path):
+    text = page_text(tmp_path, read_results(tmp_path))
+    assert "There is no complete run yet." in text
+    assert "**holds**" not in text and "**not tested**" in text
 
 
 def test_the_mean_of_several_runs_has_a_smaller_margin_than_that_of_one():
@@ -456,41 +417,6 @@ def test_the_mean_of_several_runs_has_a_smaller_margin_than_that_of_one():
     assert not differ(sample([111.8]), theirs)  # Student's t of 9 degrees of freedom, 2.262, times 5 times sqrt(1.1)
     assert differ(sample([111.9]), theirs)
     assert differ(sample([106.0, 105.0, 106.0, 107.0]), theirs)
-
-
-def test_behavior_is_tabulated(page):
-    assert "| threshold-0.0-s2 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |" in page
-    assert "| policy | abs vx | hits per level | timesteps |" in page
-    assert "| bucket-11-s0 | 12.5 | 150 151 120 | 30000000 |" in page
-
-
-def test_without_any_run_the_page_says_so(tmp_path, monkeypatch):
-    drawn: list[str] = []
-
-    def leave_out(figure, path):
-        drawn.append(path.name)
-        plt.close(figure)
-
-    monkeypatch.setattr(figures, "save_figure", leave_out)  # making pictures of the original's curves takes seconds
-    (path,) = write_report(tmp_path)
-    assert sorted(drawn) == sorted(CAPTIONS)
-    text = path.read_text()
-    assert "There is no complete run yet." in text
-    assert "**holds**" not in text
-    assert "**not tested**" in text
-
-
-def test_complete_runs_are_summarized_per_experiment(page):
-    assert "| Shooting Birds bucket-11 | 1 | 136.0 | 137.6 ± 5.6 | 1 of 1 | 0.28 | 6.1 |" in page
-    assert "| Beastly Rivals hybrid | 1 | 80.0 | not in the paper |  | 0.28 |  |" in page
-
-
-def test_several_complete_runs_are_summarized_by_their_mean_and_range(tmp_path):
-    for seed, reward in enumerate((130.0, 100.0)):
-        write_run(tmp_path, "30M", f"shooting_birds/bucket-11-s{seed}", [reward] * 100)
-    assert "| Shooting Birds bucket-11 | 2 | 115.0 (100.0 to 130.0) | 137.6 ± 5.6 | 0 of 2 |" in page_text(
-        tmp_path, read_results(tmp_path)
-    )
 
 
 def test_p_values_are_those_of_the_t_and_f_distributions():
@@ -502,9 +428,9 @@ def test_p_values_are_those_of_the_t_and_f_distributions():
 
 def test_means_and_variances_are_compared_where_there_are_three_complete_runs(tmp_path):
     for seed, reward in enumerate((95.5, 105.4, 100.8, 97.2)):
-        write_run(tmp_path, "30M", f"beastly_rivals/bucket-11-s{seed}", [reward] * 100)
+        write_run(tmp_path, f"beastly_rivals/bucket-11-s{seed}", [reward] * 100)
     for seed in range(2):
-        write_run(tmp_path, "30M", f"beastly_rivals/bucket-3-s{seed}", [100.0] * 100)
+        write_run(tmp_path, f"beastly_rivals/bucket-3-s{seed}", [100.0] * 100)
     (line,) = agreement(read_results(tmp_path)).splitlines()[2:]
     cells = line.strip("| ").split(" | ")
     assert cells[:7] == ["Beastly Rivals bucket-11", "4", "99.7", "4.4", "10", "103.9", "1.7"]

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from joybridge.contract.codec import StepArrays
-from joybridge.trainer.layouts import ActionSpace
-from joybridge.trainer.observations import final_observations, push_frames
-from joybridge.trainer.ppo.distributions import FORBIDDEN
-from joybridge.trainer.ppo.rollout import RolloutBuffer
+from joybridge.layouts import ActionSpace
+from joybridge.policy.encoder import final_observations, push_frames
+from joybridge.ppo.distributions import FORBIDDEN
+from joybridge.ppo.rollout import RolloutBuffer
 
 LANES, STACK = 2, 3
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.trainer.layouts import ActionSpace, list_roles
-from joybridge.trainer.ppo.distributions import fill_masks
-from joybridge.trainer.ppo.fast.gradient import ClosedFormGradient
-from joybridge.trainer.ppo.fast.kernels import Action, Noise, draw_noise
-from joybridge.trainer.ppo.loss import Batch, autograd_gradient, joint_log_probs
-from joybridge.trainer.ppo.networks import Network, flatten_parameters
-from joybridge.trainer.ppo.sampling import sample_actions
-from joybridge.trainer.ppo.schedule import Coefficients
+from joybridge.layouts import ActionSpace, list_roles
+from joybridge.ppo.distributions import fill_masks
+from joybridge.ppo.fast.gradient import ClosedFormGradient
+from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
+from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
+from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.sampling import sample_actions
+from joybridge.ppo.schedule import Coefficients
 from tests.support.own_layouts import ENTRY_POINTS, offer
 from tests.test_layouts_learn import SPEC
 

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.play.playing import open_play
+from joybridge.policy.scaling import LIMIT, Scaling, make_scaling
+from joybridge.ppo.moments import Moments
+from joybridge.ppo.return_scale import ReturnScale
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.train import train
 from joybridge.simulator import sensor
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.errors import CheckpointError, ConfigError
-from joybridge.trainer.playing import open_play
-from joybridge.trainer.ppo.return_scale import ReturnScale
-from joybridge.trainer.scaling import LIMIT, Moments, Scaling, make_scaling
-from joybridge.trainer.train import train
 
 LANES, ROLLOUT = 4, 16
 LARGEST = float(np.finfo(np.float32).max)

@@ -12,23 +12,23 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.experiments import grid, launch, search, search_page
-from joybridge.experiments.compare import parse
-from joybridge.experiments.job import Job, Process
-from joybridge.experiments.page import page_html
-from joybridge.experiments.pictures import draw_themes
-from joybridge.experiments.ranges import Choices, Numbers, own_settings, read_ranges
-from joybridge.experiments.scores import Point, Run
-from joybridge.experiments.trials import Trial, best_trial, rungs, score_so_far, until
-from joybridge.experiments.variants import make_variants
-from joybridge.trainer.config import load_config
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.run_lock import locked
+from joybridge.compare import grid, launch, search, search_page
+from joybridge.compare.compare import parse
+from joybridge.compare.job import Job, Process
+from joybridge.compare.page import page_html
+from joybridge.compare.pictures import draw_themes
+from joybridge.compare.ranges import Choices, Numbers, own_settings, read_ranges
+from joybridge.compare.scores import Point, Run
+from joybridge.compare.trials import Trial, best_trial, rungs, score_so_far, until
+from joybridge.compare.variants import VARIANTS, make_variants
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
+from joybridge.run.run_lock import locked
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
 from tests.test_boundaries import modules
 
-pytestmark = pytest.mark.usefixtures("signals")
+pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("signals")]
 
 SMALL = """
 game: archer
@@ -365,7 +365,7 @@ def test_a_comparison_and_a_search_do_not_share_a_folder(run, simulator):
     assert run("--trials", "1").status == 0
     done = joybridge("compare", "small.yaml", "--layouts", "hybrid", "--output", str(OUT), "--simulator", simulator)
     assert done.status == 1 and "out holds a search; name another folder with --output" in done.errors
-    (OUT / "configs/search.yaml").unlink()
+    (OUT / VARIANTS).write_text((OUT / VARIANTS).read_text().replace('"search": ', '"other": ', 1))
     assert "out holds a comparison; name another folder with --output" in run("--trials", "1").errors
 
 
@@ -376,7 +376,7 @@ def test_two_searches_do_not_share_a_folder(run):
 
 
 def test_a_missing_optuna_names_the_extra(run, monkeypatch):
-    for name in ("joybridge.experiments.search", "joybridge.experiments.proposals"):
+    for name in ("joybridge.compare.search", "joybridge.compare.proposals"):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "optuna", None)
     done = joybridge("compare", "small.yaml", "--search", "policy.epochs=1..4", "--output", "out")
@@ -387,13 +387,13 @@ def test_a_missing_optuna_names_the_extra(run, monkeypatch):
 
 
 def test_optuna_is_imported_only_by_a_search():
-    found = modules("joybridge.experiments")
+    found = modules("joybridge.compare")
     users = {name for name, targets in found.items() if any(each.module.split(".")[0] == "optuna" for each in targets)}
-    assert users == {"joybridge.experiments.proposals"}
+    assert users == {"joybridge.compare.proposals"}
     for module, user in (("proposals", "search"), ("search", "compare")):
-        full = f"joybridge.experiments.{module}"
+        full = f"joybridge.compare.{module}"
         by = {(name, each.lazy) for name, targets in found.items() for each in targets if each.module == full}
-        assert by == {(f"joybridge.experiments.{user}", user == "compare")}
+        assert by == {(f"joybridge.compare.{user}", user == "compare")}
 
 
 # --------------------------------------------------------------------------------------------------- ranges and rungs

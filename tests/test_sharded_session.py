@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from joybridge.client.client import Session, SimulatorError
+from joybridge.client.sharded_session import ShardedSession, split
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session, SimulatorError
-from joybridge.trainer.wire.sharded_session import ShardedSession, split
+from joybridge.layouts import make_acts
 
 ARENAS = 7
 TIMESTEPS = 40

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from joybridge.config.config import load_config
 from joybridge.games.archer.game import ARROWS, DRAW, DROP, FLIGHT, LOOSE, PULLS, RADIUS, REST, TURN, Archer
 from joybridge.games.archer.game import DECISIONS as ARCHER_DECISIONS
 from joybridge.games.marble.game import DECISIONS, FASTEST, PULL, RING, RING_DECISIONS, ROLLS, Marble
 from joybridge.games.noughts.game import Noughts, outcome
 from joybridge.games.orchard.game import APPLES, COLUMNS, PAUSE, Orchard
-from joybridge.trainer.config import load_config
-from joybridge.trainer.evaluate import evaluate
-from joybridge.trainer.train import train
+from joybridge.play.evaluate import evaluate
+from joybridge.run.train import train
 
 LEFT, STAY, RIGHT = range(3)
 

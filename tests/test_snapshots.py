@@ -11,7 +11,7 @@ from joybridge.games.shooting_birds.game import ShootingBirds
 from joybridge.simulator import option, parameter
 from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
-from tests.support.wire import SAVE, Player, Stream, refused, reset, start
+from tests.support.wire import SAVE, Player, Stream, reset, start
 
 PAPER = ["beastly_rivals", "shooting_birds"]  # the built-in games that save their state
 LARGEST_SEED = 2**64 - 1
@@ -40,15 +40,6 @@ def observed(step):
     return [[tensor.data for tensor in part.observations] for part in step.behaviors]
 
 
-def test_a_game_without_snapshots_cannot_be_saved_nor_restored(simulator):
-    wanted = (
-        StatusCode.FAILED_PRECONDITION,
-        "hybrid has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead",
-    )
-    assert refused(simulator, start("hybrid"), SAVE) == wanted
-    assert refused(simulator, start("hybrid", snapshot=pb.Snapshot())) == wanted
-
-
 @pytest.fixture(scope="module", params=PAPER)
 def saved(request, simulator):
     """Return a game and a snapshot of two arenas of it, seed 1."""
@@ -62,22 +53,6 @@ def damaged(snapshot, name, data):
     copy.CopyFrom(snapshot)
     copy.parts[name] = data
     return copy
-
-
-def test_a_snapshot_fits_only_a_session_that_was_started_alike(simulator, saved):
-    game, snapshot = saved
-    with Player(simulator, game, snapshot=snapshot) as player:
-        player.play(1)
-    for other in ({"seed": 2}, {"first_arena": 1}, {"options": {"rules": "corrected"}}):
-        code, text = refused(simulator, start(game, snapshot=snapshot, **other))
-        assert code == StatusCode.INVALID_ARGUMENT
-        assert text.startswith("snapshot is from a session with another Start; use the same game, options,")
-    for arenas in (1, 3):
-        code, text = refused(simulator, start(game, arenas, snapshot=snapshot))
-        assert code == StatusCode.INVALID_ARGUMENT
-        assert text.startswith("snapshot part ") and text.endswith(" for this session")
-    elsewhere = next(name for name in PAPER if name != game)
-    assert refused(simulator, start(elsewhere, snapshot=snapshot))[0] == StatusCode.INVALID_ARGUMENT
 
 
 class Weathered(ShootingBirds):
@@ -108,33 +83,6 @@ def test_a_snapshot_fits_the_same_game_with_a_new_option_and_a_new_parameter_as_
     for other in ({"options": {"weather": "rain"}}, {"parameters": {"wind": 4.0}}):
         with pytest.raises(Refusal, match="snapshot is from a session with another Start"):
             follow(**other)
-
-
-def test_a_default_spelled_out_is_the_same_start(simulator, saved):
-    game, snapshot = saved
-    with Player(simulator, game, options={"rules": "original"}, snapshot=snapshot) as player:
-        player.play(1)
-
-
-def test_a_snapshot_has_all_parts_and_no_others(simulator, saved):
-    game, snapshot = saved
-    for name in snapshot.parts:
-        copy = damaged(snapshot, name, b"")
-        del copy.parts[name]
-        code, text = refused(simulator, start(game, snapshot=copy))
-        assert code == StatusCode.INVALID_ARGUMENT and text.startswith("snapshot has parts ")
-    code, text = refused(simulator, start(game, snapshot=damaged(snapshot, "luck", b"7")))
-    assert code == StatusCode.INVALID_ARGUMENT and "'luck'" in text
-    assert refused(simulator, start(game, snapshot=pb.Snapshot()))[0] == StatusCode.INVALID_ARGUMENT
-
-
-def test_a_part_of_another_length_is_refused(simulator, saved):
-    game, snapshot = saved
-    for name in snapshot.parts.keys() - {"origin"}:
-        for data in (b"", snapshot.parts[name][:-1], snapshot.parts[name] + b"\0"):
-            code, text = refused(simulator, start(game, snapshot=damaged(snapshot, name, data)))
-            assert code == StatusCode.INVALID_ARGUMENT
-            assert text.startswith(f"snapshot part {name!r} has {len(data)} bytes, expected ")
 
 
 def test_garbage_in_a_snapshot_is_refused_or_played_and_never_brings_the_server_down(simulator, saved):

@@ -18,14 +18,15 @@ from unittest import mock
 import pytest
 from ruamel.yaml import YAML
 
-from joybridge.cli import COMMANDS, main
+from joybridge.cli import commands as all_commands
+from joybridge.cli import main
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import load_config
+from joybridge.config.config_files import find_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.keys import all_keys
+from joybridge.layouts.find import GROUP
 from joybridge.simulator.new_game.write import write_game
-from joybridge.trainer.config import load_config
-from joybridge.trainer.config_files import find_config
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.keys import all_keys
-from joybridge.trainer.layouts.find import GROUP
-from joybridge.trainer.wire.launch import simulator_process
 from tests.test_docs import CODE, OF_THE_PAST, PATHS, ROOT
 from tools.docs.pages import filled
 
@@ -98,7 +99,7 @@ BETWEEN_WORDS = {
     for words in ([span.split()] if span else [])
     if words[0].removeprefix(".venv/bin/") == "joybridge"
     and len(words) > 2
-    and words[1] in COMMANDS
+    and words[1] in all_commands()
     and "…" not in span
 }
 

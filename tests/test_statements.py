@@ -56,13 +56,10 @@ def test_a_triangle_with_one_round_side_is_still_one_and_half_a_disc_is_none():
     assert is_triangle(disc[::2]) is False
 
 
-def test_a_straight_path_has_no_shape_and_no_laps():
+def test_laps_are_whole_turns_and_a_straight_path_has_neither_laps_nor_a_shape():
     line = np.outer(np.arange(200.0), (1.0, 2.0))
     assert is_triangle(line) is None and list(laps(line, SECONDS)) == []
     assert list(laps(TRIANGLE, SECONDS)) == []  # too short to have a center
-
-
-def test_laps_are_whole_turns():
     found = list(laps(np.tile(SQUARE, (10, 1)), SECONDS))
     assert len(found) == 9 and {len(lap) for lap in found[2:-2]} == {25}
 
@@ -215,9 +212,8 @@ def policies(game, figures, timesteps=30_001_500) -> list[tuple[str, Figures]]:
 
 
 def three(key, *values) -> dict[str, dict[str, float]]:
-    return {
-        name: {key: value} for name, value in zip(("bucket-3-s0", "bucket-11-s0", "multiagent-s1"), values, strict=True)
-    }
+    names = ("bucket-3-s0", "bucket-11-s0", "multiagent-s1")
+    return {name: {key: value} for name, value in zip(names, values, strict=True)}
 
 
 FIGURES = {  # of each statement in turn: the figure of a policy that makes it true, and of one that makes it false

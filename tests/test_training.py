@@ -15,11 +15,11 @@ import av
 import numpy as np
 import pytest
 
-import joybridge.trainer.__main__ as trainer
-from joybridge.trainer.checkpoint import load_checkpoint
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.pipeline import assign
-from joybridge.trainer.wire.launch import simulator_process
+import joybridge.commands.__main__ as trainer
+from joybridge.client.launch import simulator_process
+from joybridge.config.metrics import read_rows
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.collect import assign
 from tests.support.command_line import Done, joybridge
 
 pytestmark = pytest.mark.slow

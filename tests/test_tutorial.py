@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from joybridge.trainer.metrics import read_rows
+from joybridge.config.metrics import read_rows
 
 pytestmark = pytest.mark.slow
 

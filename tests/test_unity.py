@@ -9,21 +9,23 @@ import numpy as np
 import pytest
 
 from joybridge.adapters.unity import process as unity_process
+from joybridge.client.client import Session
+from joybridge.client.errors import SimulatorError
+from joybridge.client.launch import simulator_process
 from joybridge.contract.codec import ActArrays
+from joybridge.layouts import make_acts
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents import side_channels
 from joybridge.mlagents.wire import END
+from joybridge.mlagents_player.connection import connect
+from joybridge.mlagents_player.connection import play as play_for_a_trainer
+from joybridge.mlagents_player.player import Player
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.mlagents.connection import connect
-from joybridge.trainer.mlagents.connection import play as play_for_a_trainer
-from joybridge.trainer.mlagents.player import Player
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.errors import SimulatorError
-from joybridge.trainer.wire.launch import simulator_process
 from tests.support.unity_player import DIES, HANGS, StandIn, agent, free_port, hybrid, says, vector
+
+pytestmark = pytest.mark.nightly
 
 QUICK = "wait=1"  # seconds, for players that say nothing
 

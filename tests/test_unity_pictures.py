@@ -13,6 +13,8 @@ from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import load_game
 from tests.support.unity_player import StandIn, agent, free_port, hybrid, says, vector
 
+pytestmark = pytest.mark.nightly
+
 PIXELS = np.arange(24, dtype=np.uint8).reshape(2, 4, 3) * 10
 
 

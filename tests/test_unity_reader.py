@@ -13,6 +13,8 @@ from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.simulator.batched_game import GameError
 from tests.support.unity_player import agent, hybrid, vector
 
+pytestmark = pytest.mark.nightly
+
 FIRST = agent(0, vector(0, 0, name="place"), vector(*range(4), shape=[1, 2, 2], name="map"))
 
 

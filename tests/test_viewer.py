@@ -17,12 +17,12 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from joybridge.cli import main
+from joybridge.client.client import Session
+from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays
+from joybridge.play.playing import open_play
+from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.playing import open_play
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import Session
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls

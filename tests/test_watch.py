@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from joybridge.cli import main
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.errors import SimulatorLost
+from joybridge.client.errors import SimulatorLost
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.run.train import train
 from joybridge.viewer import watch as watching
 from joybridge.viewer import watched, watched_game
 from joybridge.viewer.arena import Settings

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from joybridge.client.client import Session, SimulatorError
 from joybridge.contract.codec import ActArrays, pack_act
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import load_games
 from joybridge.simulator.workers.link import ACT, DONE, DRAW, FAULT, OBSERVE, RESET, START, STEP, Link
 from joybridge.simulator.workers.worker import Worker, work
-from joybridge.trainer.wire.client import Session, SimulatorError
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.doomed import EXIT, HANG, NOTHING, RAISE
 from tests.support.servers import games, server

@@ -17,9 +17,9 @@ import grpc
 import numpy as np
 import pytest
 
+from joybridge.client.client import Session
+from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.wire.client import Session
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.chromium import PROGRAM, chromium
 from tests.support.wire import Stream, refused, start

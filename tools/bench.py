@@ -30,20 +30,20 @@ import numpy as np
 import torch
 from gymnasium.vector import AsyncVectorEnv
 
+from joybridge.client.client import Session
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import load_config
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
 from joybridge.gym import BridgeEnv
+from joybridge.layouts import make_layouts
+from joybridge.ppo.loss import Batch
+from joybridge.ppo.networks import Network
+from joybridge.ppo.schedule import Coefficients
+from joybridge.ppo.threads import use_one_thread
+from joybridge.ppo.update import Learner, ppo_update
+from joybridge.run.train import train
 from joybridge.simulator.catalog import load_games
-from joybridge.trainer.config import load_config
-from joybridge.trainer.layouts import make_layouts
-from joybridge.trainer.ppo.loss import Batch
-from joybridge.trainer.ppo.networks import Network
-from joybridge.trainer.ppo.schedule import Coefficients
-from joybridge.trainer.ppo.update import Learner, ppo_update
-from joybridge.trainer.threads import use_one_thread
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.launch import simulator_process
 from joybridge.v1 import bridge_pb2 as pb
 
 WINDOWS = 7

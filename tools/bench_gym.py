@@ -16,8 +16,8 @@ from contextlib import ExitStack, contextmanager
 import gymnasium
 import numpy as np
 
+from joybridge.client.client import Session, list_games
 from joybridge.contract.codec import ActArrays
-from joybridge.trainer.wire.client import Session, list_games
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.servers import server
 

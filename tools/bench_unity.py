@@ -17,11 +17,11 @@ from pathlib import Path
 import grpc
 import numpy as np
 
+from joybridge.client.client import Session, Transport
+from joybridge.client.launch import simulator_process
+from joybridge.layouts import make_acts
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import ANY_LENGTH, FINE, METHOD, SERVICE
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session, Transport
-from joybridge.trainer.wire.launch import simulator_process
 from tests.support.unity_player import free_port
 
 VALUES = 132

@@ -18,8 +18,8 @@ from collections.abc import Sequence
 import numpy as np
 from websockets.sync.server import ServerConnection
 
+from joybridge.client.client import describe
 from joybridge.contract.tensors import Array
-from joybridge.trainer.wire.client import describe
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.tab import play

@@ -1,9 +1,10 @@
 """Check style, types and tests.
 
 Wrong style ends the check at once. Types are checked while modules and kernels are compiled and the tests run, in one
-process more than there are cores, because tests wait for servers, and at most four. With --quick, tests marked `slow`
-are left out. With --coverage, the quick tests run alone and are measured: the line coverage of proto, simulator and
-trainer has a lower limit, see pyproject.toml.
+process more than there are cores, because tests wait for servers, and at most four. Tests marked `nightly` are left
+out, with --quick also those marked `slow`. With --nightly, those marked `nightly` run alone. With --coverage, all but
+the slow tests run alone and are measured: the line coverage of proto, simulator and trainer has a lower limit, see
+pyproject.toml.
 """
 
 import argparse
@@ -17,8 +18,10 @@ COMPILING = ("tests.support.compiled",)
 # A file is run by one process, so what its tests share is made once; see conftest.py for the order of files.
 PROCESSES = min(4, (os.cpu_count() or 1) + 1)
 TESTS = ("pytest", f"--numprocesses={PROCESSES}", "--dist=loadfile", "--no-loadscope-reorder")
-QUICK = ("-m", "not slow")
-MEASURED = (*QUICK, "--cov", "--cov-report=term")
+DAILY = ("-m", "not nightly")
+QUICK = ("-m", "not nightly and not slow")
+NIGHTLY = ("-m", "nightly")
+MEASURED = ("-m", "not slow", "--cov", "--cov-report=term")
 
 
 def main() -> int:
@@ -26,24 +29,27 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Check style, types and tests.")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--quick", action="store_true", help="leave out the tests marked slow")
-    which.add_argument("--coverage", action="store_true", help="only measure the coverage of the quick tests")
+    which.add_argument("--nightly", action="store_true", help="only run the tests marked nightly")
+    which.add_argument("--coverage", action="store_true", help="only measure the coverage of all but the slow tests")
     options = parser.parse_args()
-    if options.coverage:
-        subprocess.run(module(COMPILING), check=False)
-        show(TESTS + MEASURED)
-        return subprocess.run(module(TESTS + MEASURED), check=False).returncode
+    if options.nightly or options.coverage:
+        return run_tests(NIGHTLY if options.nightly else MEASURED)
     for command in STYLE:
         show(command)
         if status := subprocess.run(module(command), check=False).returncode:
             return status
-    tests = TESTS + (QUICK if options.quick else ())
     with subprocess.Popen(module(TYPES), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as types:
-        subprocess.run(module(COMPILING), check=False)  # the tests say what is wrong if it fails
-        show(tests)
-        failed_tests = subprocess.run(module(tests), check=False).returncode
+        failed_tests = run_tests(QUICK if options.quick else DAILY)
         show(TYPES)
         print(types.communicate()[0], end="")
     return failed_tests or types.returncode
+
+
+def run_tests(which: tuple[str, ...]) -> int:
+    """Compile the kernels, run some of the tests, and return their exit status."""
+    subprocess.run(module(COMPILING), check=False)  # the tests say what is wrong if it fails
+    show(TESTS + which)
+    return subprocess.run(module(TESTS + which), check=False).returncode
 
 
 def show(command: tuple[str, ...]) -> None:

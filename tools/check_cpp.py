@@ -18,8 +18,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session, SimulatorLost
+from joybridge.client.client import Session, SimulatorLost
+from joybridge.layouts import make_acts
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "proto/examples/cpp"

@@ -25,18 +25,18 @@ from typing import Any
 import grpc
 import numpy as np
 
+from joybridge.client.client import Session
+from joybridge.client.launch import simulator_process
+from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
+from joybridge.demonstrations.episodes import Episode, finished_episodes
+from joybridge.demonstrations.files import load_demonstration
+from joybridge.demonstrations.recorded import load_recorded
+from joybridge.layouts import make_acts
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import ANY_LENGTH, END, FINE, METHOD, SERVICE, VERSION
-from joybridge.trainer.demonstration_files import load_demonstration
-from joybridge.trainer.demonstrations import load_recorded
-from joybridge.trainer.formats.episodes import Episode, finished_episodes
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.look import obey_masks, press_at_random
-from joybridge.trainer.observations import ObservationEncoder
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
 from tools.check_wheel import find_python
 

@@ -12,8 +12,8 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from joybridge.trainer.config import Config, load_config
-from joybridge.trainer.metrics import Row, read_rows
+from joybridge.config.config import Config, load_config
+from joybridge.config.metrics import Row, read_rows
 from tools.paper.original import original_curve
 
 PERCENT = {"click_accuracy": "click accuracy"}

@@ -10,19 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
+from joybridge.client.client import Session
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import load_config
+from joybridge.config.config_files import find_config
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.games.archer import game as archer
 from joybridge.games.marble import game as marble
 from joybridge.games.noughts import game as noughts
-from joybridge.trainer.config import load_config
-from joybridge.trainer.config_files import find_config
-from joybridge.trainer.episodes import Episodes
-from joybridge.trainer.evaluate import evaluate
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.observations import ObservationEncoder
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.layouts import make_acts
+from joybridge.play.evaluate import evaluate
+from joybridge.policy.encoder import ObservationEncoder
+from joybridge.policy.episodes import Episodes
+from joybridge.run.train import train
 
 ARENAS = 20
 EPISODES = 200  # that are recorded, and that a clone is measured with

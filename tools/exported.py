@@ -13,17 +13,18 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from joybridge.client.client import Session
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import load_config
+from joybridge.config.config_files import find_config
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.games import BUILT_IN
-from joybridge.trainer.config import load_config, play_config
-from joybridge.trainer.config_files import find_config
-from joybridge.trainer.episodes import Episodes
-from joybridge.trainer.evaluate import CONFIDENCE
-from joybridge.trainer.export import Exported, export
-from joybridge.trainer.playing import open_play
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.play.evaluate import CONFIDENCE
+from joybridge.play.export import Exported, export
+from joybridge.play.playing import open_play
+from joybridge.policy.episodes import Episodes
+from joybridge.run.folder import play_config
+from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb
 
 RUNTIME = Path(__file__).parents[1] / "proto/examples/python/policy.py"

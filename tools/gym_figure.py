@@ -3,7 +3,6 @@
 python -m tools.gym_figure
 """
 
-import re
 from collections import defaultdict
 from math import ceil
 from pathlib import Path
@@ -13,8 +12,9 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.metrics import read_rows
+from joybridge.compare import read_table
+from joybridge.config.config import load_config
+from joybridge.config.metrics import Row, numbers
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "results/pictures/gym.png"
@@ -23,17 +23,17 @@ COLUMNS = 3
 
 def main() -> None:
     """Draw the figure."""
-    seeds: dict[str, list[Path]] = defaultdict(list)  # of each configuration, a file per seed and policy
-    for path in sorted((ROOT / "results/gym").glob("*.csv")):
-        seeds[re.sub(r"-s\d+.*", "", path.stem)].append(path)
+    seeds: dict[str, list[list[Row]]] = defaultdict(list)  # of each configuration, the rows of each seed and policy
+    for name, cells in sorted(read_table(ROOT / "results/gym").items(), key=lambda item: str(item[0].run)):
+        seeds[name.run.experiment].append(numbers(cells))
     rows = ceil(len(seeds) / COLUMNS)
     figure, panels = plt.subplots(rows, COLUMNS, figsize=(11, 2.7 * rows), layout="constrained", squeeze=False)
     for panel in panels.flat[len(seeds) :]:
         panel.set_visible(False)
-    for panel, (name, paths) in zip(panels.flat, seeds.items(), strict=False):
-        config = load_config(ROOT / f"configs/gym/{name}.yaml")
-        for path in paths:
-            points = [(row["timesteps"] / 1e6, row["reward"]) for row in read_rows(path) if "reward" in row]
+    for panel, (experiment, runs) in zip(panels.flat, seeds.items(), strict=False):
+        config = load_config(ROOT / f"configs/gym/{experiment}.yaml")
+        for run in runs:
+            points = [(row["timesteps"] / 1e6, row["reward"]) for row in run if "reward" in row]
             panel.plot(*zip(*points, strict=True))
         panel.set_title(f"{config.game}, {config.layout}", fontsize=10)
         panel.grid(alpha=0.3)

@@ -21,11 +21,11 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.metrics import Row
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.client import Session
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import load_config
+from joybridge.config.metrics import Row
+from joybridge.run.train import train
 from tools.bench import CONFIGS, GAMES, children, machine, megabytes, random_acts
 
 ARENAS = (1, 4, 16, 64, 256, 1024, 4096)

@@ -1,7 +1,7 @@
 """The command `joybridge`: every command of every part that is installed.
 
-A command is a line in COMMANDS. Its module is imported only when the command is given, so a machine that runs games
-needs nothing that learns, and the other way round.
+A command is a line in CORE, or an entry point of an optional part. Its module is imported only when the command is
+given, so a machine that runs games needs nothing that learns, and the other way round.
 """
 
 import os
@@ -14,6 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
+from joybridge.plugins import find
 from joybridge.process import leave
 
 INTERRUPTED = 128 + signal.SIGINT  # exit status, as of a shell
@@ -27,33 +28,31 @@ class Command(NamedTuple):
     help: str
 
 
-COMMANDS = {
+CORE = {
     "serve": Command("joybridge.simulator.__main__", "simulator", "run games for trainers, over gRPC"),
     "list": Command("joybridge.simulator.__main__", "simulator", "list the games and their options"),
-    "look": Command("joybridge.trainer.look", "simulator", "draw random play of a game, beside what was pressed"),
-    "play": Command("joybridge.viewer.play", "viewer", "play a game in the browser"),
-    "watch": Command("joybridge.viewer.watch", "train,viewer", "watch a training that runs, or a game, in the browser"),
-    "minari": Command(
-        "joybridge.trainer.formats.minari_export", "minari", "write demonstrations as datasets of Minari"
-    ),
-    "mlagents": Command(
-        "joybridge.trainer.mlagents.command", "simulator", "let a trainer of Unity ML-Agents train a game"
-    ),
+    "look": Command("joybridge.commands.look", "simulator", "draw random play of a game, beside what was pressed"),
+    "minari": Command("joybridge.minari.writing", "minari", "write demonstrations as datasets of Minari"),
     "new": Command("joybridge.simulator.__main__", "simulator", "write a small game of your own to start from"),
     "check": Command("joybridge.conformance.__main__", "", "test a server, in any language, against the contract"),
     "doctor": Command(
         "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
     ),
-    "train": Command("joybridge.trainer.__main__", "train", "train a configuration"),
-    "replay": Command("joybridge.trainer.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
+    "train": Command("joybridge.commands.__main__", "train", "train a configuration"),
+    "replay": Command("joybridge.commands.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(
-        "joybridge.experiments.compare", "compare", "train variants with several seeds, and write a page about them"
+        "joybridge.compare.compare", "compare", "train variants with several seeds, and write a page about them"
     ),
-    "keys": Command("joybridge.trainer.keys", "train", "list the keys of configurations: default, meaning and range"),
-    "evaluate": Command("joybridge.trainer.__main__", "train", "measure how well the policy of a run plays"),
-    "record": Command("joybridge.trainer.__main__", "train", "record a video of the policy of a run"),
-    "export": Command("joybridge.trainer.__main__", "export", "write the policy of a run as a file for your product"),
+    "keys": Command("joybridge.config.keys", "train", "list the keys of configurations: default, meaning and range"),
+    "evaluate": Command("joybridge.commands.__main__", "train", "measure how well the policy of a run plays"),
+    "record": Command("joybridge.commands.__main__", "train", "record a video of the policy of a run"),
+    "export": Command("joybridge.commands.__main__", "export", "write the policy of a run as a file for your product"),
 }
+
+
+def commands() -> dict[str, Command]:
+    """Return all commands by name, those of optional parts last."""
+    return CORE | {point.name: point.load() for point in sorted(find("joybridge.commands"))}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -62,10 +61,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if name in ("-h", "--help"):
         print(usage())
         return 0
-    if name not in COMMANDS:
-        print(f"error: unknown command {name!r}; expected one of {', '.join(COMMANDS)}", file=sys.stderr)
+    command = CORE.get(name) or commands().get(name)
+    if command is None:
+        print(f"error: unknown command {name!r}; expected one of {', '.join(commands())}", file=sys.stderr)
         return 2
-    command = COMMANDS[name]
     try:
         with _quiet_interrupts():
             module = import_module(command.module)
@@ -114,16 +113,9 @@ def run() -> NoReturn:
 
 def usage() -> str:
     """Return the list of commands."""
-    lines = [f"  {name:<10}{command.help}" for name, command in COMMANDS.items()]
-    return "\n".join([
-        "usage: joybridge COMMAND ...",
-        "",
-        "Train agents that play with a pointer and buttons, over a gRPC bridge.",
-        "",
-        *lines,
-        "",
-        "`joybridge COMMAND --help` describes one.",
-    ])  # fmt: skip
+    lines = "\n".join(f"  {name:<10}{command.help}" for name, command in commands().items())
+    purpose = "Train agents that play with a pointer and buttons, over a gRPC bridge."
+    return f"usage: joybridge COMMAND ...\n\n{purpose}\n\n{lines}\n\n`joybridge COMMAND --help` describes one."
 
 
 if __name__ == "__main__":

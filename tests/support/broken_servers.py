@@ -28,6 +28,7 @@ from joybridge.simulator import (
     channel,
     check_range,
     draw_parameters,
+    image,
     option,
     parameter,
     sensor,
@@ -56,11 +57,12 @@ class Gauntlet(BatchedGame):
         sensors = [
             sensor("place", [2], -9.0, 9.0),
             sensor("count", [1], dtype="int32"),
-            sensor("image", [2, 2 if options["size"] == "small" else 5], dtype="uint8"),
+            image("image", 2, 2 if options["size"] == "small" else 5),
             sensor("lamps", [3], dtype="bool"),
         ]
         player = behavior(
-            "player", sensors=sensors, axes=[axis("x"), axis("force", 0.5, 2.0)],
+            "player", sensors=sensors,
+            axes=[axis("x"), axis("force", 0.5, 2.0, only_with=("gear", "high"))],
             branches=[branch("gear", ["low", "middle", "high"]), button("press")],
             channels=[channel("gain"), channel("cost", 0.5)], metrics=["length", "presses"],
         )  # fmt: skip
@@ -117,7 +119,7 @@ class Gauntlet(BatchedGame):
         self.counts[:, PRESSES] += player.choices[:, 1]
         self.counts[:, GEAR] = player.choices[:, 0]
         moves = np.stack([self.draws(arena) for arena in range(self.arenas)])
-        self.place += moves * self.drift[:, None] + player.axes[:, :1] * player.axes[:, 1:] + runner.axes
+        self.place += moves * self.drift[:, None] + player.axes[:, :1] * self.force(player) + runner.axes
         self.place = np.clip(self.place, -9.0, 9.0)
         self.earned += judge.choices.reshape(self.arenas, 2)
         far = np.abs(self.place).max(axis=1) > 5.0
@@ -139,6 +141,9 @@ class Gauntlet(BatchedGame):
 
     longest = LONGEST
 
+    def force(self, player):
+        return np.where(player.choices[:, :1] == 2, player.axes[:, 1:], 1.0)
+
     def judging(self):
         return self.counts[:, LENGTH] % 2 == 1
 
@@ -148,8 +153,8 @@ class Gauntlet(BatchedGame):
             return [np.repeat(self.place[:, :1], 2, axis=0).astype(np.float32)]
         if index == 2:
             return [self.place[:, 1:].astype(np.float32)]
-        image = np.broadcast_to(gears.astype(np.uint8)[:, :, None], (self.arenas, 2, self.cells))
-        return [self.place.astype(np.float32), self.counts[:, :1].astype(np.int32), image, gears == np.arange(3)]
+        picture = np.broadcast_to(gears.astype(np.uint8)[:, :, None, None], (self.arenas, 2, self.cells, 1))
+        return [self.place.astype(np.float32), self.counts[:, :1].astype(np.int32), picture, gears == np.arange(3)]
 
     def part(self, index, happened):
         agents = 2 if index == 1 else 1
@@ -454,6 +459,24 @@ class BoundsOfAnotherShape(Honest):
         return spec
 
 
+@broken("images_have_the_shape_of_their_color")
+class GrayImageIsRGB(Honest):
+    @staticmethod
+    def describe(games, name, options):
+        spec = sessions.describe(games, name, options)
+        spec.behaviors[0].sensors[2].image.color = pb.COLOR_RGB
+        return spec
+
+
+@broken("conditions_of_axes_name_a_choice")
+class ConditionOnNothing(Honest):
+    @staticmethod
+    def describe(games, name, options):
+        spec = sessions.describe(games, name, options)
+        spec.behaviors[0].device.axes[1].only_with.choice = "reverse"
+        return spec
+
+
 @broken("first_observations_match_the_sensors")
 class FirstShapeWrong(Honest):
     def first(self, step):
@@ -665,6 +688,12 @@ class UnknownGameIsInvalid(Honest):
 
 def acts(request):
     return [act for act in request.act.behaviors if act.axes.dtype == pb.DTYPE_FLOAT32 and act.axes.data]
+
+
+@broken("axis_without_its_choice_has_no_effect")
+class EveryAxisCounts(Gauntlet):
+    def force(self, player):
+        return player.axes[:, 1:]
 
 
 @broken("nan_axis_is_refused", "infinite_axis_is_refused")

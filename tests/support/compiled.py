@@ -3,10 +3,10 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from joybridge.trainer.config import load_config
-from joybridge.trainer.config_files import FOLDER
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import load_config
+from joybridge.config.config_files import FOLDER
+from joybridge.run.train import train
 
 # The compiled games; one kind of actions, and both. The third has networks of one layer, which many tests train.
 CONFIGS = ("shooting_birds/bucket-3", "beastly_rivals/hybrid", "ferry/hybrid")

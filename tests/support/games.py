@@ -16,6 +16,7 @@ from joybridge.simulator import (
     branch,
     button,
     channel,
+    image,
     option,
     parameter,
     quiet_step,
@@ -161,6 +162,35 @@ class Ends(Game):
         if self.clock < 2:
             return transition(observation, rewards)
         return (termination if self.episode % 2 else truncation)(observation, rewards)
+
+
+class Kick(Game):
+    """An image, and an axis that counts only with one choice."""
+
+    name = "kick"
+    description = "Kick a ball along a line; the force counts only in a kick."
+    version = "1"
+
+    @classmethod
+    def describe(cls, options):
+        kicker = behavior(
+            "kicker", sensors=[image("line", 1, 8)], axes=[axis("force", only_with=("foot", "kick"))],
+            branches=[branch("foot", ["rest", "kick"])],
+        )  # fmt: skip
+        return spec(cls, [kicker], max_episode_decisions=20)
+
+    def reset(self):
+        self.ball, self.clock = float(self.rng.uniform(2.0, 6.0)), 0
+        return transition(self.observation())
+
+    def step(self, action):
+        self.clock += 1
+        if action["foot"] == 1:
+            self.ball = float(np.clip(self.ball + action["force"], 0.0, 7.0))
+        return (transition if self.clock < 20 else truncation)(self.observation(), {"reward": self.ball})
+
+    def observation(self):
+        return {"line": np.clip(255 * (1 - np.abs(np.arange(8) - self.ball)), 0, 255).reshape(1, 8, 1)}
 
 
 class Raises(Game):
@@ -358,4 +388,4 @@ class BrokenChoice(Unnamed):
         return spec(cls, [player])
 
 
-PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Raises, Faulty, Batch)]
+PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Kick, Raises, Faulty, Batch)]

@@ -2,8 +2,8 @@
 
 import signal
 
-from joybridge.experiments.job import Job
-from joybridge.trainer.__main__ import main as trainer
+from joybridge.commands.__main__ import main as trainer
+from joybridge.compare.job import Job
 
 
 class Ended:

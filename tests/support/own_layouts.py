@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from joybridge.trainer.layouts import DeviceError, JointTable, Layout, SettingError
-from joybridge.trainer.layouts.hybrid import hybrid, ranges
+from joybridge.layouts import DeviceError, JointTable, Layout, SettingError
+from joybridge.layouts.hybrid import hybrid, ranges
 
 ENTRY_POINTS = """[joybridge.layouts]
 compass = tests.support.own_layouts:compass

@@ -10,9 +10,9 @@ from typing import Any
 
 import grpc
 
+from joybridge.client.client import Session
+from joybridge.client.stream import SERVICE
 from joybridge.contract.address import READY
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.stream import SERVICE
 from tests.support.wire import SECONDS
 
 ROOT = Path(__file__).parents[2]

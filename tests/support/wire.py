@@ -1,6 +1,5 @@
 """The client's end of a Play stream without any help or check: it sends what it is told, right or wrong."""
 
-from collections.abc import Iterator, Sequence
 from queue import SimpleQueue
 from typing import Any
 
@@ -147,22 +146,3 @@ class Player:
 def record(step: pb.Step) -> bytes:
     """Return the bytes of a step, the clock on the wall left out."""
     return pb.Step(behaviors=step.behaviors, pictures=step.pictures).SerializeToString(deterministic=True)
-
-
-def rows(step: pb.Step, spec: pb.GameSpec, arenas: int) -> Iterator[tuple[object, ...]]:
-    """Yield what happened in each arena, whatever the arenas beside it did."""
-    behaviors: Sequence[pb.Behavior] = spec.behaviors
-    steps = [Codec(kind, arenas).unpack_step(one) for one, kind in zip(step.behaviors, behaviors, strict=True)]
-    for arena in range(arenas):
-        row = []
-        for behavior, part in zip(behaviors, steps, strict=True):
-            agents = behavior.agents_per_arena
-            lanes = slice(arena * agents, (arena + 1) * agents)
-            masks = part.masks or [np.ones((len(part.rewards), len(b.choices)), bool) for b in behavior.device.branches]
-            deciding = np.ones(len(part.rewards), bool) if part.deciding is None else part.deciding
-            arrays = [*part.observations, part.rewards, part.terminated, part.truncated, *masks, deciding]
-            row += [array[lanes].tobytes() for array in arrays]
-            ended = (part.ended // agents == arena).nonzero()[0]
-            finals = [*(part.final_observations or []), *([] if part.metrics is None else [part.metrics])]
-            row += [array[ended].tobytes() for array in finals if len(ended)]
-        yield tuple(row)

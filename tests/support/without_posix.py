@@ -34,7 +34,7 @@ def main():
     usual = loop.add_reader  # gRPC uses it
     loop.add_reader = lambda self, file, *rest: (lacking if file is sys.stdin else usual)(self, file, *rest)
 
-    import joybridge.trainer.signals  # noqa: F401 - imported only
+    import joybridge.client.signals  # noqa: F401 - imported only
     from joybridge.cli import run
 
     run()

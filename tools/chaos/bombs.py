@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import grpc
 
+from joybridge.client.client import Session, describe
 from joybridge.contract.errors import JoybridgeError
-from joybridge.trainer.wire.client import Session, describe
 from joybridge.v1 import bridge_pb2 as pb
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import Simulator, forget_peak, mebibytes

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from joybridge.trainer.checkpoint import Manifest, checkpoints, load_checkpoint, read_checkpoint, save_checkpoint
-from joybridge.trainer.errors import CheckpointError
+from joybridge.config.errors import CheckpointError
+from joybridge.run.checkpoint import Manifest, checkpoints, load_checkpoint, read_checkpoint, save_checkpoint
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import wait_until
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import grpc
 
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.interruptible_loop import EVENT_LOOP
+from joybridge.client.client import Session
+from joybridge.client.interruptible_loop import EVENT_LOOP
+from joybridge.layouts import make_acts
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import Simulator, mebibytes, open_files, threads, wait_until
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from joybridge.trainer.checkpoint import load_checkpoint
+from joybridge.run.checkpoint import load_checkpoint
 from tools.chaos.outcome import Outcome
 from tools.chaos.training import CONFIG, SETTINGS
 

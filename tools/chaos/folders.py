@@ -10,14 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from joybridge.trainer.__main__ import main as trainer
-from joybridge.trainer.checkpoint import ARRAYS, MANIFEST, SUMS, Manifest, _sums, save_checkpoint
-from joybridge.trainer.config import Config, keep_config
+from joybridge.commands.__main__ import main as trainer
+from joybridge.config.config import Config
+from joybridge.run.checkpoint import ARRAYS, MANIFEST, SUMS, Manifest, _sums, save_checkpoint
+from joybridge.run.folder import keep_config
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import forget_peak, mebibytes
 
 PATIENCE = 5.0  # seconds on a busy machine; an idle one takes less than one
 LARGEST = 200.0  # MiB
+NAMES = "names-"  # what the folders of runs begin with that name simulators
 LAUGHS = "game: g\noptions:\n  a0: &a0 ha\n" + "".join(
     f"  a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
 )
@@ -62,6 +64,17 @@ def _arrays(header: object) -> bytes:
     return len(text).to_bytes(8, "little") + text
 
 
+# What simulators.json may name. The test's folder has a program `player` and a module `stranger`.
+NAMED: dict[str, dict[str, object]] = {
+    "a program": {"games": ["unity:player wait=2"]},
+    "a module": {"games": ["stranger:Stranger"]},
+    "an environment of Gymnasium": {"games": ["gym:stranger:Env-v0"]},
+    "an environment of PettingZoo": {"games": ["pettingzoo:stranger"]},
+    "an address": {"addresses": ["127.0.0.1:1"], "token_file": "secret"},
+    "a signature": {"games": ["stranger:Stranger"], "signature": "0" * 64},
+}
+
+
 # Arrays and manifest of checkpoints whose hashes are right.
 SEALED = {
     "a list as manifest": (b"", b"[]"),
@@ -88,8 +101,9 @@ def new_run(run: Path) -> Path:
 def visit(run: Path) -> tuple[int, str]:
     """Evaluate a run of a stranger; return exit status and what it printed."""
     said = io.StringIO()
+    elsewhere = [] if run.name.startswith(NAMES) else ["--simulator", "127.0.0.1:1", "--wait", "0.01"]
     with redirect_stderr(said), redirect_stdout(said):
-        status = trainer(["evaluate", str(run), "--episodes", "1", "--simulator", "127.0.0.1:1", "--wait", "0.01"])
+        status = trainer(["evaluate", str(run), "--episodes", "1", *elsewhere])
     return status, said.getvalue()
 
 
@@ -116,6 +130,10 @@ def strange_runs(folder: Path) -> dict[str, Path]:
         _, checkpoint = new(f"checkpoint: {name}")
         for file, data in ((ARRAYS, arrays), (MANIFEST, manifest), (SUMS, _sums(arrays, manifest))):
             (checkpoint / file).write_bytes(data)
+    for name, notes in NAMED.items():
+        run = runs[f"simulators.json names {name}"] = folder / f"{NAMES}{len(runs)}"
+        new_run(run)
+        (run / "simulators.json").write_text(json.dumps(notes))
     return runs
 
 
@@ -124,6 +142,10 @@ def folders(folder: Path, faults: int) -> Outcome:
     problems = []
     longest = most = 0.0
     with chdir(folder):  # where code that is executed would leave its file
+        Path("player").write_text("#!/bin/sh\ntouch executed\n")
+        Path("player").chmod(0o700)
+        Path("stranger.py").write_text("open('executed', 'w').close()")
+        Path("secret").write_text("a secret of the user")
         visit(new_run(folder / "first").parent.parent)  # imports what it needs
         runs = strange_runs(folder)
         for name, run in [*runs.items()] * faults:

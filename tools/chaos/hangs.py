@@ -8,8 +8,8 @@ from pathlib import Path
 import grpc
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session
+from joybridge.client.client import Session
+from joybridge.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tools.chaos.outcome import Outcome, percentile

@@ -6,7 +6,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from joybridge.trainer.checkpoint import has_checkpoint, load_checkpoint
+from joybridge.run.checkpoint import has_checkpoint, load_checkpoint
 from tools.chaos.outcome import Outcome, percentile
 from tools.chaos.process import children, wait_until
 from tools.chaos.training import Training

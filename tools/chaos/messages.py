@@ -13,10 +13,10 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2
 from grpc_reflection.v1alpha import reflection_pb2
 
+from joybridge.client.client import Session
 from joybridge.contract.codec import pack_act
 from joybridge.contract.credentials import NO_COMPRESSION
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session
+from joybridge.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import Simulator, mebibytes

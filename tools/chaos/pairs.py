@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.config import run_config
+from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.folder import run_config
 from tools.chaos.outcome import Outcome
 from tools.chaos.training import DEADLINE_SECONDS, Training
 

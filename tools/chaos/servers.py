@@ -12,13 +12,13 @@ from typing import Any
 import grpc
 import numpy as np
 
+from joybridge.client.client import Session
+from joybridge.client.errors import SimulatorError
 from joybridge.contract.versions import own_version
+from joybridge.layouts import make_acts
 from joybridge.simulator.catalog import load_games
 from joybridge.simulator.session import Session as Honest
 from joybridge.simulator.session import describe
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.errors import SimulatorError
 from joybridge.v1 import bridge_pb2 as pb
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import forget_peak, mebibytes

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from joybridge.trainer.checkpoint import checkpoints, load_checkpoint
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.launch import simulator_process
+from joybridge.run.checkpoint import checkpoints, load_checkpoint
 from tools.chaos.outcome import Outcome
 from tools.chaos.process import children
 from tools.chaos.proxy import Proxy

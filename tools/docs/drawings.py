@@ -15,7 +15,7 @@ from joybridge.games.shooting_birds.game import ShootingBirds
 from joybridge.games.shooting_birds.levels import OBSTACLES
 from joybridge.games.shooting_birds.rules import WALL_X, WALL_Y
 from joybridge.games.shooting_birds.sensing import ABSENT, BIRD_RADIUS, RAY_LENGTH, RAY_X, RAY_Y, SIZE_CODE
-from joybridge.trainer.layouts import AxisRange, AxisTable, JointTable, Threshold, list_roles
+from joybridge.layouts import AxisRange, AxisTable, JointTable, Threshold, list_roles
 from joybridge.v1 import bridge_pb2 as pb
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -7,9 +7,10 @@ from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from unittest import mock
 
-from joybridge.cli import COMMANDS, main
-from joybridge.trainer.config import FORMS, OTHER_NAMES
-from joybridge.trainer.keys import all_keys
+from joybridge.cli import commands as all_commands
+from joybridge.cli import main
+from joybridge.config.config import FORMS, OTHER_NAMES
+from joybridge.config.keys import all_keys
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 WIDTH = "96"  # columns of the help of a command
@@ -43,11 +44,11 @@ def configurations() -> str:
 
 def commands() -> str:
     """Return the help of every command."""
-    return "\n".join(line for name in COMMANDS for line in _command(name))
+    return "\n".join(line for name in all_commands() for line in _command(name))
 
 
 def _command(name: str) -> Iterator[str]:
-    command, text = COMMANDS[name], io.StringIO()
+    command, text = all_commands()[name], io.StringIO()
     with mock.patch.dict(os.environ, COLUMNS=WIDTH), redirect_stdout(text), suppress(SystemExit):
         main([name, "--help"])
     needs = f" It needs `pip install 'joybridge[{command.extra}]'`." if command.extra else ""

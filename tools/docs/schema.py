@@ -2,8 +2,8 @@
 
 import json
 
-from joybridge.trainer.config import Config, PolicyConfig
-from joybridge.trainer.keys import SCHEMA
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.keys import SCHEMA
 
 
 def schema() -> str:

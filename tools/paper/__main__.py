@@ -17,10 +17,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.experiments import Cluster, Job, run_grid, start
-from joybridge.experiments.grid import kept_results
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.config_files import FOLDER
+from joybridge.compare import Job, read_table, run_grid, start
+from joybridge.compare.grid import is_kept
+from joybridge.compare.table import TABLE
+from joybridge.config.config_files import FOLDER
+from joybridge.config.errors import CheckpointError
+from joybridge.ray_cluster.grid import Cluster
+from joybridge.run.checkpoint import has_checkpoint
 from tools.paper.page import RESULTS, write_report
 from tools.paper.runs import GAMES, LAYOUTS
 
@@ -71,13 +74,17 @@ def _run(options: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
         for seed in options.seeds
         for experiment in options.experiments
     ]
+    try:
+        results = read_table(options.results)
+    except CheckpointError as error:
+        parser.error(str(error))
     for job in jobs:
         if not job.config.exists():
             parser.error(f"there is no {job.config}; the paper's experiments are {', '.join(EXPERIMENTS)}")
-        kept = kept_results(job, options.results)
-        if kept and not has_checkpoint(job.run):
+        if is_kept(job, results) and not has_checkpoint(job.run):
             parser.error(
-                f"{kept[0]} is the result of a run that is not in {options.runs}; use another folder: --results FOLDER"
+                f"{options.results / TABLE} has {job.name} of a run that is not in {options.runs}; use another folder: "
+                "--results FOLDER"
             )
     parallel, begin = options.jobs or 1, start
     if options.backend == "ray":

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from joybridge.client.client import SimulatorError
+from joybridge.client.launch import simulator_process
+from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.contract.tensors import Array
-from joybridge.trainer.config import run_config
-from joybridge.trainer.errors import CheckpointError, ConfigError
-from joybridge.trainer.playing import open_play
-from joybridge.trainer.wire.client import SimulatorError
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.play.playing import open_play
+from joybridge.run.folder import run_config
 from tools.paper.behavior_figure import draw
 from tools.paper.birds import measure_birds, watch
 from tools.paper.triangles import is_triangle, laps

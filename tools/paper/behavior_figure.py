@@ -11,7 +11,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from joybridge.experiments import RunName
+from joybridge.compare import RunName
 from tools.paper.figures import COLORS, save_figure
 
 Known = Mapping[str, dict[str, Any]]  # measures by "GAME/RUN"

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
+from joybridge.config.game_settings import fixed
 from joybridge.contract.spec import choose_options
 from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds.game import REACH_X, REACH_Y, ShootingBirds
 from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES, Obstacles
 from joybridge.games.shooting_birds.rules import BIRDS, EPISODE_TICKS
 from joybridge.games.shooting_birds.sensing import BIRD_RADIUS, covered, front
+from joybridge.play.playing import Policies
+from joybridge.run.folder import play_config
 from joybridge.simulator.compiled import compiled
-from joybridge.trainer.config import play_config
-from joybridge.trainer.game_settings import fixed
-from joybridge.trainer.playing import Policies
 
 MIDDLE = 3.0  # units: a crosshair that is nearer to the middle of the field than this is still on its former side
 HALF = (0.25, 0.75)  # fraction behind obstacles of a bird that is half hidden

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from statistics import geometric_mean, mean
 from typing import Any
 
-from joybridge.experiments import RunName
+from joybridge.compare import RunName
 from tools.paper.original import original_ends, original_point, paper_figures
 from tools.paper.runs import COMPLETE, Experiment, Results, main_policy
 from tools.paper.statements import DECISION_SECONDS, PAPER, STATEMENTS, judge_statement

@@ -10,12 +10,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.trainer.checkpoint import has_checkpoint
-from joybridge.trainer.config import load_config
-from joybridge.trainer.config_files import find_config
-from joybridge.trainer.evaluate import evaluate
-from joybridge.trainer.train import train
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import load_config
+from joybridge.config.config_files import find_config
+from joybridge.play.evaluate import evaluate
+from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.train import train
 
 DEMONSTRATED = 20  # episodes at least: each level is played equally often
 EPISODES = 210  # that a score is the mean of

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
-from joybridge.experiments import pictures
+from joybridge.compare import pictures
 from tools.paper.original import TIMESTEPS_PER_STEP, original_curve, original_ends, paper_figures
 from tools.paper.runs import COMPLETE, GAMES, LAYOUTS, MARK, Experiment, Results, main_policy
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from joybridge.experiments import find_results
-from joybridge.trainer.metrics import Row, read_rows
+from joybridge.compare import read_table
+from joybridge.config.metrics import Row, numbers
 
 MARK = 300_000  # timesteps between two rows of metrics, equal to 20 000 of the original's steps
 COMPLETE = 30_000_000  # timesteps of a complete run
@@ -85,9 +85,9 @@ def read_results(folder: Path) -> Results:
 def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
     """Return the longest length of each run, by experiment in the order of LAYOUTS."""
     longest: dict[Key, dict[tuple[int, float], Run]] = {}  # within an experiment, by seed and first reward
-    for name, path in find_results(folder).items():
+    for name, cells in read_table(folder).items():
         game, _, layout = name.run.experiment.partition("/")
-        rows = {round(row["timesteps"] / MARK) * MARK: row for row in read_rows(path) if "reward" in row}
+        rows = {round(row["timesteps"] / MARK) * MARK: row for row in numbers(cells) if "reward" in row}
         if game in GAMES and rows:
             runs = longest.setdefault((game, layout, name.policy), {})
             run, beginning = Run(name.run.seed, rows), (name.run.seed, rows[min(rows)]["reward"])

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from joybridge.experiments import RunName
+from joybridge.compare import RunName
 from joybridge.games.beastly_rivals import rules as rivals
 from tools.paper.runs import GAMES, LAYOUTS, MARK
 from tools.paper.statistics import FAILS, HOLDS, UNDECIDED, UNTESTED, Sample, margin, sample

@@ -10,7 +10,7 @@ from scipy.stats import bootstrap, ttest_ind_from_stats
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
-from joybridge.experiments import estimators
+from joybridge.compare import estimators
 
 HOLDS, FAILS, UNDECIDED, UNTESTED = "holds", "does not hold", "undecided", "not tested"
 SIGNIFICANCE = 0.05  # of every test

@@ -16,12 +16,12 @@ from typing import NamedTuple, cast
 
 import av
 
-from joybridge.trainer.config import run_config
-from joybridge.trainer.errors import CheckpointError, ConfigError
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.playing import open_play
-from joybridge.trainer.wire.client import SimulatorError
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.client import SimulatorError
+from joybridge.client.launch import simulator_process
+from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.config.metrics import read_rows
+from joybridge.play.playing import open_play
+from joybridge.run.folder import run_config
 
 RATE = 25  # frames per second
 ROWS = 10  # last rows of metrics, whose mean reward is the score of a run

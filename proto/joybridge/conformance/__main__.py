@@ -35,18 +35,13 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         ("--family", "FAMILY", "run the checks of this family; default: all checks"),
         ("--only", "CHECK", "run this check, in addition to those of --family"),
     ):
-        checker.add_argument(
-            option, action="append", default=[], metavar=metavar, help=f"{text}. May be repeated"
-        )  # fmt: skip
+        help_ = f"{text}. May be repeated"
+        checker.add_argument(option, action="append", default=[], metavar=metavar, help=help_)
     checker.add_argument("--list", action="store_true", help="list the families, checks and rules, and exit")
-    checker.add_argument(
-        "--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS",
-        help="the longest wait for a response. Default: %(default)g",
-    )  # fmt: skip
-    checker.add_argument(
-        "--transport", choices=["grpc", "local"], default="grpc",
-        help="local: the messages of sessions go over a Unix socket, if the server offers it. Default: %(default)s",
-    )  # fmt: skip
+    help_ = "the longest wait for a response. Default: %(default)g"
+    checker.add_argument("--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS", help=help_)
+    help_ = "local: the messages of sessions go over a Unix socket, if the server offers it. Default: %(default)s"
+    checker.add_argument("--transport", choices=["grpc", "local"], default="grpc", help=help_)
     add_credentials_arguments(checker)
     checker.add_argument("--quiet", action="store_true", help="print failures, warnings and the summary only")
     checker.add_argument("--json", action="store_true", help="print the results as one JSON object on the last line")

@@ -11,8 +11,9 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeAlias
 
 import grpc
+from grpc_health.v1 import health_pb2
 
-from joybridge.conformance.expectations import TimedOut, Violation
+from joybridge.conformance.expectations import TimedOut, Violation, expect
 from joybridge.conformance.local_call import LocalCall
 from joybridge.contract.credentials import Credentials
 from joybridge.v1 import bridge_pb2 as pb
@@ -24,7 +25,7 @@ _OPTIONS = [
     ("grpc.use_local_subchannel_pool", 1),  # closing a channel must close its connection
 ]
 Request = pb.PlayRequest | bytes  # bytes are sent as they are
-SHORTEST_WAIT = 0.1  # seconds; a shorter wait may last this long
+MIN_WAIT = 0.1  # seconds; a shorter wait may last this long
 Transport: TypeAlias = Literal["grpc", "local"]
 OPEN = Credentials()  # no TLS and no token
 
@@ -98,6 +99,13 @@ class Client:
         answer = self.try_describe(game, options or {})
         spec: pb.GameSpec = _expect_response(answer, f"DescribeGame({game!r}, {dict(options or {})})")
         return spec
+
+    def expect_serving(self, service: str) -> None:
+        """Raise Violation unless grpc.health.v1 says that a service, or the server (""), is serving."""
+        request = health_pb2.HealthCheckRequest(service=service)
+        answer = self.call("/grpc.health.v1.Health/Check", request, health_pb2.HealthCheckResponse)
+        serving = not isinstance(answer, Status) and answer.status == health_pb2.HealthCheckResponse.SERVING
+        expect(serving, f"the health of service {service!r} is {str(answer).strip()}", "SERVING")
 
     def play(self, requests: Sequence[Any], **fields: Any) -> Exchange:
         """Send all requests of a stream at once. `fields` are those of `stream`. Raises TimedOut."""
@@ -204,7 +212,7 @@ class _Receiver:
 
     def _watch(self) -> None:
         # A wait that begins while this thread sleeps is longer than this sleep, so its limit is seen in time.
-        while not self.ended.wait(min(SHORTEST_WAIT, self.limit - monotonic())):
+        while not self.ended.wait(min(MIN_WAIT, self.limit - monotonic())):
             if self.limit <= monotonic():
                 self.late = True
                 self.responses.cancel()

@@ -30,14 +30,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="look at a running server for a few seconds, and say what is wrong")
     doctor.add_argument("address", type=address, metavar="ADDRESS", help="HOST:PORT or unix:PATH")
-    doctor.add_argument(
-        "config", nargs="?", metavar="CONFIG", help="also examine whether the server fits this configuration"
-    )
+    help_ = "also examine whether the server fits this configuration"
+    doctor.add_argument("config", nargs="?", metavar="CONFIG", help=help_)
     doctor.add_argument("overrides", nargs="*", metavar="key=value", help="keys of the configuration")
-    doctor.add_argument(
-        "--game", action="append", default=[], metavar="NAME",
-        help="look at this game; default: that of CONFIG, or all games. May be repeated",
-    )  # fmt: skip
+    help_ = "look at this game; default: that of CONFIG, or all games. May be repeated"
+    doctor.add_argument("--game", action="append", default=[], metavar="NAME", help=help_)
     add_credentials_arguments(doctor)
     doctor.add_argument("--json", action="store_true", help="print the findings as one JSON object on the last line")
     options = parser.parse_args(arguments)
@@ -50,6 +47,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 
     try:
         credentials = load_credentials(options.tls_ca, options.token_file)
+        credentials.check(options.address)
         games, settings, missing = options.game, Settings(), ""
         if options.config:
             try:
@@ -84,7 +82,7 @@ def _configured(config: str, overrides: Sequence[str]) -> tuple[str, Settings]:
 
     Raises JoybridgeError, and ModuleNotFoundError if the trainer is not installed.
     """
-    trainer = import_module("joybridge.trainer.config_fit")
+    trainer = import_module("joybridge.policy.config_fit")
     loaded = trainer.find_and_load(config, overrides)
 
     def check(spec: pb.GameSpec) -> str:

@@ -11,17 +11,16 @@ from dataclasses import dataclass, field, replace
 
 import grpc
 import numpy as np
-from grpc_health.v1 import health_pb2
 
-from joybridge.conformance.client import OPEN, SERVICE, SHORTEST_WAIT, Client, Status, Stream
+from joybridge.conformance.client import MIN_WAIT, OPEN, SERVICE, Client, Status, Stream
 from joybridge.conformance.expectations import TimedOut, Violation, expect
-from joybridge.conformance.recording import Player, Recording, act_request, valid_act
-from joybridge.conformance.step_expectations import expect_valid
+from joybridge.conformance.recording import Player, act_request, valid_act
+from joybridge.conformance.spec_expectations import expect_bounds
+from joybridge.conformance.step_expectations import VALID
 from joybridge.conformance.subject import Subject
 from joybridge.contract.credentials import Credentials
 from joybridge.contract.limits import element_count, request_bytes
-from joybridge.contract.spec import SpecError, check_spec
-from joybridge.contract.versions import mismatch, own_version
+from joybridge.contract.versions import OLDEST_REVISION, client_version, mismatch, own_version
 from joybridge.v1 import bridge_pb2 as pb
 
 SECONDS = 4.5  # for everything
@@ -127,22 +126,19 @@ def _calls(client: Client, listed: list[pb.GameSummary]) -> str:
 
 
 def _versions(client: Client) -> str:
-    own = own_version()
-    server = client.call(f"/{SERVICE}/ListGames", pb.ListGamesRequest(version=own), pb.ListGamesResponse)
+    client_needs, own = client_version(), own_version()
+    server = client.call(f"/{SERVICE}/ListGames", pb.ListGamesRequest(version=client_needs), pb.ListGamesResponse)
     if isinstance(server, Status):
         raise Violation(f"ListGames with the version of this client failed with {server}", "a response")
-    text = mismatch(own, server.version)
-    expect(not text, text, f"revision {own.revision} or newer")
+    text = mismatch(client_needs, server.version)
+    expect(not text, text, f"revision {OLDEST_REVISION} or newer")
     theirs = server.version
     return f"the server is {theirs.product}, revision {theirs.revision}; this is {own.product}, revision {own.revision}"
 
 
 def _health(client: Client) -> str:
     for service in ("", SERVICE):
-        request = health_pb2.HealthCheckRequest(service=service)
-        answer = client.call("/grpc.health.v1.Health/Check", request, health_pb2.HealthCheckResponse)
-        serving = not isinstance(answer, Status) and answer.status == health_pb2.HealthCheckResponse.SERVING
-        expect(serving, f"the health of service {service!r} is {str(answer).strip()}", "SERVING")
+        client.expect_serving(service)
     return "SERVING"
 
 
@@ -167,10 +163,7 @@ def _game(subject: Subject, settings: Settings, look: Callable[[str, Look], Find
 
 def _spec(subject: Subject) -> str:
     spec = subject.spec
-    try:
-        check_spec(spec)
-    except SpecError as error:
-        raise Violation(str(error), "a spec within the bounds of bridge.proto") from error
+    expect_bounds(spec)
     behaviors = [
         f"{behavior.name} observes {sum(map(element_count, behavior.sensors))} numbers "
         f"(sensors: {len(behavior.sensors)}, axes: {len(behavior.device.axes)}, "
@@ -182,8 +175,7 @@ def _spec(subject: Subject) -> str:
 
 def _steps(subject: Subject, settings: Settings, stream: Stream, played: list[Player]) -> str:
     arenas = settings.arenas
-    start = subject.start(arenas, parameters=settings.parameters)
-    player = Player(stream, Recording(subject.spec, arenas), start)
+    player = subject.player(stream, arenas, parameters=settings.parameters)
     played.append(player)
     recording = player.recording
     until = time.monotonic() + subject.client.seconds
@@ -193,11 +185,12 @@ def _steps(subject: Subject, settings: Settings, stream: Stream, played: list[Pl
         views = recording.views(index)
         expect(len(views) == len(subject.spec.behaviors), f"{len(views)} behaviors in a Step", "all of the spec")
         for view in views:
-            expect_valid(view)
-        if (left := until - time.monotonic()) < SHORTEST_WAIT and index:
+            for expectation in VALID:
+                expectation(view)
+        if (left := until - time.monotonic()) < MIN_WAIT and index:
             return f"{index} steps of {arenas} arenas are valid; they are slow, so there was no time for more"
         if index < CHECKED:
-            stream.receiver.seconds = round(max(left, SHORTEST_WAIT), 1)
+            stream.receiver.seconds = round(max(left, MIN_WAIT), 1)
             player.decide()
     return f"{CHECKED} steps of {arenas} arenas are valid"
 

@@ -10,7 +10,7 @@ from joybridge.conformance.expectations import Unreachable
 from joybridge.contract.local_socket import LocalSocket
 from joybridge.v1 import bridge_pb2 as pb
 
-LARGEST = 1 << 30  # bytes of a response: the checks look at sizes themselves
+MAX_RESPONSE = 1 << 30  # bytes of a response: the checks look at sizes themselves
 
 
 class LocalCall:
@@ -62,7 +62,7 @@ class LocalCall:
         if starts:
             if not response.started.local_socket:
                 raise Unreachable("the server offers no local transport; check it without --transport local")
-            self._socket = LocalSocket(response.started.local_socket, LARGEST)
+            self._socket = LocalSocket(response.started.local_socket, MAX_RESPONSE)
         Thread(target=self._send, daemon=True).start()
         return response
 

@@ -10,7 +10,8 @@ from joybridge.conformance.registry import Check
 from joybridge.contract.text import printable
 
 PASSED, FAILED, WARNING, NOT_APPLICABLE = "passed", "failed", "warning", "not applicable"
-MOST_CAUSES = 4  # named in the summary
+KEYS = {PASSED: "passed", FAILED: "failed", WARNING: "warnings", NOT_APPLICABLE: "not_applicable"}
+MAX_CAUSES = 4  # named in the summary
 # Characters that XML 1.0 cannot hold; the text of a server may contain any.
 _NOT_IN_XML = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(55296, 57344), 65534, 65535), "�")
 
@@ -40,17 +41,14 @@ class Result:
         """Return the rule, what came, what was expected and the section of bridge.proto: of a failure or warning."""
         if self.outcome not in (FAILED, WARNING):
             return []
-        return [
-            f"rule: {self.check.rule}", f"got: {self.got}", f"expected: {self.expected}",
-            f"see: bridge.proto, {self.check.section}",
-        ]  # fmt: skip
+        came = [f"got: {self.got}", f"expected: {self.expected}"]
+        return [f"rule: {self.check.rule}", *came, f"see: bridge.proto, {self.check.section}"]
 
 
 def summary(results: Sequence[Result]) -> str:
     """Return the number of results of each outcome. Checks that are not applicable have not passed."""
     counts = Counter(result.outcome for result in results)
-    names = {PASSED: "passed", FAILED: "failed", WARNING: "warnings", NOT_APPLICABLE: "not applicable"}
-    return ", ".join(f"{counts[outcome]} {name}" for outcome, name in names.items())
+    return ", ".join(f"{counts[outcome]} {key.replace('_', ' ')}" for outcome, key in KEYS.items())
 
 
 def repair_first(results: Sequence[Result], families: Sequence[str]) -> list[str]:
@@ -61,7 +59,7 @@ def repair_first(results: Sequence[Result], families: Sequence[str]) -> list[str
     failures = [result for result in results if result.outcome == FAILED]
     causes = [result for result in failures if not result.follows] or failures
     first = min((families.index(result.check.family) for result in causes), default=0)
-    return list(dict.fromkeys(r.check.name for r in causes if r.check.family == families[first]))[:MOST_CAUSES]
+    return list(dict.fromkeys(r.check.name for r in causes if r.check.family == families[first]))[:MAX_CAUSES]
 
 
 def as_json(address: str, results: Sequence[Result], families: Sequence[str]) -> dict[str, Any]:
@@ -69,20 +67,17 @@ def as_json(address: str, results: Sequence[Result], families: Sequence[str]) ->
     counts = Counter(result.outcome for result in results)
     return {
         "address": address,
-        "passed": counts[PASSED],
-        "failed": counts[FAILED],
-        "warnings": counts[WARNING],
-        "not_applicable": counts[NOT_APPLICABLE],
+        **{key: counts[outcome] for outcome, key in KEYS.items()},
         "repair_first": repair_first(results, families),
-        "results": [
-            {
-                "game": r.game, "family": r.check.family, "check": r.check.name, "outcome": r.outcome,
-                "seconds": round(r.seconds, 4), "rule": r.check.rule, "section": r.check.section, "got": r.got,
-                "expected": r.expected,
-            }
-            for r in results
-        ],
-    }  # fmt: skip
+        "results": [_entry(result) for result in results],
+    }
+
+
+def _entry(result: Result) -> dict[str, Any]:
+    check = result.check
+    about = {"game": result.game, "family": check.family, "check": check.name, "outcome": result.outcome}
+    rule = {"seconds": round(result.seconds, 4), "rule": check.rule, "section": check.section}
+    return {**about, **rule, "got": result.got, "expected": result.expected}
 
 
 def listing(checks: Sequence[Check], families: dict[str, str]) -> Iterator[str]:
@@ -100,10 +95,10 @@ def write_junit(path: str, results: Sequence[Result]) -> None:
     for game in dict.fromkeys(result.game for result in results):
         own = [result for result in results if result.game == game]
         counts = Counter(result.outcome for result in own)
-        suite = ElementTree.SubElement(
-            root, "testsuite", name=game.translate(_NOT_IN_XML), tests=str(len(own)), failures=str(counts[FAILED]),
-            skipped=str(counts[NOT_APPLICABLE]), time=f"{sum(result.seconds for result in own):.3f}",
-        )  # fmt: skip
+        suite = ElementTree.SubElement(root, "testsuite", name=game.translate(_NOT_IN_XML), tests=str(len(own)))
+        suite.set("failures", str(counts[FAILED]))
+        suite.set("skipped", str(counts[NOT_APPLICABLE]))
+        suite.set("time", f"{sum(result.seconds for result in own):.3f}")
         for result in own:
             name, place = result.check.name, f"{game}.{result.check.family}".translate(_NOT_IN_XML)
             case = ElementTree.SubElement(suite, "testcase", name=name, classname=place, time=f"{result.seconds:.3f}")

@@ -18,18 +18,22 @@ from joybridge.contract.credentials import Credentials
 
 DEADLINE = 30.0  # seconds until a response
 PATIENCE = 4  # times the deadline: until a response in the first session of a game, which may compile it
-MOST_TIMEOUTS = 3  # of one game; its other checks then fail without being run
+MAX_TIMEOUTS = 3  # of one game; its other checks then fail without being run
 FULL = "RESOURCE_EXHAUSTED"  # in what came, of a check that expects another status
 SERVER = "server"  # the name in the results for checks of the whole server
 
 
 def run_checks(
-    address: str, games: Sequence[str] = (), seconds: float = DEADLINE, checks: Sequence[Check] = tuple(CHECKS),
-    credentials: Credentials = OPEN, transport: Transport = "grpc",
-) -> Iterator[Result]:  # fmt: skip
+    address: str,
+    games: Sequence[str] = (),
+    seconds: float = DEADLINE,
+    checks: Sequence[Check] = tuple(CHECKS),
+    credentials: Credentials = OPEN,
+    transport: Transport = "grpc",
+) -> Iterator[Result]:
     """Yield the results of the checks of the whole server, then of those of each game.
 
-    games: the games to check, by default all. seconds: the longest wait for a response. After MOST_TIMEOUTS timeouts
+    games: the games to check, by default all. seconds: the longest wait for a response. After MAX_TIMEOUTS timeouts
     the other checks of a game fail without being run. transport: of the messages of sessions. Raises Unreachable if no
     server responds or offers the transport, and SelectionError if the server does not have one of the games.
     """
@@ -86,10 +90,10 @@ def _results(subject: Subject, name: str, checks: Iterable[Check]) -> Iterator[R
     timeouts = 0
     for check in checks:
         begin = time.perf_counter()
-        outcome, got, expected, follows = PASSED, "", "", timeouts == MOST_TIMEOUTS
+        outcome, got, expected, follows = PASSED, "", "", timeouts == MAX_TIMEOUTS
         try:
-            if timeouts == MOST_TIMEOUTS:
-                raise Violation(f"not run after {MOST_TIMEOUTS} timeouts", "responses within the deadline")
+            if timeouts == MAX_TIMEOUTS:
+                raise Violation(f"not run after {MAX_TIMEOUTS} timeouts", "responses within the deadline")
             check.run(subject)
         except NotApplicable as reason:
             outcome, got = NOT_APPLICABLE, str(reason)

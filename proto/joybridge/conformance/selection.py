@@ -7,7 +7,7 @@ from joybridge.conformance.registry import Check
 from joybridge.conformance.rules import CHECKS, FAMILIES
 from joybridge.contract.errors import JoybridgeError
 
-MOST_NAMES = 4  # listed in an error
+MAX_NAMES = 4  # listed in an error
 
 
 class SelectionError(JoybridgeError):
@@ -39,4 +39,4 @@ def require_known(names: Iterable[str], known: Iterable[str], what: str) -> None
 def nearest(name: str, known: Sequence[str]) -> list[str]:
     """Return the names that contain `name`, or else those with the most similar spelling."""
     containing = [other for other in known if name and name.lower() in other]
-    return (containing or get_close_matches(name, known, MOST_NAMES, cutoff=0.0))[:MOST_NAMES]
+    return (containing or get_close_matches(name, known, MAX_NAMES, cutoff=0.0))[:MAX_NAMES]

@@ -1,7 +1,5 @@
 """What every step must satisfy, whether it follows a Start, an Act or a Reset."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from joybridge.conformance.expectations import Violation, expect
@@ -15,8 +13,10 @@ def expect_tensor(tensor: pb.Tensor, dtype: pb.Dtype, shape: tuple[int, ...], wh
     expect(not error, f"{what} with {error}", f"{pb.Dtype.Name(dtype)} {list(shape)}")
 
 
-def expect_observations(tensors: Sequence[pb.Tensor], view: StepView, rows: int, what: str) -> None:
-    """Raise Violation unless there is one tensor per sensor, each with so many rows."""
+def expect_observations(view: StepView, final: bool = False) -> None:
+    """Raise Violation unless there is one tensor per sensor, each with a row per lane, or per ended lane if final."""
+    tensors = view.message.ended.final_observations if final else view.message.observations
+    rows, what = (int(view.ended.sum()), "final observations") if final else (view.lanes, "observations")
     sensors = view.behavior.sensors
     expect(len(tensors) == len(sensors), f"{len(tensors)} {what} of {view.where}", f"{len(sensors)}, one per sensor")
     for tensor, sensor in zip(tensors, sensors, strict=True):
@@ -51,9 +51,8 @@ def expect_masks(view: StepView) -> None:
     masks, branches = view.message.masks, view.behavior.device.branches
     expect(len(masks) in (0, len(branches)), f"{len(masks)} masks of {view.where}", f"0 or {len(branches)}")
     for index, (mask, branch) in enumerate(zip(masks, branches, strict=False)):
-        expect_tensor(
-            mask, pb.DTYPE_BOOL, (view.lanes, len(branch.choices)), f"mask of {branch.name!r} of {view.where}"
-        )
+        what = f"mask of {branch.name!r} of {view.where}"
+        expect_tensor(mask, pb.DTYPE_BOOL, (view.lanes, len(branch.choices)), what)
         stuck = np.flatnonzero(~view.allowed(index).any(axis=1))
         got = f"no allowed choice of {branch.name!r} in lanes {stuck.tolist()} of {view.where}"
         expect(not stuck.size, got, "at least one allowed choice")
@@ -65,17 +64,22 @@ def expect_deciding(view: StepView) -> None:
         expect_tensor(view.message.deciding, pb.DTYPE_BOOL, (view.lanes,), f"deciding of {view.where}")
 
 
-def expect_valid(view: StepView) -> None:
-    """Raise Violation unless observations, rewards, flags, masks and deciding are well-formed and within bounds."""
-    expect_observations(view.message.observations, view, view.lanes, "observations")
-    expect_finite(view)
-    expect_in_bounds(view)
-    expect_tensor(view.message.rewards, pb.DTYPE_FLOAT32, (view.lanes, len(view.behavior.channels)), "rewards")
-    expect_tensor(view.message.terminated, pb.DTYPE_BOOL, (view.lanes,), "terminated")
-    expect_tensor(view.message.truncated, pb.DTYPE_BOOL, (view.lanes,), "truncated")
-    expect(view.rewards is None or np.isfinite(view.rewards).all(), f"rewards {view.rewards}", "finite numbers")
-    expect_masks(view)
-    expect_deciding(view)
+def expect_flags(view: StepView) -> None:
+    """Raise Violation unless terminated and truncated have one flag per lane."""
+    expect_tensor(view.message.terminated, pb.DTYPE_BOOL, (view.lanes,), f"terminated of {view.where}")
+    expect_tensor(view.message.truncated, pb.DTYPE_BOOL, (view.lanes,), f"truncated of {view.where}")
+
+
+def expect_rewards(view: StepView) -> None:
+    """Raise Violation unless rewards have one row per lane and one column per channel."""
+    shape = (view.lanes, len(view.behavior.channels))
+    expect_tensor(view.message.rewards, pb.DTYPE_FLOAT32, shape, f"rewards of {view.where}")
+
+
+def expect_finite_rewards(view: StepView) -> None:
+    """Raise Violation if a reward is NaN or infinite."""
+    if (rewards := view.rewards) is not None:
+        expect(np.isfinite(rewards).all(), f"rewards {rewards.tolist()} of {view.where}", "finite numbers")
 
 
 def expect_no_ends(view: StepView) -> None:
@@ -88,3 +92,10 @@ def expect_no_rewards(view: StepView) -> None:
     """Raise Violation if a reward is not 0."""
     rewards = view.rewards
     expect(rewards is None or not rewards.any(), f"rewards {rewards} of {view.where}", "zeros")
+
+
+# Of every step: observations, rewards, flags, masks and deciding are well-formed and within bounds.
+VALID = (
+    expect_observations, expect_finite, expect_in_bounds, expect_rewards, expect_flags, expect_finite_rewards,
+    expect_masks, expect_deciding,
+)  # fmt: skip

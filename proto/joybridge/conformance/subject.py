@@ -21,7 +21,7 @@ NOT_FOUND, RESOURCE_EXHAUSTED = grpc.StatusCode.NOT_FOUND, grpc.StatusCode.RESOU
 
 ARENAS = 2  # of a session, unless a check needs another number or the game has one arena only
 SEED = 1
-LARGEST_SEED = 2**64 - 1
+MAX_SEED = 2**64 - 1
 CROWD = 8  # arenas whose episodes are compared: so many are hardly alike by chance, even if they differ by a coin
 SHORT = 12  # decisions of a short session
 LONG = 2100  # decisions of a long session, unless max_episode_decisions is smaller
@@ -82,6 +82,10 @@ class Subject:
             for p in self.spec.parameters
         }
 
+    def other_parameters(self) -> dict[str, float]:
+        """Return a value for each parameter: low or high, whichever is not its default."""
+        return {p.name: p.low if p.default_value != p.low else p.high for p in self.spec.parameters}
+
     @property
     def arenas(self) -> int:
         """Return the number of arenas of a session, unless a check needs another one."""
@@ -94,10 +98,14 @@ class Subject:
         return pb.PlayRequest(start=pb.Start(game=self.game, arenas=arenas, seed=seed, **fields))
 
     def record(
-        self, decisions: int = SHORT, arenas: int | None = None, first_arena: int = 0, client: Client | None = None,
-        resets: Mapping[int, pb.PlayRequest] | None = None, numbers: Sequence[int | None] | None = None,
-        seconds: float = math.inf, **fields: Any,
-    ) -> Recording:  # fmt: skip
+        self,
+        decisions: int = SHORT,
+        arenas: int | None = None,
+        resets: Mapping[int, pb.PlayRequest] | None = None,
+        numbers: Sequence[int | None] | None = None,
+        seconds: float = math.inf,
+        **fields: Any,
+    ) -> Recording:
         """Play a session with valid actions and return the recording.
 
         `numbers` seed the actions of the arenas (see Player), by default the numbers of the arenas. `resets` maps a
@@ -105,10 +113,10 @@ class Subject:
         decision the recording ends early after `seconds`. `fields` are fields of Start.
         """
         arenas = self.arenas if arenas is None else arenas
-        with Stream(client or self.client) as stream:
-            start = self.start(arenas, first_arena=first_arena, **fields)
-            numbers = range(first_arena, first_arena + arenas) if numbers is None else numbers
-            player = Player(stream, Recording(self.spec, arenas), start, numbers)
+        first = fields.get("first_arena", 0)
+        with Stream(self.client) as stream:
+            numbers = range(first, first + arenas) if numbers is None else numbers
+            player = Player(stream, Recording(self.spec, arenas), self.start(arenas, **fields), numbers)
             until = time.monotonic() + seconds  # after Start, which may take long: games are compiled then
             for decision in range(decisions):
                 if resets and decision in resets:
@@ -118,6 +126,17 @@ class Subject:
                 if player.recording.end or time.monotonic() > until:
                     break
             return player.recording
+
+    def record_reset(self, request: pb.PlayRequest, **fields: Any) -> Recording:
+        """Return a recording of the step after a Reset in the middle of a session, and of SHORT decisions after it."""
+        recording = self.record(2 * SHORT + 1, resets={SHORT: request}, **fields)
+        recording.steps = recording.steps[SHORT + 1 :]
+        return recording
+
+    def player(self, stream: Stream, arenas: int | None = None, **fields: Any) -> Player:
+        """Return what plays a session of this game on a stream. `fields` are fields of Start."""
+        arenas = self.arenas if arenas is None else arenas
+        return Player(stream, Recording(self.spec, arenas), self.start(arenas, **fields))
 
     def play(self, *requests: Request) -> Exchange:
         """Send all requests of a stream without waiting for responses."""
@@ -149,6 +168,15 @@ class Subject:
         expect(len(exchange.responses) == before, "a response to the invalid request", f"status {_names(codes)}")
         expect_error(exchange.status, codes, words)
 
+    def expect_no_spec(
+        self, game: str, options: Mapping[str, str], code: grpc.StatusCode, words: Sequence[str]
+    ) -> None:
+        """Raise Violation unless DescribeGame fails with `code` and a text with one of `words`."""
+        answer = self.client.try_describe(game, options)
+        expect(isinstance(answer, Status), f"a spec of {game!r} with {dict(options)}", code.name)
+        assert isinstance(answer, Status)
+        expect_error(answer, [code], words)
+
     def acting(self, behavior: int) -> tuple[list[pb.PlayRequest], pb.Act, int]:
         """Return requests after which a lane of a behavior decides, a valid Act to send next, and that lane.
 
@@ -169,10 +197,8 @@ class Subject:
         """Return whether arenas of one session differ under the same actions: the game uses its seed."""
         arenas = min(4, self.spec.max_arenas)
         recording = self.record(arenas=arenas, numbers=[0] * arenas)
-        return any(
-            len({bytes(row) for row in _arena_observations(view)}) > 1
-            for view in [*recording.first, *recording.later]
-        )  # fmt: skip
+        views = [*recording.first, *recording.later]
+        return any(len({bytes(row) for row in _arena_observations(view)}) > 1 for view in views)
 
 
 def only(value: float) -> pb.Distribution:

@@ -1,10 +1,11 @@
 """Addresses of simulators: how command lines take them, and the line with which a server reports its own."""
 
 import argparse
+import re
 import socket
 from ipaddress import ip_address
 
-__all__ = ["DEFAULT_ADDRESS", "READY", "address", "is_local"]
+__all__ = ["DEFAULT_ADDRESS", "READY", "address", "is_address", "is_local"]
 
 DEFAULT_ADDRESS = "127.0.0.1:5005"
 READY = "joybridge simulator listening on "  # a server prints this and its address as one line once it can be reached
@@ -21,6 +22,11 @@ def address(text: str) -> str:
         return text
     wanted = f"HOST:PORT with a port from 0 to {_HIGHEST_PORT}, as in {DEFAULT_ADDRESS}, or unix:PATH"
     raise argparse.ArgumentTypeError(f"got {text!r}, expected {wanted}")
+
+
+def is_address(text: str) -> bool:
+    """Return whether a text is the address of a simulator, and no name of a game."""
+    return text.startswith("unix:") or re.fullmatch(r".+:\d+", text) is not None
 
 
 def is_local(address: str) -> bool:

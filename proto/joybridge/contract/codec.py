@@ -16,9 +16,18 @@ from joybridge.contract.tensors import NUMPY_TYPES, Array, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = [
-    "ActArrays", "Codec", "Format", "StepArrays",
-    "dtype_of", "fill", "fill_act", "fill_step", "lane_count", "pack", "pack_act",
-]  # fmt: skip
+    "ActArrays",
+    "Codec",
+    "Format",
+    "StepArrays",
+    "dtype_of",
+    "fill",
+    "fill_act",
+    "fill_step",
+    "lane_count",
+    "pack",
+    "pack_act",
+]
 
 _DTYPES = {numpy_type: dtype for dtype, numpy_type in NUMPY_TYPES.items()}
 _NO_LANES = np.empty(0, np.int32)
@@ -257,10 +266,9 @@ class Codec:
         if (step.ended != ended).any():
             came, wanted = step.ended.tolist(), ended.tolist()
             raise TensorError(f"{where}.lanes: got {came}, expected the terminated and truncated lanes {wanted}")
-        formats = self._sensor_formats(len(ended), "ended.final_observations")
-        step.final_observations = self._unpack_sensors(
-            message.final_observations, formats, "ended.final_observations"
-        )  # fmt: skip
+        field = "ended.final_observations"
+        formats = self._sensor_formats(len(ended), field)
+        step.final_observations = self._unpack_sensors(message.final_observations, formats, field)
         if self.metrics:
             step.metrics = Format(pb.DTYPE_FLOAT32, (len(ended), self.metrics), f"{where}.metrics").unpack(
                 message.metrics

@@ -11,6 +11,7 @@ env = BridgeEnv("archer", simulator=ProtectedAddress("games.example:5005", crede
 """
 
 import argparse
+import ssl
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,9 @@ from typing import Any, Self
 
 import grpc
 
+from joybridge.contract.address import is_local
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.files import read_file
 
 __all__ = [
     "AUTHORIZATION",
@@ -30,6 +33,7 @@ __all__ = [
     "bearer",
     "credentials_of",
     "load_credentials",
+    "read_pem",
     "read_token",
 ]
 
@@ -40,18 +44,19 @@ NO_COMPRESSION = ("grpc.compression_enabled_algorithms_bitset", 1)
 # By default, channels to one address share a connection: a call after the loss of a simulator would go into the
 # connection on which it was lost.
 _OWN_CONNECTION = ("grpc.use_local_subchannel_pool", 1)
-_SHORTEST, _LONGEST = 16, 1000  # characters of a token
+MIN_TOKEN_CHARS, MAX_TOKEN_CHARS = 16, 1000
+MAX_FILE_BYTES = 2**20  # of a token, a certificate or a key
 
 
 class CredentialsError(JoybridgeError):
-    """The file of a token or certificate cannot be used. The message names the file, never its content."""
+    """A token or certificate cannot be used. The message names its file or where it would go, never its content."""
 
 
 @dataclass(frozen=True)
 class Credentials:
     """How a client calls a server: with TLS, a token, both or neither."""
 
-    certificates: bytes = b""  # PEM: the server's own certificate or its authority's; empty: no TLS
+    certificates: bytes | None = None  # PEM: the server's own certificate or its authority's; None: no TLS
     token: str = field(default="", repr=False)
 
     @property
@@ -59,17 +64,26 @@ class Credentials:
         """The metadata of every call; empty without a token."""
         return ((AUTHORIZATION, bearer(self.token)),) if self.token else ()
 
+    def check(self, address: str) -> None:
+        """Raise CredentialsError if the token would travel to a server in clear text."""
+        if self.token and self.certificates is None and not _stays_here(address):
+            raise CredentialsError(
+                f"the token would travel to {address} in clear text; let that server use TLS, and give its certificate "
+                "with --tls-ca"
+            )
+
     def channel(self, address: str, options: Sequence[tuple[str, Any]] = ()) -> Any:
-        """Return a grpc.Channel to a server."""
+        """Return a grpc.Channel to a server. Raises CredentialsError if the token would travel in clear text."""
         return self._channel(grpc, address, options)
 
     def aio_channel(self, address: str, options: Sequence[tuple[str, Any]] = ()) -> Any:
-        """Return a grpc.aio.Channel to a server."""
+        """Return a grpc.aio.Channel to a server. Raises CredentialsError if the token would travel in clear text."""
         return self._channel(grpc.aio, address, options)
 
     def _channel(self, library: Any, address: str, options: Sequence[tuple[str, Any]]) -> Any:
         options = [NO_COMPRESSION, _OWN_CONNECTION, *options]
-        if not self.certificates:
+        self.check(address)
+        if self.certificates is None:
             return library.insecure_channel(address, options)
         return library.secure_channel(address, grpc.ssl_channel_credentials(self.certificates), options)
 
@@ -108,18 +122,41 @@ def add_credentials_arguments(parser: argparse.ArgumentParser) -> None:
 
 def load_credentials(tls_ca: Path | None = None, token_file: Path | None = None) -> Credentials:
     """Read the files of a client. Raises CredentialsError."""
-    return Credentials(_read(tls_ca) if tls_ca else b"", read_token(token_file) if token_file else "")
+    certificates = None if tls_ca is None else _read_certificates(tls_ca)
+    return Credentials(certificates, "" if token_file is None else read_token(token_file))
 
 
 def read_token(path: Path) -> str:
     """Return the token in a file, without the end of its line. Raises CredentialsError, which never shows the token."""
     token = _read(path).strip()
-    if not _SHORTEST <= len(token) <= _LONGEST or not all(33 <= byte <= 126 for byte in token):
+    right_size = MIN_TOKEN_CHARS <= len(token) <= MAX_TOKEN_CHARS
+    if not right_size or not all(33 <= byte <= 126 for byte in token):
         raise CredentialsError(
-            f"{path} holds no token, expected one line of {_SHORTEST} to {_LONGEST} ASCII characters without spaces; "
-            f"make one with `openssl rand -hex 32 > {path}`"
+            f"{path} holds no token, expected one line of {MIN_TOKEN_CHARS} to {MAX_TOKEN_CHARS} ASCII characters "
+            f"without spaces; make one with `openssl rand -hex 32 > {path}`"
         )
     return token.decode()
+
+
+def read_pem(path: Path, kind: str) -> bytes:
+    """Return a PEM file that has at least one block of a kind, such as "CERTIFICATE". Raises CredentialsError."""
+    content = _read(path)
+    begin, end = f"{kind}-----".encode(), b"-----END "
+    if begin not in content or content.count(b"-----BEGIN ") != content.count(end):
+        raise CredentialsError(
+            f"{path} holds no {kind.lower()} in PEM, expected blocks from -----BEGIN to -----END; write the file again"
+        )
+    return content
+
+
+def _read_certificates(path: Path) -> bytes:
+    """Return the certificates that a client trusts. Raises CredentialsError."""
+    content = read_pem(path, "CERTIFICATE")
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=content.decode("ascii", "replace"))
+    except ssl.SSLError as error:
+        raise CredentialsError(f"{path} holds a damaged certificate ({error.reason}); get it anew") from error
+    return content
 
 
 def bearer(token: str) -> str:
@@ -127,9 +164,16 @@ def bearer(token: str) -> str:
     return f"Bearer {token}"
 
 
+def _stays_here(address: str) -> bool:
+    """Return whether what is sent to an address cannot leave this machine; no, if its host is unknown."""
+    try:
+        return is_local(address)
+    except OSError:
+        return False
+
+
 def _read(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            return file.read(1 << 20)
+        return read_file(path, MAX_FILE_BYTES)
     except OSError as error:
         raise CredentialsError(f"cannot read {path}: {error.strerror}") from error

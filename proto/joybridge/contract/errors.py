@@ -8,6 +8,8 @@ __all__ = ["JoybridgeError", "MessageError"]
 class JoybridgeError(Exception):
     """The base class: `except JoybridgeError` catches what any part of Joybridge raises on purpose."""
 
+    exit_status = 1  # of a command that ends with it
+
 
 class MessageError(JoybridgeError, ValueError):
     """The content of a message breaks the contract. The text names the field, what came and what was expected.

@@ -5,11 +5,11 @@ from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = [
-    "LARGEST_FLOAT32",
     "MAX_CHOICES",
     "MAX_DESCRIPTION",
     "MAX_ELEMENTS",
     "MAX_ENTRIES",
+    "MAX_FLOAT32",
     "MAX_LANES",
     "MAX_MESSAGE",
     "MAX_NAME",
@@ -34,7 +34,7 @@ MAX_SIZES = 8  # of the shape of a sensor
 MAX_ELEMENTS = 2**24  # of all sensors of a behavior together
 MAX_PER_ELEMENT = 65536  # entries of the lists of a sensor that have one per element
 MAX_SPEC_BYTES = 4_000_000  # of a GameSpec; gRPC's clients receive 4 MiB by default
-LARGEST_FLOAT32 = (2 - 2**-23) * 2.0**127
+MAX_FLOAT32 = (2 - 2**-23) * 2.0**127
 MAX_LANES = 2**31 - 1  # of a session: lane numbers are INT32
 MAX_PIXELS = 2048  # width or height of a picture
 MAX_PICTURES = 64  # pictures one Act may ask for

@@ -18,7 +18,7 @@ __all__ = ["LENGTH", "FrameError", "LocalSocket", "MessageSocket"]
 
 LENGTH = struct.Struct("<I")  # stands before each message
 _READ_BYTES = 1 << 16  # that are read at once, at least
-_LONGEST_SECONDS = 1e6  # of a wait, as poll has 31 bits of milliseconds
+_MAX_WAIT_SECONDS = 1e6  # of a wait, as poll has 31 bits of milliseconds
 
 
 class FrameError(JoybridgeError):
@@ -102,7 +102,7 @@ class MessageSocket:
         while self._received < size:
             if until < math.inf:
                 left = max(until - time.monotonic(), 0.0)
-                if not self._readable.poll(min(left, _LONGEST_SECONDS) * 1000.0):
+                if not self._readable.poll(min(left, _MAX_WAIT_SECONDS) * 1000.0):
                     raise TimeoutError
             count = self._socket.recv_into(self._buffer[self._received :])
             if not count:

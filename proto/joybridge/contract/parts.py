@@ -61,6 +61,5 @@ def _join_masks(parts: list[StepArrays]) -> list[Array] | None:
 def _join_deciding(parts: list[StepArrays]) -> Array | None:
     if all(part.deciding is None for part in parts):
         return None
-    return np.concatenate([
-        np.ones(len(part.rewards), bool) if part.deciding is None else part.deciding for part in parts
-    ])  # fmt: skip
+    flags = [np.ones(len(part.rewards), bool) if part.deciding is None else part.deciding for part in parts]
+    return np.concatenate(flags)

@@ -7,11 +7,11 @@ from typing import Protocol
 from joybridge.contract.codec import lane_count
 from joybridge.contract.errors import MessageError
 from joybridge.contract.limits import (
-    LARGEST_FLOAT32,
     MAX_CHOICES,
     MAX_DESCRIPTION,
     MAX_ELEMENTS,
     MAX_ENTRIES,
+    MAX_FLOAT32,
     MAX_LANES,
     MAX_NAME,
     MAX_PER_ELEMENT,
@@ -25,6 +25,9 @@ from joybridge.contract.text import printable
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["SpecError", "check_spec", "choose_options", "choose_parameters"]
+
+
+IMAGE_SHAPES = {pb.COLOR_GRAY: "[height, width] or [height, width, 1]", pb.COLOR_RGB: "[height, width, 3]"}
 
 
 class SpecError(MessageError):
@@ -80,6 +83,7 @@ def check_spec(spec: pb.GameSpec) -> None:
     _require(bool(spec.name), f"{game}: name is empty")
     _check_text(spec.name, MAX_NAME, f"{game}: name")
     _check_text(spec.description, MAX_DESCRIPTION, f"{game}: description")
+    _check_text(spec.version, MAX_NAME, f"{game}: version")
     _require(spec.decision_interval >= 1, f"{game}: decision_interval is 0, expected at least 1")
     _require(spec.max_arenas >= 1, f"{game}: max_arenas is 0, expected at least 1")
     ok = isfinite(spec.tick_seconds) and spec.tick_seconds >= 0
@@ -99,7 +103,7 @@ def check_spec(spec: pb.GameSpec) -> None:
         _require(ok, f"{game}: parameter {parameter.name!r} has its default outside low..high")
         ok = isfinite(parameter.low) and isfinite(parameter.high)
         _require(ok, f"{game}: parameter {parameter.name!r} has no finite low and high")
-        ok = not spec.parameters_per_episode or max(-parameter.low, parameter.high) <= LARGEST_FLOAT32
+        ok = not spec.parameters_per_episode or max(-parameter.low, parameter.high) <= MAX_FLOAT32
         _require(ok, f"{game}: parameter {parameter.name!r} may be too large for parameters_per_episode")
     _require(len(spec.behaviors) >= 1, f"{game}: no behaviors, expected at least one")
     _check_names(spec.behaviors, f"{game}: behaviors")
@@ -126,6 +130,8 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
     for axis in device.axes:
         _require(isfinite(axis.low) and isfinite(axis.high), f"{where}: axis {axis.name!r} has no finite low and high")
         _require(axis.low < axis.high, f"{where}: axis {axis.name!r} has low {axis.low:g} not below high {axis.high:g}")
+        if axis.HasField("only_with"):
+            _check_condition(axis.only_with, device.branches, f"{where}: axis {axis.name!r}")
     for branch in device.branches:
         _require(len(branch.choices) >= 2, f"{where}: branch {branch.name!r} needs at least two choices")
         _check_labels(branch.choices, 2, MAX_CHOICES, f"{where}: branch {branch.name!r}")
@@ -157,6 +163,27 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
         lows, highs = (list(b) * (size if len(b) == 1 else 1) for b in (sensor.low, sensor.high))
         ok = not (lows and highs) or all(low <= high for low, high in zip(lows, highs, strict=True))
         _require(ok, f"{what} has a low above its high")
+        if sensor.HasField("image"):
+            _check_image(sensor, what)
+
+
+def _check_condition(condition: pb.Condition, branches: Iterable[pb.Branch], what: str) -> None:
+    choices = {branch.name: branch.choices for branch in branches}
+    known = condition.branch in choices
+    _require(known, f"{what} counts only with branch {condition.branch!r}, expected one of {_list(choices)}")
+    labels = choices[condition.branch]
+    known = condition.choice in labels
+    _require(known, f"{what} counts only with choice {condition.choice!r}, expected one of {_list(labels)}")
+
+
+def _check_image(sensor: pb.Sensor, what: str) -> None:
+    shape = list(sensor.shape)
+    _require(sensor.dtype == pb.DTYPE_UINT8, f"{what} is an image of another dtype than UINT8")
+    _require(sensor.image.color in IMAGE_SHAPES, f"{what} is an image without a valid color")
+    wanted = IMAGE_SHAPES[sensor.image.color]
+    fits = len(shape) == 3 and shape[2] == (3 if sensor.image.color == pb.COLOR_RGB else 1)
+    fits = fits or (len(shape) == 2 and sensor.image.color == pb.COLOR_GRAY)
+    _require(fits, f"{what} is an image of shape {shape}, expected {wanted}")
 
 
 def _check_names(things: Sequence[_Named], where: str) -> None:

@@ -1,4 +1,4 @@
-"""Product version and contract revision of this package, and the comparison of two versions.
+"""Product version and contract revisions of this package, and the comparison of two versions.
 
 The rules are in the section VERSIONS of bridge.proto.
 """
@@ -9,15 +9,22 @@ from importlib.metadata import version
 from joybridge.contract.text import printable
 from joybridge.v1 import bridge_pb2 as pb
 
-__all__ = ["REVISION", "mismatch", "own_version"]
+__all__ = ["OLDEST_REVISION", "REVISION", "client_version", "mismatch", "own_version"]
 
-REVISION = 1  # of bridge.proto; every release that adds to the file increases it by one
+REVISION = 2  # of bridge.proto; every release that adds to the file increases it by one
+OLDEST_REVISION = 1  # that clients of this package can work with
 
 
 @cache
 def own_version() -> pb.Version:
-    """Return the version that this package states, as a client and as a server."""
+    """Return the version that this package states as a server."""
     return pb.Version(product=f"joybridge {version('joybridge')}", revision=REVISION)
+
+
+@cache
+def client_version() -> pb.Version:
+    """Return the version that this package states as a client: the oldest revision that it can work with."""
+    return pb.Version(product=own_version().product, revision=OLDEST_REVISION)
 
 
 def mismatch(client: pb.Version, server: pb.Version) -> str:

@@ -6,6 +6,12 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
+class Color(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    COLOR_UNSPECIFIED: _ClassVar[Color]
+    COLOR_GRAY: _ClassVar[Color]
+    COLOR_RGB: _ClassVar[Color]
+
 class Dtype(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     DTYPE_UNSPECIFIED: _ClassVar[Dtype]
@@ -47,6 +53,9 @@ class Reason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     REASON_SHUTTING_DOWN: _ClassVar[Reason]
     REASON_WRONG_DISTRIBUTION: _ClassVar[Reason]
     REASON_NO_DISTRIBUTIONS: _ClassVar[Reason]
+COLOR_UNSPECIFIED: Color
+COLOR_GRAY: Color
+COLOR_RGB: Color
 DTYPE_UNSPECIFIED: Dtype
 DTYPE_FLOAT32: Dtype
 DTYPE_INT32: Dtype
@@ -140,7 +149,7 @@ class DescribeGameResponse(_message.Message):
     def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ...) -> None: ...
 
 class GameSpec(_message.Message):
-    __slots__ = ("name", "description", "options", "parameters", "behaviors", "decision_interval", "tick_seconds", "max_episode_decisions", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode")
+    __slots__ = ("name", "description", "options", "parameters", "behaviors", "decision_interval", "tick_seconds", "max_episode_decisions", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode", "version")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     OPTIONS_FIELD_NUMBER: _ClassVar[int]
@@ -153,6 +162,7 @@ class GameSpec(_message.Message):
     PICTURE_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_BYTES_PER_ARENA_FIELD_NUMBER: _ClassVar[int]
     PARAMETERS_PER_EPISODE_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     options: _containers.RepeatedCompositeFieldContainer[Option]
@@ -165,7 +175,8 @@ class GameSpec(_message.Message):
     picture: PictureSize
     snapshot_bytes_per_arena: int
     parameters_per_episode: bool
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., options: _Optional[_Iterable[_Union[Option, _Mapping]]] = ..., parameters: _Optional[_Iterable[_Union[Parameter, _Mapping]]] = ..., behaviors: _Optional[_Iterable[_Union[Behavior, _Mapping]]] = ..., decision_interval: _Optional[int] = ..., tick_seconds: _Optional[float] = ..., max_episode_decisions: _Optional[int] = ..., max_arenas: _Optional[int] = ..., picture: _Optional[_Union[PictureSize, _Mapping]] = ..., snapshot_bytes_per_arena: _Optional[int] = ..., parameters_per_episode: bool = ...) -> None: ...
+    version: str
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., options: _Optional[_Iterable[_Union[Option, _Mapping]]] = ..., parameters: _Optional[_Iterable[_Union[Parameter, _Mapping]]] = ..., behaviors: _Optional[_Iterable[_Union[Behavior, _Mapping]]] = ..., decision_interval: _Optional[int] = ..., tick_seconds: _Optional[float] = ..., max_episode_decisions: _Optional[int] = ..., max_arenas: _Optional[int] = ..., picture: _Optional[_Union[PictureSize, _Mapping]] = ..., snapshot_bytes_per_arena: _Optional[int] = ..., parameters_per_episode: bool = ..., version: _Optional[str] = ...) -> None: ...
 
 class Option(_message.Message):
     __slots__ = ("name", "description", "choices", "default_choice")
@@ -212,7 +223,7 @@ class Behavior(_message.Message):
     def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., agents_per_arena: _Optional[int] = ..., sensors: _Optional[_Iterable[_Union[Sensor, _Mapping]]] = ..., device: _Optional[_Union[Device, _Mapping]] = ..., channels: _Optional[_Iterable[_Union[RewardChannel, _Mapping]]] = ..., metrics: _Optional[_Iterable[_Union[Metric, _Mapping]]] = ...) -> None: ...
 
 class Sensor(_message.Message):
-    __slots__ = ("name", "description", "dtype", "shape", "elements", "low", "high")
+    __slots__ = ("name", "description", "dtype", "shape", "elements", "low", "high", "image")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     DTYPE_FIELD_NUMBER: _ClassVar[int]
@@ -220,6 +231,7 @@ class Sensor(_message.Message):
     ELEMENTS_FIELD_NUMBER: _ClassVar[int]
     LOW_FIELD_NUMBER: _ClassVar[int]
     HIGH_FIELD_NUMBER: _ClassVar[int]
+    IMAGE_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     dtype: Dtype
@@ -227,7 +239,16 @@ class Sensor(_message.Message):
     elements: _containers.RepeatedScalarFieldContainer[str]
     low: _containers.RepeatedScalarFieldContainer[float]
     high: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., dtype: _Optional[_Union[Dtype, str]] = ..., shape: _Optional[_Iterable[int]] = ..., elements: _Optional[_Iterable[str]] = ..., low: _Optional[_Iterable[float]] = ..., high: _Optional[_Iterable[float]] = ...) -> None: ...
+    image: Image
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., dtype: _Optional[_Union[Dtype, str]] = ..., shape: _Optional[_Iterable[int]] = ..., elements: _Optional[_Iterable[str]] = ..., low: _Optional[_Iterable[float]] = ..., high: _Optional[_Iterable[float]] = ..., image: _Optional[_Union[Image, _Mapping]] = ...) -> None: ...
+
+class Image(_message.Message):
+    __slots__ = ("color", "centered")
+    COLOR_FIELD_NUMBER: _ClassVar[int]
+    CENTERED_FIELD_NUMBER: _ClassVar[int]
+    color: Color
+    centered: bool
+    def __init__(self, color: _Optional[_Union[Color, str]] = ..., centered: bool = ...) -> None: ...
 
 class Device(_message.Message):
     __slots__ = ("axes", "branches")
@@ -238,16 +259,26 @@ class Device(_message.Message):
     def __init__(self, axes: _Optional[_Iterable[_Union[Axis, _Mapping]]] = ..., branches: _Optional[_Iterable[_Union[Branch, _Mapping]]] = ...) -> None: ...
 
 class Axis(_message.Message):
-    __slots__ = ("name", "description", "low", "high")
+    __slots__ = ("name", "description", "low", "high", "only_with")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     LOW_FIELD_NUMBER: _ClassVar[int]
     HIGH_FIELD_NUMBER: _ClassVar[int]
+    ONLY_WITH_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     low: float
     high: float
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., low: _Optional[float] = ..., high: _Optional[float] = ...) -> None: ...
+    only_with: Condition
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., low: _Optional[float] = ..., high: _Optional[float] = ..., only_with: _Optional[_Union[Condition, _Mapping]] = ...) -> None: ...
+
+class Condition(_message.Message):
+    __slots__ = ("branch", "choice")
+    BRANCH_FIELD_NUMBER: _ClassVar[int]
+    CHOICE_FIELD_NUMBER: _ClassVar[int]
+    branch: str
+    choice: str
+    def __init__(self, branch: _Optional[str] = ..., choice: _Optional[str] = ...) -> None: ...
 
 class Branch(_message.Message):
     __slots__ = ("name", "description", "choices")

@@ -2,7 +2,7 @@
 
     A game       Game, TimeStep, Action, Array
     A timestep   transition, waiting, termination, truncation
-    A spec       spec, behavior, sensor, axis, branch, button, channel, metric, option, parameter, GameSpec
+    A spec       spec, behavior, sensor, image, axis, branch, button, channel, metric, option, parameter, GameSpec
     For speed    BatchedGame, ActArrays, StepArrays, quiet_step, check_range, draw_parameters, GameError
 
 A whole game is in the docstring of `joybridge.simulator.game`; `joybridge new` writes one to start from. Helpers for
@@ -22,6 +22,7 @@ from joybridge.simulator.spec_parts import (
     branch,
     button,
     channel,
+    image,
     metric,
     option,
     parameter,
@@ -47,6 +48,7 @@ __all__ = [
     "channel",
     "check_range",
     "draw_parameters",
+    "image",
     "metric",
     "option",
     "parameter",

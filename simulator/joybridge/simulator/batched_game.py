@@ -42,6 +42,7 @@ class BatchedGame(ABC):
     name: ClassVar[str]
     description: ClassVar[str]
     options: ClassVar[Sequence[pb.Option]] = ()
+    version: ClassVar[str] = ""  # of the rules; see Game
     # True: a step takes microseconds and always ends, so it has no time limit, and for clients over gRPC the server may
     # step the game in its event loop, where a round trip is twice as fast. Everything else that the game does, and slow
     # steps, still run in the session's thread.

@@ -2,6 +2,7 @@
 
 import hmac
 import inspect
+import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ import grpc
 from google.protobuf.message import DecodeError
 
 from joybridge.contract.address import is_local
-from joybridge.contract.credentials import AUTHORIZATION, bearer, read_token
+from joybridge.contract.credentials import AUTHORIZATION, CredentialsError, bearer, read_pem, read_token
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.statuses import status
 from joybridge.contract.text import printable
@@ -28,20 +29,20 @@ class DoorError(JoybridgeError):
 class Protection:
     """What a client needs to call a server: its certificate, the token, both or nothing."""
 
-    certificate: bytes = b""  # PEM, with the chain; empty: no TLS
+    certificate: bytes | None = None  # PEM, with the chain; None: no TLS
     key: bytes = field(default=b"", repr=False)
     token: str = field(default="", repr=False)
 
     def bind(self, server: Any, address: str) -> int:
         """Make a grpc.aio server listen on an address and return the port. Raises RuntimeError."""
-        if not self.certificate:
+        if self.certificate is None:
             return int(server.add_insecure_port(address))
         credentials = grpc.ssl_server_credentials([(self.key, self.certificate)])
         return int(server.add_secure_port(address, credentials))
 
 
 def load_protection(address: str, certificate: Path | None, key: Path | None, token: Path | None) -> Protection:
-    """Read the files of a server's protection. Raises DoorError if an address needs more, OSError."""
+    """Read the files of a server's protection. Raises DoorError if an address needs more, CredentialsError, OSError."""
     if (certificate is None) != (key is None):
         raise DoorError("TLS needs both --tls-cert and --tls-key")
     if not is_local(address) and (certificate is None or token is None):
@@ -49,11 +50,28 @@ def load_protection(address: str, certificate: Path | None, key: Path | None, to
             f"{address} can be reached from other machines, which needs --tls-cert, --tls-key and --token-file; "
             "give them, or listen on 127.0.0.1 or unix:PATH"
         )
-    return Protection(
-        certificate.read_bytes() if certificate else b"",
-        key.read_bytes() if key else b"",
-        read_token(token) if token else "",
-    )
+    secret = "" if token is None else read_token(token)
+    if certificate is None or key is None:
+        return Protection(token=secret)
+    return Protection(*_read_pair(certificate, key), secret)
+
+
+def _read_pair(certificate: Path, key: Path) -> tuple[bytes, bytes]:
+    """Return the contents of both files. Raises CredentialsError unless TLS can use them together."""
+    pair = read_pem(certificate, "CERTIFICATE"), read_pem(key, "PRIVATE KEY")
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=_no_password)
+    except (ssl.SSLError, ValueError) as error:
+        reason = getattr(error, "reason", None) or error
+        raise CredentialsError(
+            f"{certificate} and {key} are no certificate and its key without a password ({reason}); make both anew"
+        ) from error
+    return pair
+
+
+def _no_password() -> str:
+    """Answer instead of a person: a server cannot ask for the password of its key."""
+    raise ValueError("the key has a password")
 
 
 class Door(grpc.aio.ServerInterceptor):  # type: ignore[misc]  # gRPC has no types

@@ -99,6 +99,7 @@ class Game(ABC):
     name: ClassVar[str]
     description: ClassVar[str]
     options: ClassVar[Sequence[pb.Option]] = ()
+    version: ClassVar[str] = ""  # of the rules: change it whenever the same seed and actions may give other steps
     in_event_loop: ClassVar[bool] = False  # see BatchedGame
 
     rng: np.random.Generator  # of this arena alone

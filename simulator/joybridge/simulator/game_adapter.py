@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.limits import LARGEST_FLOAT32
+from joybridge.contract.limits import MAX_FLOAT32
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError, BatchedGame, GameError
 from joybridge.simulator.distributions import draw_parameters
@@ -20,7 +20,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 def batched(game: type[Game]) -> type["GameAdapter"]:
     """Return the BatchedGame class that runs many arenas of a one-arena game."""
-    names = ("name", "description", "options", "in_event_loop")
+    names = ("name", "description", "options", "version", "in_event_loop")
     members = {name: getattr(game, name) for name in names} | {"game": game}
     return type(game.__name__, (GameAdapter,), members)
 
@@ -74,7 +74,7 @@ class GameAdapter(BatchedGame):
         """Return the author's spec. Parameters can be drawn per episode, as each arena is a game of its own."""
         spec = cls.game.describe(options)
         largest = max((max(-one.low, one.high) for one in spec.parameters), default=inf)
-        spec.parameters_per_episode = largest <= LARGEST_FLOAT32
+        spec.parameters_per_episode = largest <= MAX_FLOAT32
         return spec
 
     def __init__(

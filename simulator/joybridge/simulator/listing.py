@@ -16,6 +16,7 @@ def listing(games: Iterable[pb.GameSpec]) -> str:
 
 def _game(spec: pb.GameSpec) -> Iterator[str]:
     yield f"{spec.name}: {spec.description}"
+    yield from _line(2, "version", spec.version)
     for option in spec.options:
         yield from _line(2, f"option {option.name}", f"{' | '.join(option.choices)} (default {option.default_choice})")
     for parameter in spec.parameters:
@@ -27,9 +28,7 @@ def _game(spec: pb.GameSpec) -> Iterator[str]:
         )
         yield from _line(2, f"behavior {behavior.name}", agents)
         yield from _line(4, "sensors", _joined(map(_sensor, behavior.sensors)))
-        yield from _line(
-            4, "axes", _joined(f"{axis.name} {axis.low:g}..{axis.high:g}" for axis in behavior.device.axes)
-        )
+        yield from _line(4, "axes", _joined(map(_axis, behavior.device.axes)))
         yield from _line(4, "branches", _joined(map(_branch, behavior.device.branches)))
         channels = (f"{channel.name} (weight {channel.default_weight:g})" for channel in behavior.channels)
         yield from _line(4, "rewards", _joined(channels))
@@ -38,7 +37,15 @@ def _game(spec: pb.GameSpec) -> Iterator[str]:
 
 def _sensor(sensor: pb.Sensor) -> str:
     dtype = NUMPY_TYPES[sensor.dtype].name
+    if sensor.HasField("image"):
+        color = "RGB" if sensor.image.color == pb.COLOR_RGB else "gray"
+        return f"{sensor.name} {list(sensor.shape)} {color}" + (", centered" if sensor.image.centered else "")
     return f"{sensor.name} {list(sensor.shape)}" + (f" {dtype}" if sensor.dtype != pb.DTYPE_FLOAT32 else "")
+
+
+def _axis(axis: pb.Axis) -> str:
+    condition = f" (with {axis.only_with.branch} {axis.only_with.choice})" if axis.HasField("only_with") else ""
+    return f"{axis.name} {axis.low:g}..{axis.high:g}{condition}"
 
 
 def _branch(branch: pb.Branch) -> str:

@@ -10,7 +10,7 @@ from joybridge.contract.credentials import credentials_of
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.text import printable
-from joybridge.contract.versions import mismatch, own_version
+from joybridge.contract.versions import client_version, mismatch
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 
@@ -42,12 +42,12 @@ def describe_one(address: str, game: str | None) -> pb.GameSpec:
 
 
 def _list_games(call: Call) -> list[str]:
-    response = call("ListGames", pb.ListGamesRequest(version=own_version()))
+    response = call("ListGames", pb.ListGamesRequest(version=client_version()))
     return [summary.name for summary in response.games]
 
 
 def _describe(call: Call, address: str, game: str) -> pb.GameSpec:
-    version = own_version()
+    version = client_version()
     response: pb.DescribeGameResponse = call("DescribeGame", pb.DescribeGameRequest(game=game, version=version))
     if text := mismatch(version, response.version):
         raise ServerError(f"{address}: {text}")

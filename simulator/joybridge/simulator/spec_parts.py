@@ -28,7 +28,7 @@ def spec(
     snapshot_bytes_per_arena: int = 0,
     parameters_per_episode: bool = False,
 ) -> pb.GameSpec:
-    """Return the spec of a game; its name, description and options come from the class.
+    """Return the spec of a game; its name, description, options and version come from the class.
 
     parameters: what `Game.parameter` holds.
     decision_interval: ticks per decision.
@@ -52,6 +52,7 @@ def spec(
         picture=pb.PictureSize(width=picture[0], height=picture[1]) if picture else None,
         snapshot_bytes_per_arena=snapshot_bytes_per_arena,
         parameters_per_episode=parameters_per_episode,
+        version=game.version,
     )
 
 
@@ -126,9 +127,36 @@ def sensor(
     )
 
 
-def axis(name: str, low: float = -1.0, high: float = 1.0, description: str = "") -> pb.Axis:
-    """Return an axis: a continuous action in low..high."""
-    return pb.Axis(name=name, description=description, low=low, high=high)
+def image(
+    name: str, height: int, width: int, description: str = "", *, channels: int = 1, centered: bool = False
+) -> pb.Sensor:
+    """Return a sensor that is an image, uint8 [height, width, channels].
+
+    channels: 1 for gray, 3 for RGB. Raises ValueError for another number.
+    centered: whether its middle is always where the agent's pointer is.
+    """
+    colors = {1: pb.COLOR_GRAY, 3: pb.COLOR_RGB}
+    if channels not in colors:
+        raise ValueError(f"image {name!r} has {channels} channels, expected 1 for gray or 3 for RGB")
+    made = sensor(name, [height, width, channels], 0, 255, description, dtype="uint8")
+    made.image.CopyFrom(pb.Image(color=colors[channels], centered=centered))
+    return made
+
+
+def axis(
+    name: str,
+    low: float = -1.0,
+    high: float = 1.0,
+    description: str = "",
+    *,
+    only_with: tuple[str, str] | None = None,
+) -> pb.Axis:
+    """Return an axis: a continuous action in low..high.
+
+    only_with: a branch and one of its choices: the game ignores the axis in decisions with another choice.
+    """
+    condition = pb.Condition(branch=only_with[0], choice=only_with[1]) if only_with else None
+    return pb.Axis(name=name, description=description, low=low, high=high, only_with=condition)
 
 
 def branch(name: str, choices: Sequence[str], description: str = "") -> pb.Branch:

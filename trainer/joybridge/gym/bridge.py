@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
+from joybridge.client.client import Session
+from joybridge.client.launch import simulator_process
+from joybridge.client.own_games import Game, Games, choose_game
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import lane_count
 from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
 from joybridge.gym.player import FORBIDDEN, Player
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import list_roles, make_acts
-from joybridge.trainer.own_games import Game, Games, choose_game
-from joybridge.trainer.wire.client import Session
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.layouts import list_roles, make_acts
 
 TURN_BASED_FPS = 5.0  # frames per second of games without a clock
 

@@ -6,8 +6,8 @@ from typing import Any
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import NUMPY_TYPES, Array
-from joybridge.trainer.observation_space import make_observation_space, stacked_shape
-from joybridge.trainer.observations import FrameStack, ObservationEncoder, final_observations
+from joybridge.policy.encoder import FrameStack, ObservationEncoder, final_observations
+from joybridge.policy.observation_space import make_observation_space, stacked_shape
 from joybridge.v1 import bridge_pb2 as pb
 
 FLAT = ""  # the only name if sensors are flattened; sensors have longer ones

@@ -6,11 +6,11 @@ from typing import Any
 from gymnasium.spaces import Box, Dict
 from pettingzoo import ParallelEnv
 
+from joybridge.client.own_games import Game, Games
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one
 from joybridge.gym.player import ActionError
 from joybridge.gym.spaces import ActionSpaces
-from joybridge.trainer.own_games import Game, Games
 
 
 class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]

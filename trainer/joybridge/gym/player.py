@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Dict
 
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.gym.observer import Observer, one_row
 from joybridge.gym.spaces import ActionSpaces, make_action_spaces
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.layouts import CLIP, Role
-from joybridge.trainer.observations import ObservationEncoder
+from joybridge.layouts import CLIP, Role
+from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
 
 FORBIDDEN = ("error", "first_allowed")  # what to do with a choice that its mask forbids

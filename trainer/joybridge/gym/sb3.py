@@ -16,10 +16,10 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Dict
 
+from joybridge.client.own_games import Game
+from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import Array
 from joybridge.gym.vector_env import BridgeVectorEnv
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.own_games import Game
 
 try:
     from stable_baselines3.common.vec_env import VecEnv

@@ -5,10 +5,10 @@ from typing import Any
 
 import gymnasium
 
+from joybridge.client.own_games import Game, Games
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one, only_parameters
 from joybridge.gym.player import Outcome
-from joybridge.trainer.own_games import Game, Games
 
 
 class BridgeEnv(gymnasium.Env):  # type: ignore[misc]

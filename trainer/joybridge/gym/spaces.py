@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, MultiDiscrete
 
 from joybridge.contract.tensors import Array
-from joybridge.trainer.layouts import ActionSpace
+from joybridge.layouts import ActionSpace
 
 ActionSpaces: TypeAlias = "Box | MultiDiscrete | Dict"
 

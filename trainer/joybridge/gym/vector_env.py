@@ -7,10 +7,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from joybridge.client.own_games import Game, Games
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, only_parameters
 from joybridge.gym.observer import one_row
-from joybridge.trainer.own_games import Game, Games
 
 
 class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]

@@ -17,3 +17,8 @@ watched_game.py    a game without a run, as a page shows it
 watched.py    a run in training, as a page shows it; needs torch
 page/         the page: HTML, style and JavaScript modules, without a build step
 """
+
+from joybridge.cli import Command
+
+PLAY = Command("joybridge.viewer.play", "viewer", "play a game in the browser")
+WATCH = Command("joybridge.viewer.watch", "train,viewer", "watch a training that runs, or a game, in the browser")

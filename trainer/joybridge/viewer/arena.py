@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from joybridge.client.client import Session, describe
+from joybridge.commands.look import obey_masks, press_at_random
+from joybridge.config.game_settings import check_settings
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
-from joybridge.trainer.game_settings import check_settings
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.look import obey_masks, press_at_random
-from joybridge.trainer.wire.client import Session, describe
+from joybridge.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.scores import Scores
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.trainer.playing import Policies
+    from joybridge.play.playing import Policies
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import choose_options
 from joybridge.contract.tensors import Array
-from joybridge.trainer.layouts import make_acts
+from joybridge.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from joybridge.viewer.controls import make_controls

@@ -9,16 +9,16 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING
 
+from joybridge.client.client import describe
+from joybridge.client.own_games import choose_game
+from joybridge.client.signals import interrupt_on_signals
+from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import check_settings, read_settings
+from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
 from joybridge.contract.codec import lane_count
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.game_settings import check_settings, read_settings
-from joybridge.trainer.overrides import add_overrides, parse_overrides
-from joybridge.trainer.own_games import choose_game
-from joybridge.trainer.signals import interrupt_on_signals
-from joybridge.trainer.wire.client import describe
 
 if TYPE_CHECKING:
     from joybridge.viewer.arena import Settings

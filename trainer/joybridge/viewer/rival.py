@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import fixed
 from joybridge.contract.tensors import Array
-from joybridge.trainer.config import play_config
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.game_settings import fixed
-from joybridge.trainer.playing import Play, Policies, open_play
+from joybridge.play.playing import Play, Policies, open_play
+from joybridge.run.folder import play_config
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.scores import Scores

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from joybridge.contract.codec import StepArrays, lane_count
-from joybridge.trainer.observations import ObservationEncoder
+from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
 
 

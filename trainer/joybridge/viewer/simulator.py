@@ -6,9 +6,9 @@ from threading import Lock
 from types import TracebackType
 from typing import Self
 
-from joybridge.trainer.wire.client import wait_for
-from joybridge.trainer.wire.errors import SimulatorLost
-from joybridge.trainer.wire.launch import simulator_process
+from joybridge.client.client import wait_for
+from joybridge.client.errors import SimulatorLost
+from joybridge.client.launch import simulator_process
 
 ANSWER_SECONDS = 1.0  # for a simulator to answer
 

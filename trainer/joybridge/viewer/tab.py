@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from websockets.sync.server import ServerConnection
 
+from joybridge.client.errors import SimulatorLost
 from joybridge.contract.errors import JoybridgeError
-from joybridge.trainer.wire.errors import SimulatorLost
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Arena, Settings
 from joybridge.viewer.messages import (
@@ -25,7 +25,7 @@ from joybridge.viewer.messages import (
 from joybridge.viewer.simulator import Simulator
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.trainer.playing import Policies
+    from joybridge.play.playing import Policies
     from joybridge.viewer.rival import Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator

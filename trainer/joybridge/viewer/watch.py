@@ -8,15 +8,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
 
-from joybridge.contract.address import address
+from joybridge.client.client import describe
+from joybridge.client.command_line import add_trust_option
+from joybridge.client.own_games import choose_at
+from joybridge.client.signals import interrupt_on_signals
+from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import check_settings, read_settings
+from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.address import address, is_address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
-from joybridge.trainer.errors import ConfigError
-from joybridge.trainer.game_settings import check_settings, read_settings
-from joybridge.trainer.look import choose_at, is_address
-from joybridge.trainer.overrides import add_overrides, parse_overrides
-from joybridge.trainer.signals import interrupt_on_signals
-from joybridge.trainer.wire.client import describe
 
 ANSWER_SECONDS = 10.0  # for an answer of the simulator, before it is taken for lost
 
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             Event().wait()
     except JoybridgeError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
+        return error.exit_status
     except KeyboardInterrupt:
         return 0
     return 0
@@ -43,18 +44,21 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 @contextmanager
 def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     """Show a run; yield what is watched, and the URL of the page. Raises JoybridgeError."""
-    from joybridge.trainer.config import run_config
-    from joybridge.trainer.simulators import last_simulators
+    from joybridge.client.simulator_source import last_simulators
+    from joybridge.run.folder import run_config
     from joybridge.viewer.simulator import Simulator
     from joybridge.viewer.watched import watch
     from joybridge.viewer.web import open_website
 
-    run, place = Path(options.what), None
+    run = Path(options.what)
     config = run_config(run)
+    place, games = None, tuple[str, ...]()
     if options.simulator:
         place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
+    else:
+        games = last_simulators(run).believed(options.trust_run).games
     with (
-        Simulator(place, () if place else last_simulators(run).games) as simulator,
+        Simulator(place, games) as simulator,
         open_website(options.port, lambda page: watch(page, run, simulator.reach, options.seed), "watch.html") as url,
     ):
         yield f"{run} ({config.game}, {config.layout})", url
@@ -103,6 +107,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "starts one",
     )  # fmt: skip
     add_credentials_arguments(watch)
+    add_trust_option(watch)
     watch.add_argument("--seed", type=int, default=1, help="of the arena and of the samples; default %(default)s")
     watch.add_argument(
         "--port", type=int, metavar="PORT",

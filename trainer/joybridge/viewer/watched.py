@@ -12,16 +12,16 @@ from typing import Any
 
 from websockets.sync.server import ServerConnection
 
+from joybridge.config.errors import CheckpointError
+from joybridge.config.game_settings import fixed
+from joybridge.config.metrics import read_rows
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
-from joybridge.trainer.checkpoint import checkpoints
-from joybridge.trainer.errors import CheckpointError
-from joybridge.trainer.game_settings import fixed
-from joybridge.trainer.layouts import make_acts
-from joybridge.trainer.metrics import read_rows
-from joybridge.trainer.opinions import opinion
-from joybridge.trainer.playing import Play, open_play
-from joybridge.trainer.run_state import load_state, policy_state
+from joybridge.layouts import make_acts
+from joybridge.play.playing import Play, open_play
+from joybridge.play.policy_outputs import opinion
+from joybridge.run.checkpoint import checkpoints
+from joybridge.run.run_state import load_state, policy_state
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.messages import encode_picture, game_message, turn_message
 from joybridge.viewer.pace import LOOK_SECONDS, interval, pause

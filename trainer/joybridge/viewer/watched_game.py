@@ -6,8 +6,8 @@ from contextlib import closing
 
 from websockets.sync.server import ServerConnection
 
+from joybridge.commands.look import decisions_apart
 from joybridge.contract.errors import JoybridgeError
-from joybridge.trainer.look import decisions_apart
 from joybridge.viewer.arena import Arena, Settings
 from joybridge.viewer.messages import encode_picture, error_message, game_message, turn_message
 from joybridge.viewer.pace import LOOK_SECONDS, interval, pause

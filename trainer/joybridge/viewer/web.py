@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from joybridge.trainer.errors import ConfigError
+from joybridge.config.errors import ConfigError
 from joybridge.viewer.messages import LONGEST
 
 HOST = "127.0.0.1"

@@ -1,138 +1,89 @@
 """Tensors of actions: a wrong shape, dtype or length is refused with INVALID_ARGUMENT and a text that names it."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from joybridge.conformance.expectations import skip_unless
-from joybridge.conformance.invalid_acts import (
-    acts_of_each_behavior,
-    expect_array_refused,
-    expect_field_refused,
-    expect_tensor_refused,
-)
+from joybridge.conformance.invalid_acts import PARTS, acts_of_each_behavior, acts_with, changed, read
 from joybridge.conformance.recording import act_request
-from joybridge.conformance.registry import check
+from joybridge.conformance.registry import check, table
 from joybridge.conformance.subject import Subject
+from joybridge.contract.codec import pack
+from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
-
-@check("BehaviorAct")
-def axes_with_a_missing_lane_are_refused(subject: Subject) -> None:
-    """Axes are FLOAT32 [lanes, axes]."""
-    expect_array_refused(subject, "axes", lambda values: values[:-1])
+Change = Callable[[pb.Tensor], pb.Tensor | None]
 
 
-@check("BehaviorAct")
-def axes_with_an_extra_lane_are_refused(subject: Subject) -> None:
-    """Axes are FLOAT32 [lanes, axes]."""
-    expect_array_refused(subject, "axes", lambda values: np.concatenate([values, values[:1]]))
+def _array(change: Callable[[Array], Array]) -> Change:
+    """Return the change of a tensor that changes its array."""
+    return lambda tensor: pack(np.ascontiguousarray(change(read(tensor))))
 
 
-@check("BehaviorAct")
-def axes_with_an_extra_column_are_refused(subject: Subject) -> None:
-    """Axes are FLOAT32 [lanes, axes]."""
-    expect_array_refused(subject, "axes", lambda values: np.concatenate([values, values[:, :1]], axis=1))
+def _data(change: Callable[[bytes], bytes]) -> Change:
+    """Return the change of a tensor that changes its data alone."""
+    return lambda tensor: pb.Tensor(dtype=tensor.dtype, shape=tensor.shape, data=change(tensor.data))
 
 
-@check("BehaviorAct")
-def axes_with_one_dimension_are_refused(subject: Subject) -> None:
-    """Axes are FLOAT32 [lanes, axes]."""
-    expect_array_refused(subject, "axes", lambda values: values.reshape(-1))
+OTHER_DTYPES = {"axes": lambda values: values.view(np.int32), "choices": lambda values: values.astype(np.float32)}
+FORMS = {"axes": "Axes are FLOAT32", "choices": "Choices are INT32"}
+TENSORS = [  # name, section, rule, field of BehaviorAct, how its tensor is changed
+    (f"{field}_{name}_refused", section, rule, field, change)
+    for field, form in FORMS.items()
+    for shape, parts in [(f"{form} [lanes, {PARTS[field]}].", PARTS[field])]
+    for name, section, rule, change in (
+        ("with_a_missing_lane_are", "BehaviorAct", shape, _array(lambda values: values[:-1])),
+        ("with_an_extra_lane_are", "BehaviorAct", shape, _array(lambda values: np.concatenate([values, values[:1]]))),
+        ("with_an_extra_column_are", "BehaviorAct", shape,
+         _array(lambda values: np.concatenate([values, values[:, :1]], axis=1))),
+        ("with_one_dimension_are", "BehaviorAct", shape, _array(lambda values: values.reshape(-1))),
+        ("of_another_dtype_are", "BehaviorAct",
+         f"{form}; the server does not reinterpret or convert other types.", _array(OTHER_DTYPES[field])),
+        ("without_a_dtype_are", "Dtype", "DTYPE_UNSPECIFIED is never valid.",
+         lambda tensor: pb.Tensor(shape=tensor.shape, data=tensor.data)),
+        ("with_a_missing_byte_are", "Tensor", "A tensor has exactly the bytes of its elements.",
+         _data(lambda data: data[:-1])),
+        ("with_extra_bytes_are", "Tensor", "A tensor has exactly the bytes of its elements.",
+         _data(lambda data: data + bytes(4))),
+    )
+]  # fmt: skip
+ABSENT = [  # name, section, rule, field of BehaviorAct, how its tensor is changed
+    (f"missing_{field}_are_refused", "BehaviorAct",
+     f"{field.capitalize()} are absent only if the device has no {part}.", field, lambda tensor: None)
+    for field, part in PARTS.items()
+]  # fmt: skip
+FOREIGN = [  # name, section, rule, field of BehaviorAct, its dtype
+    (f"{field}_for_a_device_without_{PARTS[field]}_are_refused", "BehaviorAct",
+     f"{field.capitalize()} are absent if the device has no {PARTS[field]}.", field, dtype)
+    for field, dtype in (("axes", np.float32), ("choices", np.int32))
+]  # fmt: skip
+BEHAVIORS = (  # name, section, rule, how the behaviors of an Act are changed
+    ("missing_behavior_is_refused", "Act", "An Act has one BehaviorAct per behavior of the spec.",
+     lambda behaviors: behaviors[:-1]),
+    ("extra_behavior_is_refused", "Act", "An Act has one BehaviorAct per behavior of the spec.",
+     lambda behaviors: [*behaviors, behaviors[-1]]),
+)  # fmt: skip
 
 
-@check("BehaviorAct")
-def axes_of_another_dtype_are_refused(subject: Subject) -> None:
-    """Axes are FLOAT32; the server does not reinterpret or convert other types."""
-    expect_array_refused(subject, "axes", lambda values: values.view(np.int32))
+@table([*TENSORS, *ABSENT])
+def _tensor_is_refused(subject: Subject, field: str, change: Change) -> None:
+    for prefix, act, index, _ in acts_with(subject, field):
+        tensor = change(getattr(act.behaviors[index], field))
+        act.behaviors[index].ClearField(field)
+        if tensor is not None:
+            getattr(act.behaviors[index], field).CopyFrom(tensor)
+        subject.expect_refused(*prefix, act_request(act), words=[field])
 
 
-@check("Dtype")
-def axes_without_a_dtype_are_refused(subject: Subject) -> None:
-    """DTYPE_UNSPECIFIED is never valid."""
-    expect_tensor_refused(subject, "axes", lambda t: pb.Tensor(shape=t.shape, data=t.data))
-
-
-@check("Tensor")
-def axes_with_a_missing_byte_are_refused(subject: Subject) -> None:
-    """A tensor has exactly the bytes of its elements."""
-    expect_tensor_refused(subject, "axes", lambda t: pb.Tensor(dtype=t.dtype, shape=t.shape, data=t.data[:-1]))
-
-
-@check("Tensor")
-def axes_with_extra_bytes_are_refused(subject: Subject) -> None:
-    """A tensor has exactly the bytes of its elements."""
-    expect_tensor_refused(subject, "axes", lambda t: pb.Tensor(dtype=t.dtype, shape=t.shape, data=t.data + bytes(4)))
-
-
-@check("BehaviorAct")
-def missing_axes_are_refused(subject: Subject) -> None:
-    """Axes are absent only if the device has no axes."""
-    expect_tensor_refused(subject, "axes", lambda t: None)
-
-
-@check("BehaviorAct")
-def axes_for_a_device_without_axes_are_refused(subject: Subject) -> None:
-    """Axes are absent if the device has no axes."""
-    expect_field_refused(subject, "axes")
-
-
-@check("BehaviorAct")
-def choices_with_a_missing_lane_are_refused(subject: Subject) -> None:
-    """Choices are INT32 [lanes, branches]."""
-    expect_array_refused(subject, "choices", lambda values: values[:-1])
-
-
-@check("BehaviorAct")
-def choices_with_an_extra_lane_are_refused(subject: Subject) -> None:
-    """Choices are INT32 [lanes, branches]."""
-    expect_array_refused(subject, "choices", lambda values: np.concatenate([values, values[:1]]))
-
-
-@check("BehaviorAct")
-def choices_with_an_extra_column_are_refused(subject: Subject) -> None:
-    """Choices are INT32 [lanes, branches]."""
-    expect_array_refused(subject, "choices", lambda values: np.concatenate([values, values[:, :1]], axis=1))
-
-
-@check("BehaviorAct")
-def choices_with_one_dimension_are_refused(subject: Subject) -> None:
-    """Choices are INT32 [lanes, branches]."""
-    expect_array_refused(subject, "choices", lambda values: values.reshape(-1))
-
-
-@check("BehaviorAct")
-def choices_of_another_dtype_are_refused(subject: Subject) -> None:
-    """Choices are INT32; the server does not reinterpret or convert other types."""
-    expect_array_refused(subject, "choices", lambda values: values.astype(np.float32))
-
-
-@check("Dtype")
-def choices_without_a_dtype_are_refused(subject: Subject) -> None:
-    """DTYPE_UNSPECIFIED is never valid."""
-    expect_tensor_refused(subject, "choices", lambda t: pb.Tensor(shape=t.shape, data=t.data))
-
-
-@check("Tensor")
-def choices_with_a_missing_byte_are_refused(subject: Subject) -> None:
-    """A tensor has exactly the bytes of its elements."""
-    expect_tensor_refused(subject, "choices", lambda t: pb.Tensor(dtype=t.dtype, shape=t.shape, data=t.data[:-1]))
-
-
-@check("Tensor")
-def choices_with_extra_bytes_are_refused(subject: Subject) -> None:
-    """A tensor has exactly the bytes of its elements."""
-    expect_tensor_refused(subject, "choices", lambda t: pb.Tensor(dtype=t.dtype, shape=t.shape, data=t.data + bytes(4)))
-
-
-@check("BehaviorAct")
-def missing_choices_are_refused(subject: Subject) -> None:
-    """Choices are absent only if the device has no branches."""
-    expect_tensor_refused(subject, "choices", lambda t: None)
-
-
-@check("BehaviorAct")
-def choices_for_a_device_without_branches_are_refused(subject: Subject) -> None:
-    """Choices are absent if the device has no branches."""
-    expect_field_refused(subject, "choices")
+@table(FOREIGN)
+def _tensor_without_parts_is_refused(subject: Subject, field: str, dtype: type) -> None:
+    without = [index for index, kind in enumerate(subject.spec.behaviors) if not getattr(kind.device, PARTS[field])]
+    skip_unless(without, f"every device has {PARTS[field]}")
+    for index in without:
+        prefix, act, _ = subject.acting(index)
+        lanes = subject.short_session.first[index].lanes
+        subject.expect_refused(*prefix, changed(act, index, field, np.zeros((lanes, 1), dtype)), words=[field])
 
 
 @check("Act")
@@ -141,20 +92,11 @@ def act_without_behaviors_is_refused(subject: Subject) -> None:
     subject.expect_refused(subject.start(), act_request(pb.Act()), words=["behavior"])
 
 
-@check("Act")
-def missing_behavior_is_refused(subject: Subject) -> None:
-    """An Act has one BehaviorAct per behavior of the spec."""
+@table(BEHAVIORS)
+def _behaviors_are_refused(subject: Subject, change: Callable[[list[pb.BehaviorAct]], list[pb.BehaviorAct]]) -> None:
     for prefix, act, _ in acts_of_each_behavior(subject):
-        del act.behaviors[-1]
-        subject.expect_refused(*prefix, act_request(act), words=["behavior"])
-
-
-@check("Act")
-def extra_behavior_is_refused(subject: Subject) -> None:
-    """An Act has one BehaviorAct per behavior of the spec."""
-    for prefix, act, _ in acts_of_each_behavior(subject):
-        act.behaviors.add().CopyFrom(act.behaviors[-1])
-        subject.expect_refused(*prefix, act_request(act), words=["behavior"])
+        invalid = pb.Act(behaviors=change(list(act.behaviors)))
+        subject.expect_refused(*prefix, act_request(invalid), words=["behavior"])
 
 
 @check("Act")

@@ -1,123 +1,129 @@
 """Values of actions: invalid ones are refused with INVALID_ARGUMENT and a text that names the axis or branch."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from joybridge.conformance.expectations import expect, skip_unless
-from joybridge.conformance.invalid_acts import (
-    acts_of_each_behavior,
-    acts_with,
-    copy_actions,
-    expect_axis_refused,
-    expect_choice_refused,
-)
+from joybridge.conformance.expectations import NotApplicable, expect, skip_unless
+from joybridge.conformance.invalid_acts import PARTS, acts_of_each_behavior, acts_with, changed, read
 from joybridge.conformance.recording import act_request, step_bytes
-from joybridge.conformance.registry import check
+from joybridge.conformance.registry import check, table
 from joybridge.conformance.subject import Subject
 from joybridge.contract.codec import pack
 from joybridge.v1 import bridge_pb2 as pb
 
 
-@check("Axis")
-def axis_above_high_is_refused(subject: Subject) -> None:
-    """The value of an axis is at most high."""
-    expect_axis_refused(subject, lambda axis: np.nextafter(np.float32(axis.high), np.float32(np.inf)))
+def _above(axis: pb.Axis) -> float:
+    return float(np.nextafter(np.float32(axis.high), np.float32(np.inf)))
 
 
-@check("Axis")
-def axis_below_low_is_refused(subject: Subject) -> None:
-    """The value of an axis is at least low."""
-    expect_axis_refused(subject, lambda axis: np.nextafter(np.float32(axis.low), np.float32(-np.inf)))
+def _below(axis: pb.Axis) -> float:
+    return float(np.nextafter(np.float32(axis.low), np.float32(-np.inf)))
 
 
-@check("Axis")
-def axis_far_out_of_range_is_refused(subject: Subject) -> None:
-    """The value of an axis is in [low, high]; the server does not clip it."""
-    expect_axis_refused(subject, lambda axis: np.float32(3e38))
+INVALID = (  # name, section, rule, field of BehaviorAct, values for one axis or branch, words beside its name
+    ("axis_above_high_is_refused", "Axis", "The value of an axis is at most high.", "axes", lambda a: [_above(a)]),
+    ("axis_below_low_is_refused", "Axis", "The value of an axis is at least low.", "axes", lambda a: [_below(a)]),
+    ("axis_far_out_of_range_is_refused", "Axis",
+     "The value of an axis is in [low, high]; the server does not clip it.", "axes", lambda a: [3e38]),
+    ("nan_axis_is_refused", "Tensor", "FLOAT32 values must be finite.", "axes", lambda a: [np.nan], "axes"),
+    ("infinite_axis_is_refused", "Tensor", "FLOAT32 values must be finite.",
+     "axes", lambda a: [np.inf, -np.inf], "axes"),
+    ("negative_choice_is_refused", "Branch",
+     "A discrete action is the index of a choice; negative indices do not count from the end.",
+     "choices", lambda b: [-1]),
+    ("choice_after_the_last_is_refused", "Branch",
+     "A discrete action is the index of a choice.", "choices", lambda b: [len(b.choices)]),
+    ("choice_far_out_of_range_is_refused", "Branch",
+     "A discrete action is the index of a choice; the server does not take a remainder.",
+     "choices", lambda b: [2**31 - 1, -(2**31)]),
+)  # fmt: skip
 
 
-@check("Tensor")
-def nan_axis_is_refused(subject: Subject) -> None:
-    """FLOAT32 values must be finite."""
-    expect_axis_refused(subject, lambda axis: np.float32(np.nan), "axes")
-
-
-@check("Tensor")
-def infinite_axis_is_refused(subject: Subject) -> None:
-    """FLOAT32 values must be finite."""
-    expect_axis_refused(subject, lambda axis: np.float32(np.inf), "axes")
-    expect_axis_refused(subject, lambda axis: np.float32(-np.inf), "axes")
+@table(INVALID)
+def _value_is_refused(subject: Subject, field: str, values: Callable[[Any], list[float]], *words: str) -> None:
+    for prefix, act, index, lane in acts_with(subject, field):
+        for column, part in enumerate(getattr(subject.spec.behaviors[index].device, PARTS[field])):
+            # An axis may reach as far as floats do, so that nothing finite is out of its range.
+            low, high = (part.low, part.high) if field == "axes" else (0, len(part.choices) - 1)
+            for value in (value for value in values(part) if not low <= value <= high):
+                invalid = read(getattr(act.behaviors[index], field))
+                invalid[lane, column] = value
+                subject.expect_refused(*prefix, changed(act, index, field, invalid), words=[part.name, *words])
 
 
 @check("Axis")
 def axis_at_low_or_high_is_accepted(subject: Subject) -> None:
     """The value of an axis is in [low, high], inclusive."""
     for prefix, act, index, _ in acts_with(subject, "axes"):
-        device = subject.spec.behaviors[index].device
         for end in ("low", "high"):
-            values = copy_actions(act, index, "axes")
-            values[:] = [getattr(axis, end) for axis in device.axes]
-            act.behaviors[index].axes.CopyFrom(pack(values))
-            subject.expect_answered(*prefix, act_request(act))
+            values = read(act.behaviors[index].axes)
+            values[:] = [getattr(axis, end) for axis in subject.spec.behaviors[index].device.axes]
+            subject.expect_answered(*prefix, changed(act, index, "axes", values))
 
 
-@check("Branch")
-def negative_choice_is_refused(subject: Subject) -> None:
-    """A discrete action is the index of a choice; negative indices do not count from the end."""
-    expect_choice_refused(subject, lambda branch: -1)
-
-
-@check("Branch")
-def choice_after_the_last_is_refused(subject: Subject) -> None:
-    """A discrete action is the index of a choice."""
-    expect_choice_refused(subject, lambda branch: len(branch.choices))
-
-
-@check("Branch")
-def choice_far_out_of_range_is_refused(subject: Subject) -> None:
-    """A discrete action is the index of a choice; the server does not take a remainder."""
-    expect_choice_refused(subject, lambda branch: 2**31 - 1)
-    expect_choice_refused(subject, lambda branch: -(2**31))
+@check("Axis")
+def axis_without_its_choice_has_no_effect(subject: Subject) -> None:
+    """An axis with `only_with` counts only in decisions with that choice."""
+    recording = subject.short_session
+    requests, idle_any = [*recording.requests], False
+    for moment in range(1, len(requests)):
+        act = pb.Act()
+        act.CopyFrom(requests[moment].act)
+        for index, behavior in enumerate(subject.spec.behaviors):
+            branches = {branch.name: column for column, branch in enumerate(behavior.device.branches)}
+            for column, axis in enumerate(behavior.device.axes):
+                if not axis.HasField("only_with") or axis.only_with.branch not in branches:
+                    continue
+                axes, choices = read(act.behaviors[index].axes), read(act.behaviors[index].choices)
+                branch = branches[axis.only_with.branch]
+                labels = behavior.device.branches[branch].choices
+                idle = np.array(labels)[choices[:, branch]] != axis.only_with.choice
+                axes[idle, column] = np.where(axes[idle, column] == np.float32(axis.high), axis.low, axis.high)
+                act.behaviors[index].axes.CopyFrom(pack(axes))
+                idle_any = idle_any or bool(idle.any())
+        requests[moment] = act_request(act)
+    skip_unless(idle_any, "every axis counts in every decision")
+    got = [step_bytes(step) for step in subject.expect_steps(requests)]
+    expect(
+        got == recording.step_bytes, "different steps after other values of axes that do not count", "the same bytes"
+    )
 
 
 @check("BehaviorAct")
 def masked_choice_is_refused(subject: Subject) -> None:
     """Each choice must be allowed by its mask."""
-    found = False
     recording = subject.short_session
-    for moment in range(len(recording.requests) - 1):
+    for moment, request in enumerate(recording.requests[1:]):
+        found = False
         for index, view in enumerate(recording.views(moment)):
             for column, branch in enumerate(view.behavior.device.branches):
                 forbidden = np.argwhere(~view.allowed(column) & view.deciding[:, None])
                 if forbidden.size:
                     found = True
                     lane, choice = forbidden[0]
-                    act = pb.Act()
-                    act.CopyFrom(recording.requests[moment + 1].act)
-                    values = copy_actions(act, index, "choices")
+                    values = read(request.act.behaviors[index].choices)
                     values[lane, column] = choice
-                    act.behaviors[index].choices.CopyFrom(pack(values))
-                    words = [branch.name, "mask"]
-                    subject.expect_refused(*recording.requests[: moment + 1], act_request(act), words=words)
+                    invalid = changed(request.act, index, "choices", values)
+                    subject.expect_refused(*recording.requests[: moment + 1], invalid, words=[branch.name, "mask"])
                     break
         if found:
             return
-    skip_unless(found, f"no choice is masked in the first {len(recording.requests) - 1} decisions")
+    raise NotApplicable(f"no choice is masked in the first {len(recording.requests) - 1} decisions")
 
 
 @check("Act")
 def invalid_action_in_the_last_lane_is_refused(subject: Subject) -> None:
     """The actions of every lane that decides must be valid."""
     for prefix, act, index in acts_of_each_behavior(subject):
-        recording, behavior = subject.short_session, subject.spec.behaviors[index]
-        lane = int(np.flatnonzero(recording.views(len(prefix) - 1)[index].deciding)[-1])
-        device = behavior.device
-        field = "axes" if device.axes else "choices"
-        values = copy_actions(act, index, field)
-        above = np.nextafter(np.float32(device.axes[-1].high), np.float32(np.inf)) if device.axes else -1
-        values[lane, -1] = above
-        getattr(act.behaviors[index], field).CopyFrom(pack(values))
-        name = device.axes[-1].name if device.axes else device.branches[-1].name
-        subject.expect_refused(*prefix, act_request(act), words=[name])
+        lane = int(np.flatnonzero(subject.short_session.views(len(prefix) - 1)[index].deciding)[-1])
+        device = subject.spec.behaviors[index].device
+        field, value = ("axes", _above(device.axes[-1])) if device.axes else ("choices", -1)
+        values = read(getattr(act.behaviors[index], field))
+        values[lane, -1] = value
+        name = getattr(device, PARTS[field])[-1].name
+        subject.expect_refused(*prefix, changed(act, index, field, values), words=[name])
 
 
 @check("BehaviorAct")
@@ -127,23 +133,21 @@ def actions_of_skipped_lanes_are_ignored(subject: Subject) -> None:
     requests = [*recording.requests]
     skipped_any = False
     for moment in range(1, len(requests)):
-        act = pb.Act()
-        act.CopyFrom(requests[moment].act)
-        for index, view in enumerate(recording.views(moment - 1)):
+        requests[moment] = act_request(requests[moment].act)
+        for view, action in zip(recording.views(moment - 1), requests[moment].act.behaviors, strict=True):
             skipped = ~view.deciding
             skipped_any = skipped_any or bool(skipped.any())
             device = view.behavior.device
             if device.axes:
-                axes = copy_actions(act, index, "axes")
+                axes = read(action.axes)
                 axes[skipped] = [axis.high for axis in device.axes]
-                act.behaviors[index].axes.CopyFrom(pack(axes))
+                action.axes.CopyFrom(pack(axes))
             if device.branches:
-                choices = copy_actions(act, index, "choices")
-                last = [view.allowed(b).shape[1] - 1 - np.argmax(view.allowed(b)[:, ::-1], axis=1)
-                        for b in range(len(device.branches))]  # fmt: skip
-                choices[skipped] = np.stack(last, axis=1)[skipped]
-                act.behaviors[index].choices.CopyFrom(pack(choices))
-        requests[moment] = act_request(act)
+                choices = read(action.choices)
+                for column in range(len(device.branches)):
+                    allowed = view.allowed(column)[skipped, ::-1]
+                    choices[skipped, column] = allowed.shape[1] - 1 - np.argmax(allowed, axis=1)  # the last one
+                action.choices.CopyFrom(pack(choices))
     skip_unless(skipped_any, "every lane decides in every step")
     got = [step_bytes(step) for step in subject.expect_steps(requests)]
     expect(got == recording.step_bytes, "different steps after other actions of skipped lanes", "the same bytes")

@@ -1,15 +1,15 @@
 """Parameters per episode: distributions are drawn from as the contract says, or refused."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
+from itertools import islice
 
 import numpy as np
 
 from joybridge.conformance.client import Stream
 from joybridge.conformance.expectations import Violation, expect, skip_unless
 from joybridge.conformance.recording import (
-    Player,
     Recording,
     act_request,
     expect_same_bytes,
@@ -17,7 +17,7 @@ from joybridge.conformance.recording import (
     reset_request,
     step_bytes,
 )
-from joybridge.conformance.registry import check
+from joybridge.conformance.registry import check, table
 from joybridge.conformance.step_expectations import expect_tensor
 from joybridge.conformance.step_view import StepView, arena_rows, read_tensor
 from joybridge.conformance.subject import FAILED_PRECONDITION, SEED, SHORT, Subject, only
@@ -27,6 +27,31 @@ from joybridge.v1 import bridge_pb2 as pb
 
 UNKNOWN = "no_such_name"
 OF_A_BATCH = 4  # arenas
+
+
+def _uniform(low: float, high: float) -> pb.Distribution:
+    return pb.Distribution(uniform=pb.Interval(low=low, high=high))
+
+
+def _out_of_range(p: pb.Parameter) -> list[pb.Distribution]:
+    below, above = math.nextafter(p.low, -math.inf), math.nextafter(p.high, math.inf)
+    return [only(below), only(above), only(math.nan), _uniform(below, p.high), _uniform(p.low, above)]
+
+
+def _impossible(p: pb.Parameter) -> list[pb.Distribution]:
+    choices = [pb.Distribution(choice=pb.Values(values=[p.low] * count)) for count in (0, MAX_VALUES + 1)]
+    logarithm = pb.Distribution(log_uniform=pb.Interval(low=max(p.low, 0.0), high=p.high))
+    intervals = [_uniform(p.high, p.low), _uniform(p.low, math.nan), *[logarithm] * (p.low <= 0 < p.high)]
+    return [pb.Distribution(), *intervals, *choices]
+
+
+INVALID = (  # name, section, rule, how many of Start, Reset and Act, what is refused for each parameter
+    ("numbers_of_a_distribution_are_in_the_range_of_the_parameter", "Distribution",
+     "All numbers of a distribution are within low .. high of its parameter, and numbers.", 3, _out_of_range),
+    ("distribution_that_cannot_be_drawn_from_is_refused", "Distribution",
+     "A distribution is of one kind; low is below high, and above 0 for a logarithm; a choice has 1 to 100 values.",
+     1, _impossible),
+)  # fmt: skip
 
 
 @check("PARAMETERS PER EPISODE")
@@ -46,28 +71,14 @@ def distribution_of_an_unknown_parameter_is_refused(subject: Subject) -> None:
         subject.expect_refused(*requests, words=[UNKNOWN])
 
 
-@check("Distribution")
-def numbers_of_a_distribution_are_in_the_range_of_the_parameter(subject: Subject) -> None:
-    """All numbers of a distribution are within low .. high of its parameter, and numbers."""
+@table(INVALID)
+def _distribution_is_refused(
+    subject: Subject, messages: int, invalid: Callable[[pb.Parameter], list[pb.Distribution]]
+) -> None:
     for p in _parameters(subject):
-        below, above = math.nextafter(p.low, -math.inf), math.nextafter(p.high, math.inf)
-        for wrong in (only(below), only(above), only(math.nan), _uniform(below, p.high), _uniform(p.low, above)):
-            for requests in _messages(subject, {p.name: wrong}):
+        for distribution in invalid(p):
+            for requests in islice(_messages(subject, {p.name: distribution}), messages):
                 subject.expect_refused(*requests, words=[p.name])
-
-
-@check("Distribution")
-def distribution_that_cannot_be_drawn_from_is_refused(subject: Subject) -> None:
-    """A distribution is of one kind; low is below high, and above 0 for a logarithm; a choice has 1 to 100 values."""
-    for p in _parameters(subject):
-        wrong = [
-            pb.Distribution(), _uniform(p.high, p.low), _uniform(p.low, math.nan),
-            pb.Distribution(choice=pb.Values()), pb.Distribution(choice=pb.Values(values=[p.low] * (MAX_VALUES + 1))),
-        ]  # fmt: skip
-        if p.low <= 0 < p.high:
-            wrong.append(pb.Distribution(log_uniform=pb.Interval(low=max(p.low, 0.0), high=p.high)))
-        for distribution in wrong:
-            subject.expect_refused(subject.start(distributions={p.name: distribution}), words=[p.name])
 
 
 @check("PARAMETERS PER EPISODE")
@@ -129,7 +140,7 @@ def values_do_not_depend_on_the_number_of_arenas(subject: Subject) -> None:
     resets = {index: reset_request() for index in range(SHORT, 4 * SHORT, SHORT)}  # so that episodes begin
     batch = subject.record(4 * SHORT, OF_A_BATCH, resets=resets, distributions=subject.uniform())
     for first, arenas in ((0, 1), (1, 1), (2, 2)):
-        part = subject.record(4 * SHORT, arenas, first, resets=resets, distributions=subject.uniform())
+        part = subject.record(4 * SHORT, arenas, resets, first_arena=first, distributions=subject.uniform())
         for step, (one, all_) in enumerate(zip(part.steps, batch.steps, strict=True)):
             rows, wanted = arena_rows(one, subject.spec, arenas), arena_rows(all_, subject.spec, OF_A_BATCH)
             got = f"different bytes in step {step} of arenas {first} to {first + arenas - 1}, played alone"
@@ -142,8 +153,7 @@ def same_seed_draws_the_same_values(subject: Subject) -> None:
     _require_flag(subject)
     first = subject.record(distributions=subject.uniform())
     expect_same_recording(subject.record(distributions=subject.uniform()), first, "of a second session")
-    again = subject.record(2 * SHORT + 1, resets={SHORT: reset_request(SEED)}, distributions=subject.uniform())
-    again.steps = again.steps[SHORT + 1 :]
+    again = subject.record_reset(reset_request(SEED), distributions=subject.uniform())
     expect_same_recording(again, first, "after a Reset with the seed")
 
 
@@ -152,7 +162,7 @@ def distributions_of_act_hold_from_the_next_episode_on(subject: Subject) -> None
     """Act.distributions change no running episode; later ones draw from them."""
     values = _others(subject)
     with Stream(subject.client) as stream, Stream(subject.client) as other:
-        changed, plain = (Player(one, Recording(subject.spec, 1), subject.start(1)) for one in (stream, other))
+        changed, plain = (subject.player(one, 1) for one in (stream, other))
         for decision in range(SHORT):
             changed.decide({name: only(value) for name, value in values.items()} if decision == 0 else None)
             plain.decide()
@@ -173,9 +183,7 @@ def distributions_of_act_hold_from_the_next_episode_on(subject: Subject) -> None
 def value_in_reset_ends_the_distribution(subject: Subject) -> None:
     """A value in Reset.parameters ends the distribution of its parameter."""
     values = _others(subject)
-    resets = {SHORT: reset_request(SEED, values)}
-    got = subject.record(2 * SHORT + 1, resets=resets, distributions=subject.uniform())
-    got.steps = got.steps[SHORT + 1 :]
+    got = subject.record_reset(reset_request(SEED, values), distributions=subject.uniform())
     expect_same_recording(got, subject.record(parameters=values), f"after a Reset with {values}")
 
 
@@ -184,17 +192,15 @@ def session_from_a_snapshot_draws_the_same_values(subject: Subject) -> None:
     """A session that continues from a snapshot with the same distributions draws what the saved one draws."""
     _require_flag(subject)
     skip_unless(subject.spec.snapshot_bytes_per_arena, "the game has no snapshots")
-    start = subject.start(distributions=subject.uniform())
     with Stream(subject.client) as stream, Stream(subject.client) as other:
-        saved = Player(stream, Recording(subject.spec, subject.arenas), start)
+        saved = subject.player(stream, distributions=subject.uniform())
         saved.send(reset_request())
         for _ in range(SHORT):
             saved.decide()
         expect(not saved.recording.end, f"{saved.recording.end} before the Save", "a session")
         saved.save()
         before = len(saved.recording.steps)
-        start = subject.start(distributions=subject.uniform(), snapshot=saved.recording.snapshot)
-        player = Player(other, Recording(subject.spec, subject.arenas), start)
+        player = subject.player(other, distributions=subject.uniform(), snapshot=saved.recording.snapshot)
         player.generators = deepcopy(saved.generators)
         for one in (saved, player):
             for _ in range(SHORT):
@@ -219,11 +225,8 @@ def _parameters(subject: Subject) -> Iterator[pb.Parameter]:
 
 def _others(subject: Subject) -> dict[str, float]:
     """Return a value for each parameter: low or high, whichever is not its default."""
-    return {p.name: p.low if p.default_value != p.low else p.high for p in _parameters(subject)}
-
-
-def _uniform(low: float, high: float) -> pb.Distribution:
-    return pb.Distribution(uniform=pb.Interval(low=low, high=high))
+    _require_flag(subject)
+    return subject.other_parameters()
 
 
 def _messages(subject: Subject, distributions: Mapping[str, pb.Distribution]) -> Iterator[list[pb.PlayRequest]]:

@@ -1,13 +1,15 @@
 """The ends of episodes in a long session: flags, final observations, metrics and the longest episode."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
 from joybridge.conformance.expectations import Suspicion, Violation, expect, skip_unless
-from joybridge.conformance.registry import check
+from joybridge.conformance.registry import check, table
 from joybridge.conformance.step_expectations import (
     expect_finite,
+    expect_flags,
     expect_in_bounds,
     expect_observations,
     expect_tensor,
@@ -20,62 +22,71 @@ from joybridge.v1 import bridge_pb2 as pb
 SEVERAL = 3  # episodes that are hardly alike by chance
 
 
-@check("BehaviorStep")
-def terminated_and_truncated_have_a_flag_per_lane(subject: Subject) -> None:
-    """Terminated and truncated are BOOL [lanes], one byte per element, 0 or 1."""
+def _expect_one_flag(view: StepView) -> None:
+    if view.terminated is not None and view.truncated is not None:
+        both = np.flatnonzero(view.terminated & view.truncated)
+        expect(not both.size, f"both flags in lanes {both.tolist()} of {view.where}", "at most one of the two")
+
+
+def _expect_ended(view: StepView) -> None:
+    present, ends = view.message.HasField("ended"), int(view.ended.sum())
+    got = f"ended {'present' if present else 'absent'} with {ends} ended lanes of {view.where}"
+    expect(present == bool(ends), got, "present if and only if a lane ended")
+
+
+def _expect_lanes(view: StepView) -> None:
+    expected = np.flatnonzero(view.ended).astype("<i4")
+    expect_tensor(view.message.ended.lanes, pb.DTYPE_INT32, expected.shape, f"ended.lanes of {view.where}")
+    got = np.frombuffer(view.message.ended.lanes.data, "<i4")
+    expect((got == expected).all(), f"ended.lanes {got.tolist()} of {view.where}", expected.tolist())
+
+
+def _expect_metrics(view: StepView) -> None:
+    if view.behavior.metrics:
+        shape = (int(view.ended.sum()), len(view.behavior.metrics))
+        expect_tensor(view.message.ended.metrics, pb.DTYPE_FLOAT32, shape, f"metrics of {view.where}")
+
+
+def _expect_finite_metrics(view: StepView) -> None:
+    data = view.message.ended.metrics.data
+    values = np.frombuffer(data[: len(data) // 4 * 4], "<f4")
+    expect(np.isfinite(values).all(), f"metrics {values.tolist()} of {view.where}", "finite numbers")
+
+
+VIEWS = (  # name, section, rule, what each behavior of each step satisfies
+    ("terminated_and_truncated_have_a_flag_per_lane", "BehaviorStep",
+     "Terminated and truncated are BOOL [lanes], one byte per element, 0 or 1.", expect_flags),
+    ("no_lane_is_terminated_and_truncated", "BehaviorStep",
+     "An episode is terminated or truncated, never both.", _expect_one_flag),
+    ("ended_is_present_exactly_when_an_episode_ended", "BehaviorStep",
+     "Ended is absent if no episode of the behavior ended, and present otherwise.", _expect_ended),
+)  # fmt: skip
+ENDS = (  # name, section, rule, what each behavior of each step in which an episode ended satisfies
+    ("ended_lanes_match_the_flags", "Ended",
+     "Ended.lanes is INT32 [ended], ascending: exactly the terminated and truncated lanes.", _expect_lanes),
+    ("final_observations_have_a_row_per_ended_lane", "Ended",
+     "Final observations are one tensor per sensor, [ended, *shape].", partial(expect_observations, final=True)),
+    ("final_observations_are_finite", "Tensor",
+     "FLOAT32 values must be finite.", partial(expect_finite, final=True)),
+    ("final_observations_are_in_bounds", "Sensor",
+     "Low is the smallest value of a sensor and high the largest.", partial(expect_in_bounds, final=True)),
+)  # fmt: skip
+METRICS = (  # the same, if a behavior has metrics
+    ("metrics_have_a_row_per_ended_lane", "Ended", "Metrics are FLOAT32 [ended, metrics].", _expect_metrics),
+    ("metrics_are_finite", "Tensor", "FLOAT32 values must be finite.", _expect_finite_metrics),
+)
+
+
+@table(VIEWS)
+def _every_view_satisfies(subject: Subject, expectation: Callable[[StepView], None]) -> None:
     for view in subject.long_session.later:
-        expect_tensor(view.message.terminated, pb.DTYPE_BOOL, (view.lanes,), f"terminated of {view.where}")
-        expect_tensor(view.message.truncated, pb.DTYPE_BOOL, (view.lanes,), f"truncated of {view.where}")
+        expectation(view)
 
 
-@check("BehaviorStep")
-def no_lane_is_terminated_and_truncated(subject: Subject) -> None:
-    """An episode is terminated or truncated, never both."""
-    for view in subject.long_session.later:
-        if view.terminated is not None and view.truncated is not None:
-            both = np.flatnonzero(view.terminated & view.truncated)
-            expect(not both.size, f"both flags in lanes {both.tolist()} of {view.where}", "at most one of the two")
-
-
-@check("BehaviorStep")
-def ended_is_present_exactly_when_an_episode_ended(subject: Subject) -> None:
-    """Ended is absent if no episode of the behavior ended, and present otherwise."""
-    for view in subject.long_session.later:
-        present, ends = view.message.HasField("ended"), int(view.ended.sum())
-        got = f"ended {'present' if present else 'absent'} with {ends} ended lanes of {view.where}"
-        expect(present == bool(ends), got, "present if and only if a lane ended")
-
-
-@check("Ended")
-def ended_lanes_match_the_flags(subject: Subject) -> None:
-    """Ended.lanes is INT32 [ended], ascending: exactly the terminated and truncated lanes."""
+@table(ENDS)
+def _every_end_satisfies(subject: Subject, expectation: Callable[[StepView], None]) -> None:
     for view in _ends(subject):
-        expected = np.flatnonzero(view.ended).astype("<i4")
-        expect_tensor(view.message.ended.lanes, pb.DTYPE_INT32, expected.shape, f"ended.lanes of {view.where}")
-        got = np.frombuffer(view.message.ended.lanes.data, "<i4")
-        expect((got == expected).all(), f"ended.lanes {got.tolist()} of {view.where}", expected.tolist())
-
-
-@check("Ended")
-def final_observations_have_a_row_per_ended_lane(subject: Subject) -> None:
-    """Final observations are one tensor per sensor, [ended, *shape]."""
-    for view in _ends(subject):
-        tensors = view.message.ended.final_observations
-        expect_observations(tensors, view, int(view.ended.sum()), "final observations")
-
-
-@check("Tensor")
-def final_observations_are_finite(subject: Subject) -> None:
-    """FLOAT32 values must be finite."""
-    for view in _ends(subject):
-        expect_finite(view, final=True)
-
-
-@check("Sensor")
-def final_observations_are_in_bounds(subject: Subject) -> None:
-    """Low is the smallest value of a sensor and high the largest."""
-    for view in _ends(subject):
-        expect_in_bounds(view, final=True)
+        expectation(view)
 
 
 @check("Ended")
@@ -97,7 +108,7 @@ def final_observations_belong_to_the_old_episode(subject: Subject) -> None:
 @check("Ended")
 def metrics_belong_to_the_old_episode(subject: Subject) -> None:
     """Metrics are numbers about the episode that ended, so they differ between episodes."""
-    skip_unless(any(behavior.metrics for behavior in subject.spec.behaviors), "the game has no metrics")
+    _require_metrics(subject)
     for behavior in subject.spec.behaviors:
         rows, lengths = [], []
         for view, ages in _ages(subject):
@@ -112,14 +123,10 @@ def metrics_belong_to_the_old_episode(subject: Subject) -> None:
             raise Suspicion(got, "metrics of the episode that ended")
 
 
-@check("Ended")
-def metrics_have_a_row_per_ended_lane(subject: Subject) -> None:
-    """Metrics are FLOAT32 [ended, metrics]."""
-    skip_unless(any(behavior.metrics for behavior in subject.spec.behaviors), "the game has no metrics")
-    for view in _ends(subject):
-        if view.behavior.metrics:
-            shape = (int(view.ended.sum()), len(view.behavior.metrics))
-            expect_tensor(view.message.ended.metrics, pb.DTYPE_FLOAT32, shape, f"metrics of {view.where}")
+@table(METRICS)
+def _metrics_of_every_end_satisfy(subject: Subject, expectation: Callable[[StepView], None]) -> None:
+    _require_metrics(subject)
+    _every_end_satisfies(subject, expectation)
 
 
 @check("Ended")
@@ -129,16 +136,6 @@ def metrics_are_absent_without_metrics_in_the_spec(subject: Subject) -> None:
     for view in _ends(subject):
         if not view.behavior.metrics:
             expect(not view.message.ended.HasField("metrics"), f"metrics of {view.where}", "none")
-
-
-@check("Tensor")
-def metrics_are_finite(subject: Subject) -> None:
-    """FLOAT32 values must be finite."""
-    skip_unless(any(behavior.metrics for behavior in subject.spec.behaviors), "the game has no metrics")
-    for view in _ends(subject):
-        data = view.message.ended.metrics.data
-        values = np.frombuffer(data[: len(data) // 4 * 4], "<f4")
-        expect(np.isfinite(values).all(), f"metrics {values.tolist()} of {view.where}", "finite numbers")
 
 
 @check("GameSpec")
@@ -152,6 +149,10 @@ def episodes_are_not_longer_than_max_episode_decisions(subject: Subject) -> None
         expect(not over.any(), f"an episode of more than {longest} decisions: {view.where}", "the end of the episode")
         oldest = max(oldest, int(ages.max()))
     skip_unless(oldest >= longest, f"no episode reached {longest} decisions; the longest has {oldest}")
+
+
+def _require_metrics(subject: Subject) -> None:
+    skip_unless(any(behavior.metrics for behavior in subject.spec.behaviors), "the game has no metrics")
 
 
 def _ages(subject: Subject) -> Iterator[tuple[StepView, Array]]:

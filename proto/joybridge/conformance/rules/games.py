@@ -1,10 +1,9 @@
 """The list of games, and names that are not in it."""
 
-from joybridge.conformance.client import Status
-from joybridge.conformance.expectations import Violation, expect
-from joybridge.conformance.names import expect_unique_names
-from joybridge.conformance.registry import check
-from joybridge.conformance.subject import NOT_FOUND, Subject, expect_error
+from joybridge.conformance.expectations import expect
+from joybridge.conformance.registry import check, table
+from joybridge.conformance.spec_expectations import expect_unique_names
+from joybridge.conformance.subject import NOT_FOUND, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -34,36 +33,28 @@ def every_listed_game_has_a_spec(subject: Subject) -> None:
         subject.client.describe(game.name)
 
 
-@check("ERRORS", per_server=True)
-def unknown_game_is_not_found_by_describe(subject: Subject) -> None:
-    """DescribeGame of an unknown game is NOT_FOUND."""
-    for name in ("no_such_game", " "):
-        _expect_no_spec(subject, name, [name])
+UNKNOWN = "no_such_game"
+NAMES = (  # name, section, rule, names
+    ("unknown_game_is_not_found_by_describe", "ERRORS",
+     "DescribeGame of an unknown game is NOT_FOUND.", (UNKNOWN, " ")),
+    ("empty_game_name_is_not_found_by_describe", "ERRORS", "DescribeGame without a name is NOT_FOUND.", ("",)),
+)  # fmt: skip
 
 
-@check("ERRORS", per_server=True)
-def empty_game_name_is_not_found_by_describe(subject: Subject) -> None:
-    """DescribeGame without a name is NOT_FOUND."""
-    answer = subject.client.try_describe("", {})
-    got = answer if isinstance(answer, Status) else "a spec"
-    expect(isinstance(answer, Status) and answer.code == NOT_FOUND, got, "NOT_FOUND")
+@table(NAMES, per_server=True)
+def _is_not_found_by_describe(subject: Subject, names: tuple[str, ...]) -> None:
+    for name in names:
+        subject.expect_no_spec(name, {}, NOT_FOUND, [name] if name else [])
 
 
 @check("ERRORS", per_server=True)
 def unknown_game_is_not_found_by_start(subject: Subject) -> None:
     """Start with an unknown game is NOT_FOUND."""
-    start = pb.PlayRequest(start=pb.Start(game="no_such_game", arenas=1))
-    subject.expect_refused(start, codes=[NOT_FOUND], words=["no_such_game"])
+    start = pb.PlayRequest(start=pb.Start(game=UNKNOWN, arenas=1))
+    subject.expect_refused(start, codes=[NOT_FOUND], words=[UNKNOWN])
 
 
 @check("ERRORS", per_server=True)
 def empty_game_name_is_not_found_by_start(subject: Subject) -> None:
     """Start without a name is NOT_FOUND."""
     subject.expect_refused(pb.PlayRequest(start=pb.Start(arenas=1)), codes=[NOT_FOUND], words=[])
-
-
-def _expect_no_spec(subject: Subject, name: str, words: list[str]) -> None:
-    answer = subject.client.try_describe(name, {})
-    if not isinstance(answer, Status):
-        raise Violation(f"a spec of {name!r}", "NOT_FOUND")
-    expect_error(answer, [NOT_FOUND], words)

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
-from grpc_health.v1 import health_pb2
 from grpc_reflection.v1alpha import reflection_pb2
 
-from joybridge.conformance.client import SERVICE, Status
+from joybridge.conformance.client import SERVICE
 from joybridge.conformance.expectations import Violation, expect
-from joybridge.conformance.registry import check
+from joybridge.conformance.registry import check, table
 from joybridge.conformance.subject import Subject
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -16,16 +15,16 @@ from joybridge.v1 import bridge_pb2 as pb
 REFLECTIONS = ["grpc.reflection.v1", "grpc.reflection.v1alpha"]
 
 
-@check("COMPANIONS", per_server=True)
-def health_of_the_server_is_serving(subject: Subject) -> None:
-    """A server also serves grpc.health.v1, with the service name ""."""
-    _expect_serving(subject, "")
+HEALTH = [  # name, section, rule, the name of the service
+    (f"health_of_the_{what}_is_serving", "COMPANIONS",
+     f'A server also serves grpc.health.v1, with the service name "{service}".', service)
+    for what, service in (("server", ""), ("service", SERVICE))
+]  # fmt: skip
 
 
-@check("COMPANIONS", per_server=True)
-def health_of_the_service_is_serving(subject: Subject) -> None:
-    """A server also serves grpc.health.v1, with the service name "joybridge.v1.SimulatorService"."""
-    _expect_serving(subject, SERVICE)
+@table(HEALTH, per_server=True)
+def _health_is_serving(subject: Subject, service: str) -> None:
+    subject.client.expect_serving(service)
 
 
 @check("COMPANIONS", per_server=True)
@@ -39,8 +38,8 @@ def reflection_lists_the_service(subject: Subject) -> None:
 @check("COMPANIONS", per_server=True)
 def reflection_has_every_method(subject: Subject) -> None:
     """Reflection describes the methods of this contract."""
-    got = {(m.name, m.client_streaming, m.server_streaming) for f in _files(subject) for s in f.service
-           for m in s.method}  # fmt: skip
+    methods = [method for file in _files(subject) for service in file.service for method in service.method]
+    got = {(method.name, method.client_streaming, method.server_streaming) for method in methods}
     expected = {("ListGames", False, False), ("DescribeGame", False, False), ("Play", True, True)}
     expect(expected <= got, f"methods {sorted(got)}", sorted(expected))
 
@@ -53,15 +52,6 @@ def reflection_has_every_field(subject: Subject) -> None:
     got = {field for file in _files(subject) for field in _fields(file.message_type)}
     missing = sorted(set(_fields(ours.message_type)) - got)
     expect(not missing, f"no field like {missing[:5]}", "every field of bridge.proto")
-
-
-def _expect_serving(subject: Subject, service: str) -> None:
-    request = health_pb2.HealthCheckRequest(service=service)
-    answer = subject.client.call("/grpc.health.v1.Health/Check", request, health_pb2.HealthCheckResponse)
-    if isinstance(answer, Status):
-        raise Violation(answer, "SERVING")
-    got = health_pb2.HealthCheckResponse.ServingStatus.Name(answer.status)
-    expect(got == "SERVING", got, "SERVING")
 
 
 def _reflect(

@@ -1,36 +1,35 @@
 """Limits: a server refuses what is too large or malformed, and continues to work."""
 
+from collections.abc import Callable
+
 import grpc
 
 from joybridge.conformance.client import OK
 from joybridge.conformance.expectations import Suspicion, expect
-from joybridge.conformance.registry import check
-from joybridge.conformance.subject import NOT_FOUND, RESOURCE_EXHAUSTED, Subject, expect_error
+from joybridge.conformance.registry import check, table
+from joybridge.conformance.subject import INVALID_ARGUMENT, NOT_FOUND, RESOURCE_EXHAUSTED, Subject, expect_error
 from joybridge.contract.limits import request_bytes
 from joybridge.v1 import bridge_pb2 as pb
 
 OVERSIZED = 8 * 2**20  # bytes: twice gRPC's default limit
-HUGE = 64 * 2**20  # bytes: larger messages are not sent
+MAX_SENT = 64 * 2**20  # bytes: larger messages are not sent
 LONG_NAME = 100_000  # characters
 
 
-@check("Start")
-def zero_arenas_are_refused(subject: Subject) -> None:
-    """A session has at least 1 arena."""
-    subject.expect_refused(subject.start(0), words=["arenas"])
+ARENAS = (  # name, section, rule, the number of arenas under a spec, the status
+    ("zero_arenas_are_refused", "Start", "A session has at least 1 arena.", lambda spec: 0, INVALID_ARGUMENT),
+    ("more_than_max_arenas_are_refused", "ERRORS",
+     "More arenas than the server accepts are refused with RESOURCE_EXHAUSTED.",
+     lambda spec: spec.max_arenas + 1, RESOURCE_EXHAUSTED),
+    ("largest_number_of_arenas_is_refused", "ERRORS",
+     "2^32 - 1 arenas are refused with RESOURCE_EXHAUSTED before the server creates any of them.",
+     lambda spec: 2**32 - 1, RESOURCE_EXHAUSTED),
+)  # fmt: skip
 
 
-@check("ERRORS")
-def more_than_max_arenas_are_refused(subject: Subject) -> None:
-    """More arenas than the server accepts are refused with RESOURCE_EXHAUSTED."""
-    start = subject.start(subject.spec.max_arenas + 1)
-    subject.expect_refused(start, codes=[RESOURCE_EXHAUSTED], words=["arenas"])
-
-
-@check("ERRORS")
-def largest_number_of_arenas_is_refused(subject: Subject) -> None:
-    """2^32 - 1 arenas are refused with RESOURCE_EXHAUSTED before the server creates any of them."""
-    subject.expect_refused(subject.start(2**32 - 1), codes=[RESOURCE_EXHAUSTED], words=["arenas"])
+@table(ARENAS)
+def _arenas_are_refused(subject: Subject, arenas: Callable[[pb.GameSpec], int], code: grpc.StatusCode) -> None:
+    subject.expect_refused(subject.start(arenas(subject.spec)), codes=[code], words=["arenas"])
 
 
 @check("ERRORS", per_server=True)
@@ -39,10 +38,10 @@ def oversized_message_is_refused(subject: Subject) -> None:
     specs = [subject.client.describe(game.name) for game in subject.client.list_games()]
     needed = max(request_bytes(spec, spec.max_arenas) for spec in specs)
     size = 2 * needed + OVERSIZED
-    exchange = subject.play(pb.PlayRequest(start=pb.Start(game="x" * min(size, HUGE), arenas=1)))
+    exchange = subject.play(pb.PlayRequest(start=pb.Start(game="x" * min(size, MAX_SENT), arenas=1)))
     # A server that accepts so many bytes still has no game of that name.
     expect_error(exchange.status, [RESOURCE_EXHAUSTED, NOT_FOUND], [])
-    if exchange.status.code == NOT_FOUND and size <= HUGE:
+    if exchange.status.code == NOT_FOUND and size <= MAX_SENT:
         raise Suspicion(f"a message of {size} bytes was read", f"a limit: no request needs more than {needed} bytes")
 
 

@@ -1,10 +1,10 @@
 """Pictures: their size and order, and invalid requests to draw."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from joybridge.conformance.expectations import Violation, expect, skip_unless
 from joybridge.conformance.recording import act_request, step_bytes
-from joybridge.conformance.registry import check
+from joybridge.conformance.registry import check, table
 from joybridge.conformance.step_expectations import expect_tensor
 from joybridge.conformance.subject import FAILED_PRECONDITION, INVALID_ARGUMENT, Subject
 from joybridge.contract.limits import MAX_PICTURES, max_pictures
@@ -64,19 +64,19 @@ def most_pictures_are_accepted(subject: Subject) -> None:
     expect(got == most, f"{got} pictures", most)
 
 
-@check("Act")
-def too_many_pictures_are_refused(subject: Subject) -> None:
-    """An Act draws at most 64 pictures."""
-    _size(subject)
-    subject.expect_refused(*_requests(subject, [0] * (MAX_PICTURES + 1)), words=["draw", "picture"])
+REFUSED = (  # name, section, rule, what a session of so many arenas is asked to draw, words
+    ("too_many_pictures_are_refused", "Act", "An Act draws at most 64 pictures.",
+     lambda arenas: [[0] * (MAX_PICTURES + 1)], ["draw", "picture"]),
+    ("unknown_arena_in_draw_is_refused", "Act", "Act.draw lists arenas of this session.",
+     lambda arenas: [[0, arenas], [0, 2**32 - 1]], ["draw", "arena"]),
+)  # fmt: skip
 
 
-@check("Act")
-def unknown_arena_in_draw_is_refused(subject: Subject) -> None:
-    """Act.draw lists arenas of this session."""
+@table(REFUSED)
+def _draw_is_refused(subject: Subject, draws: Callable[[int], list[list[int]]], words: list[str]) -> None:
     _size(subject)
-    for arena in (subject.arenas, 2**32 - 1):
-        subject.expect_refused(*_requests(subject, [0, arena]), words=["draw", "arena"])
+    for draw in draws(subject.arenas):
+        subject.expect_refused(*_requests(subject, draw), words=words)
 
 
 @check("GameSpec")

@@ -1,23 +1,19 @@
 """Sessions: several run at once, are independent of each other, and end with their stream."""
 
 import time
-from contextlib import ExitStack
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, closing
 
 from joybridge.conformance.client import OK, Client, Status, Stream
-from joybridge.conformance.expectations import Violation, expect, expect_equal, skip_unless
-from joybridge.conformance.recording import (
-    Player,
-    Recording,
-    act_request,
-    expect_same_recording,
-    reset_request,
-)
-from joybridge.conformance.registry import check
+from joybridge.conformance.expectations import Violation, expect, skip_unless
+from joybridge.conformance.recording import Recording, act_request, expect_same_recording, reset_request
+from joybridge.conformance.registry import check, table
 from joybridge.conformance.subject import RESOURCE_EXHAUSTED, SHORT, Subject
 from joybridge.v1 import bridge_pb2 as pb
 
 MANY_SESSIONS = 8
 ABANDONED = 72  # sessions that end in each way: more than servers accept at once by default
+LOST = 3  # connections
 ROOM_SECONDS = 5.0  # a server notices the end of a session soon, not at once
 
 
@@ -33,22 +29,10 @@ def ended_sessions_are_freed(subject: Subject) -> None:
 
 
 @check("SESSION")
-def parallel_sessions_are_independent(subject: Subject) -> None:
-    """Any number of sessions may run at once; they do not influence each other."""
-    with Stream(subject.client) as one, Stream(subject.client) as other:
-        player = Player(one, Recording(subject.spec, subject.arenas), subject.start())
-        second = Player(other, Recording(subject.spec, 1), subject.start(arenas=1, seed=9))
-        for _ in range(SHORT):
-            player.decide()
-            second.decide()
-    expect_same_recording(player.recording, subject.short_session, "beside another session")
-
-
-@check("SESSION")
 def parallel_sessions_with_one_seed_are_independent(subject: Subject) -> None:
     """Any number of sessions may run at once; they do not influence each other, also if their seeds are the same."""
     with Stream(subject.client) as one, Stream(subject.client) as other:
-        players = [Player(s, Recording(subject.spec, subject.arenas), subject.start()) for s in (one, other)]
+        players = [subject.player(stream) for stream in (one, other)]
         for _ in range(SHORT):
             for player in players:
                 player.decide()
@@ -65,41 +49,86 @@ def many_sessions_can_be_open_at_once(subject: Subject) -> None:
             expect(not isinstance(answer, Status), f"{answer} in session {index + 1}", "a session")
 
 
-@check("SESSION")
-def reset_does_not_affect_other_sessions(subject: Subject) -> None:
-    """Sessions do not influence each other."""
-    with Stream(subject.client) as one, Stream(subject.client) as other:
-        player = Player(one, Recording(subject.spec, subject.arenas), subject.start())
-        second = Player(other, Recording(subject.spec, subject.arenas), subject.start())
+def _play_another(subject: Subject) -> Generator[None]:
+    with Stream(subject.client) as stream:
+        other = subject.player(stream, arenas=1, seed=9)
+        while True:
+            yield
+            other.decide()
+
+
+def _reset_another(subject: Subject) -> Generator[None]:
+    with Stream(subject.client) as stream:
+        other = subject.player(stream)
+        while True:
+            other.send(reset_request(5))
+            yield
+
+
+def _cause_errors(subject: Subject) -> Generator[None]:
+    while True:
+        subject.play(subject.start(), pb.PlayRequest())
+        yield
+
+
+def _cancel_others(subject: Subject) -> Generator[None]:
+    requests = subject.short_session.requests
+    while True:
+        with Stream(subject.client) as other:
+            other.ask(subject.start(seed=9))
+            other.requests.put(requests[1] if len(requests) > 1 else pb.PlayRequest())
+            other.cancel()  # while the server works on the last request
+        yield
+
+
+def _lose_connections(subject: Subject) -> Generator[None]:
+    for _ in range(LOST):
+        with subject.client.another() as connection:
+            lost = Stream(connection)
+            lost.ask(subject.start(seed=9))
+            connection.close()  # with the session still open
+            lost.requests.put(None)
+        yield
+
+
+BESIDE = (  # name, section, rule, what happens before each decision of a session, what it is beside
+    ("parallel_sessions_are_independent", "SESSION",
+     "Any number of sessions may run at once; they do not influence each other.",
+     _play_another, "another session"),
+    ("reset_does_not_affect_other_sessions", "SESSION",
+     "Sessions do not influence each other.", _reset_another, "a session that was reset"),
+    ("error_does_not_affect_other_sessions", "ERRORS",
+     "Every error ends its own session only.", _cause_errors, "sessions with errors"),
+    ("cancelled_session_does_not_affect_others", "SESSION",
+     "A session that is cancelled frees its own arenas only.", _cancel_others, "cancelled sessions"),
+    ("lost_connection_does_not_affect_other_sessions", "SESSION",
+     "A session that loses its connection frees its own arenas only.", _lose_connections, "lost connections"),
+)  # fmt: skip
+
+
+@table(BESIDE)
+def _session_is_independent(subject: Subject, happens: Callable[[Subject], Generator[None]], beside: str) -> None:
+    with Stream(subject.client) as stream, closing(happens(subject)) as events:
+        player = subject.player(stream)
         for _ in range(SHORT):
-            second.send(reset_request(5))
+            next(events, None)
             player.decide()
-    expect_same_recording(player.recording, subject.short_session, "beside a session that was reset")
+    expect_same_recording(player.recording, subject.short_session, f"beside {beside}")
 
 
-@check("ERRORS")
-def error_does_not_affect_other_sessions(subject: Subject) -> None:
-    """Every error ends its own session only."""
-    with Stream(subject.client) as one:
-        player = Player(one, Recording(subject.spec, subject.arenas), subject.start())
-        for _ in range(SHORT):
-            subject.play(subject.start(), pb.PlayRequest())
-            player.decide()
-    expect_same_recording(player.recording, subject.short_session, "beside sessions with errors")
+CLOSED = (  # name, section, rule, how many requests are sent before the client closes its half
+    ("stream_without_requests_ends_with_ok", "SESSION",
+     "A stream ends with OK after the client has closed its half, also before a Start.", 0),
+    ("stream_ends_with_ok_after_the_last_request", "SESSION",
+     "A stream ends with OK after the client has closed its half.", 3),
+)  # fmt: skip
 
 
-@check("SESSION")
-def stream_without_requests_ends_with_ok(subject: Subject) -> None:
-    """A stream ends with OK after the client has closed its half, also before a Start."""
-    exchange = subject.play()
-    expect_equal(exchange.status, OK, "status")
-
-
-@check("SESSION")
-def stream_ends_with_ok_after_the_last_request(subject: Subject) -> None:
-    """A stream ends with OK after the client has closed its half."""
-    exchange = subject.play(*subject.short_session.requests[:3])
-    expect(exchange.status == OK, exchange.status, "OK")
+@table(CLOSED)
+def _stream_ends_with_ok(subject: Subject, requests: int) -> None:
+    sent = subject.short_session.requests[:requests] if requests else []
+    status = subject.play(*sent).status
+    expect(status == OK, status, "OK")
 
 
 @check("SESSION")
@@ -109,38 +138,6 @@ def half_closed_stream_ends_with_ok(subject: Subject) -> None:
         stream.ask(subject.start())
         answer = stream.half_close()
         expect(answer == OK, answer if isinstance(answer, Status) else "another response", "OK")
-
-
-@check("SESSION")
-def cancelled_session_does_not_affect_others(subject: Subject) -> None:
-    """A session that is cancelled frees its own arenas only."""
-    with Stream(subject.client) as one:
-        player = Player(one, Recording(subject.spec, subject.arenas), subject.start())
-        requests = subject.short_session.requests
-        for _ in range(SHORT):
-            with Stream(subject.client) as other:
-                other.ask(subject.start(seed=9))
-                other.requests.put(requests[1] if len(requests) > 1 else pb.PlayRequest())
-                other.cancel()  # while the server works on the last request
-            player.decide()
-    expect_same_recording(player.recording, subject.short_session, "beside cancelled sessions")
-
-
-@check("SESSION")
-def lost_connection_does_not_affect_other_sessions(subject: Subject) -> None:
-    """A session that loses its connection frees its own arenas only."""
-    with Stream(subject.client) as one:
-        player = Player(one, Recording(subject.spec, subject.arenas), subject.start())
-        for _ in range(3):
-            with subject.client.another() as second:
-                lost = Stream(second)
-                lost.ask(subject.start(seed=9))
-                second.close()  # with the session still open
-                lost.requests.put(None)
-            player.decide()
-        for _ in range(SHORT - 3):
-            player.decide()
-    expect_same_recording(player.recording, subject.short_session, "beside lost connections")
 
 
 def _abandon(client: Client, start: pb.PlayRequest, way: str) -> None:
@@ -174,8 +171,9 @@ def _expect_room(client: Client, start: pb.PlayRequest, when: str) -> None:
 @check("DETERMINISM")
 def second_connection_gives_the_same_bytes(subject: Subject) -> None:
     """The same bytes, whatever the session or the transport."""
-    with subject.client.another() as other:
-        expect_same_recording(subject.record(client=other), subject.short_session, "on another connection")
+    with subject.client.another() as connection:
+        other = Subject(connection, subject.game, subject.options)
+        expect_same_recording(other.record(), subject.short_session, "on another connection")
 
 
 @check("DETERMINISM")

@@ -1,14 +1,15 @@
 """Snapshots: a session continues from one with the same bytes, and invalid snapshots are refused."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from typing import Any
 
 from joybridge.conformance.client import Stream
 from joybridge.conformance.expectations import Violation, expect, skip_unless
-from joybridge.conformance.recording import SAVE, Player, Recording, expect_same_bytes, reset_request
-from joybridge.conformance.registry import check
+from joybridge.conformance.recording import SAVE, Player, expect_same_bytes, reset_request
+from joybridge.conformance.registry import Rows, check, table
+from joybridge.conformance.spec_expectations import parts_of
 from joybridge.conformance.step_expectations import expect_finite, expect_in_bounds
 from joybridge.conformance.subject import FAILED_PRECONDITION, INVALID_ARGUMENT, SEED, SHORT, Subject
 from joybridge.v1 import bridge_pb2 as pb
@@ -24,7 +25,7 @@ def session_continues_from_a_snapshot(subject: Subject) -> None:
 @check("Snapshot")
 def snapshot_includes_seed_and_parameters_of_reset(subject: Subject) -> None:
     """A snapshot includes the seed and the parameters of the last Reset."""
-    ends = {p.name: p.low if p.default_value != p.low else p.high for p in subject.spec.parameters}
+    ends = subject.other_parameters()
     others = {p.name: (p.default_value + ends[p.name]) / 2 for p in subject.spec.parameters}
     with _saved(subject, reset=reset_request(SEED + 1, others)) as saved:
         _expect_continued(subject, saved)
@@ -33,10 +34,7 @@ def snapshot_includes_seed_and_parameters_of_reset(subject: Subject) -> None:
 @check("Started")
 def started_from_a_snapshot_has_the_saved_observations(subject: Subject) -> None:
     """After a snapshot, Started has the observations, masks and deciding lanes of the saved session."""
-    with _saved(subject) as saved:
-        pass
-    (response,) = subject.expect_answered(subject.start(snapshot=saved.recording.snapshot))
-    for got, expected in zip(response.started.step.behaviors, saved.recording.steps[-1].behaviors, strict=False):
+    for got, expected in _first_steps(subject):
         for field in ("observations", "masks", "deciding"):
             same = getattr(got, field) == getattr(expected, field)
             expect(same, f"different {field}", "those of the saved session")
@@ -45,11 +43,8 @@ def started_from_a_snapshot_has_the_saved_observations(subject: Subject) -> None
 @check("Started")
 def started_from_a_snapshot_has_no_rewards_and_no_ends(subject: Subject) -> None:
     """In the first step of a session rewards are 0 and no episode has ended, also after a snapshot."""
-    with _saved(subject) as saved:
-        pass
-    (response,) = subject.expect_answered(subject.start(snapshot=saved.recording.snapshot))
-    for part in response.started.step.behaviors:
-        none = not any(part.rewards.data + part.terminated.data + part.truncated.data) and not part.HasField("ended")
+    for got, _ in _first_steps(subject):
+        none = not any(got.rewards.data + got.terminated.data + got.truncated.data) and not got.HasField("ended")
         expect(none, "rewards or ends", "none")
 
 
@@ -79,76 +74,42 @@ def snapshot_is_not_larger_than_the_spec_says(subject: Subject) -> None:
     expect(got <= most, f"{got} bytes for {subject.arenas} arenas", f"at most {most}")
 
 
-@check("Start")
-def snapshot_with_another_seed_is_refused(subject: Subject) -> None:
-    """All other fields of Start must be those of the session that was saved."""
-    _expect_refused(subject, _snapshot(subject), seed=SEED + 1)
+OTHER = "All other fields of Start must be those of the session that was saved."
+PARTIAL = "A snapshot is the state of all arenas; one that does not fit is INVALID_ARGUMENT."
+FIELDS = (  # name, section, rule, the fields of Start that the session was not saved with: each is refused alone
+    ("snapshot_with_another_seed_is_refused", "Start", OTHER, lambda subject: [{"seed": SEED + 1}]),
+    ("snapshot_with_another_first_arena_is_refused", "Start", OTHER, lambda subject: [{"first_arena": 1}]),
+    ("snapshot_with_another_number_of_arenas_is_refused", "Start", OTHER,
+     lambda subject: [{"arenas": n} for n in (1, 3) if subject.arenas != n <= subject.spec.max_arenas]),
+    ("snapshot_with_another_choice_is_refused", "Start", OTHER,
+     lambda subject: [{"options": {option.name: choice}} for option in parts_of(subject.spec, "options")
+                      for choice in [c for c in option.choices if c != option.default_choice][:1]]),
+    ("snapshot_with_other_parameters_is_refused", "Start", OTHER,
+     lambda subject: [{"parameters": {p.name: subject.other_parameters()[p.name]}}
+                      for p in parts_of(subject.spec, "parameters")]),
+)  # fmt: skip
+PARTS: Rows = (  # name, section, rule, the parts that are refused instead of those that were saved
+    ("empty_snapshot_is_refused", "Start", "A snapshot that does not fit is INVALID_ARGUMENT.", lambda whole: [{}]),
+    ("snapshot_with_unknown_parts_is_refused", "Start", "A snapshot that does not fit is INVALID_ARGUMENT.",
+     lambda whole: [{"no_such_part": b"garbage"}]),
+    ("snapshot_with_a_missing_part_is_refused", "Start", PARTIAL,
+     lambda whole: [{other: whole[other] for other in whole if other != name} for name in whole]),
+    ("snapshot_with_a_missing_byte_is_refused", "Start", PARTIAL,
+     lambda whole: [{**whole, name: data[:-1]} for name, data in whole.items() if data]),
+)  # fmt: skip
 
 
-@check("Start")
-def snapshot_with_another_first_arena_is_refused(subject: Subject) -> None:
-    """All other fields of Start must be those of the session that was saved."""
-    _expect_refused(subject, _snapshot(subject), first_arena=1)
-
-
-@check("Start")
-def snapshot_with_another_number_of_arenas_is_refused(subject: Subject) -> None:
-    """All other fields of Start must be those of the session that was saved."""
+@table(FIELDS)
+def _fields_are_refused(subject: Subject, fields: Callable[[Subject], list[dict[str, Any]]]) -> None:
     snapshot = _snapshot(subject)
-    for arenas in (1, 3):
-        if subject.arenas != arenas <= subject.spec.max_arenas:
-            _expect_refused(subject, snapshot, arenas=arenas)
+    for other in fields(subject):
+        subject.expect_refused(subject.start(snapshot=snapshot, **other), words=["snapshot"])
 
 
-@check("Start")
-def snapshot_with_another_choice_is_refused(subject: Subject) -> None:
-    """All other fields of Start must be those of the session that was saved."""
-    snapshot = _snapshot(subject)
-    skip_unless(subject.spec.options, "the game has no options")
-    for option in subject.spec.options:
-        for choice in [c for c in option.choices if c != option.default_choice][:1]:
-            _expect_refused(subject, snapshot, options={option.name: choice})
-
-
-@check("Start")
-def snapshot_with_other_parameters_is_refused(subject: Subject) -> None:
-    """All other fields of Start must be those of the session that was saved."""
-    snapshot = _snapshot(subject)
-    skip_unless(subject.spec.parameters, "the game has no parameters")
-    for p in subject.spec.parameters:
-        _expect_refused(subject, snapshot, parameters={p.name: p.low if p.default_value != p.low else p.high})
-
-
-@check("Start")
-def empty_snapshot_is_refused(subject: Subject) -> None:
-    """A snapshot that does not fit is INVALID_ARGUMENT."""
-    _require_snapshots(subject)
-    _expect_refused(subject, pb.Snapshot())
-
-
-@check("Start")
-def snapshot_with_unknown_parts_is_refused(subject: Subject) -> None:
-    """A snapshot that does not fit is INVALID_ARGUMENT."""
-    _require_snapshots(subject)
-    _expect_refused(subject, pb.Snapshot(parts={"no_such_part": b"garbage"}))
-
-
-@check("Start")
-def snapshot_with_a_missing_part_is_refused(subject: Subject) -> None:
-    """A snapshot is the state of all arenas; one that does not fit is INVALID_ARGUMENT."""
-    whole = _snapshot(subject)
-    for name in whole.parts:
-        parts = {other: data for other, data in whole.parts.items() if other != name}
-        _expect_refused(subject, pb.Snapshot(parts=parts))
-
-
-@check("Start")
-def snapshot_with_a_missing_byte_is_refused(subject: Subject) -> None:
-    """A snapshot is the state of all arenas; one that does not fit is INVALID_ARGUMENT."""
-    whole = _snapshot(subject)
-    for name, data in whole.parts.items():
-        if data:
-            _expect_refused(subject, pb.Snapshot(parts={**whole.parts, name: data[:-1]}))
+@table(PARTS)
+def _parts_are_refused(subject: Subject, parts: Callable[[dict[str, bytes]], list[dict[str, bytes]]]) -> None:
+    for other in parts(dict(_snapshot(subject).parts)):
+        subject.expect_refused(subject.start(snapshot=pb.Snapshot(parts=other)), words=["snapshot"])
 
 
 @check("Snapshot")
@@ -197,7 +158,7 @@ def _saved(subject: Subject, decisions: int = SHORT, reset: pb.PlayRequest | Non
     """Yield a player that started, sent `reset` if there is one, played some decisions and saved."""
     _require_snapshots(subject)
     with Stream(subject.client) as stream:
-        player = Player(stream, Recording(subject.spec, subject.arenas), subject.start())
+        player = subject.player(stream)
         if reset:
             player.begin(reset)
         for _ in range(decisions):
@@ -208,14 +169,21 @@ def _saved(subject: Subject, decisions: int = SHORT, reset: pb.PlayRequest | Non
         yield player
 
 
+def _first_steps(subject: Subject) -> Iterator[tuple[pb.BehaviorStep, pb.BehaviorStep]]:
+    """Yield each behavior of the first step from a snapshot, and of the step before the Save."""
+    with _saved(subject) as saved:
+        pass
+    (response,) = subject.expect_answered(subject.start(snapshot=saved.recording.snapshot))
+    yield from zip(response.started.step.behaviors, saved.recording.steps[-1].behaviors, strict=False)
+
+
 def _expect_continued(subject: Subject, saved: Player) -> None:
     """Raise Violation unless a session from the snapshot continues like the one that was saved."""
     generators, before = deepcopy(saved.generators), len(saved.recording.steps)
     for _ in range(2 * SHORT):
         saved.decide()
     with Stream(subject.client) as stream:
-        start = subject.start(snapshot=saved.recording.snapshot)
-        player = Player(stream, Recording(subject.spec, subject.arenas), start)
+        player = subject.player(stream, snapshot=saved.recording.snapshot)
         player.generators = generators
         for _ in range(2 * SHORT):
             player.decide()
@@ -229,7 +197,3 @@ def _snapshot(subject: Subject) -> pb.Snapshot:
     with _saved(subject) as player:
         assert player.recording.snapshot is not None
         return player.recording.snapshot
-
-
-def _expect_refused(subject: Subject, snapshot: pb.Snapshot, **fields: Any) -> None:
-    subject.expect_refused(subject.start(snapshot=snapshot, **fields), words=["snapshot"])

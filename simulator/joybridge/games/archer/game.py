@@ -42,6 +42,7 @@ class Archer(Game):
 
     name = "archer"
     description = "Aim ahead of the balloons and loose the arrow in time: an axis, and choices that are masked."
+    version = "1"
     in_event_loop = True
 
     @classmethod

@@ -101,6 +101,7 @@ class BeastlyRivals(PointerGame):
 
     name = "beastly_rivals"
     description = "Lead a character away from a beast that grows faster: click to walk, blink to escape."
+    version = "1"
     options = OPTIONS
     arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
     parameters, sensors, channels = PARAMETERS, SENSORS, CHANNELS

@@ -24,6 +24,7 @@ class Ferry(Game):
 
     name = "ferry"
     description = "Steer through the gates and sound the horn at ships: two behaviors, three agents."
+    version = "1"
     in_event_loop = True
 
     @classmethod

@@ -36,6 +36,7 @@ class Marble(Game):
 
     name = "marble"
     description = "Tilt the board until the marble lies in the ring: two axes."
+    version = "1"
     in_event_loop = True
 
     @classmethod

@@ -36,6 +36,7 @@ class Noughts(Game):
 
     name = "noughts"
     description = "Three in a row wins: two agents of one behavior take turns, and one of them always waits."
+    version = "1"
     in_event_loop = True
     last = (0, 0)  # both players' marks at the end of the previous episode, for the picture
 

@@ -35,6 +35,7 @@ class Orchard(Game):
 
     name = "orchard"
     description = "Catch the apples and close the lid when a wasp comes: two branches at once."
+    version = "1"
     in_event_loop = True
 
     @classmethod

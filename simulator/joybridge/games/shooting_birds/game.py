@@ -86,6 +86,7 @@ class ShootingBirds(PointerGame):
 
     name = "shooting_birds"
     description = "Aim a crosshair at birds that fly past trees and barns, shoot, and mind the ammo."
+    version = "1"
     options = OPTIONS
     arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
     parameters, sensors, channels = PARAMETERS, SENSORS, CHANNELS

@@ -1,0 +1,121 @@
+"""What commands that use simulators share: the options for them, types of arguments, errors and exit statuses."""
+
+import argparse
+import math
+import shlex
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+
+from joybridge.client.signals import interrupt_on_signals
+from joybridge.client.simulator_source import Simulators
+from joybridge.contract.address import address
+from joybridge.contract.credentials import add_credentials_arguments
+from joybridge.contract.errors import JoybridgeError
+
+
+def run_command(command: Callable[[argparse.Namespace], int | None], options: argparse.Namespace) -> int:
+    """Run a command and return its exit status (None is 0). Errors and interrupts become a line on standard error."""
+    interrupt_on_signals()
+    try:
+        return command(options) or 0
+    except JoybridgeError as error:
+        say(f"error: {error}")
+        return error.exit_status
+    except OSError as error:
+        say(f"error: {error.filename or 'the output'}: {error.strerror or error}")
+        return 1
+    except KeyboardInterrupt:
+        say("interrupted")
+        return 130
+
+
+def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> None:
+    """Add the options that say which simulators are used. last: in words, what is tried first if none is named."""
+    parser.add_argument(
+        "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
+        help="HOST:PORT or unix:PATH of a running simulator; a run divides its arenas among several if this option "
+        f"is repeated. Default: {last}this command starts a simulator and stops it at the end",
+    )  # fmt: skip
+    add_credentials_arguments(parser)
+    parser.add_argument(
+        "--wait", type=seconds, default=60.0, metavar="SECONDS",
+        help="how long to wait for a simulator that does not answer yet; default %(default)g",
+    )  # fmt: skip
+    parser.add_argument(
+        "--timeout", type=seconds, metavar="SECONDS",
+        help="how long to wait for each answer of a simulator before it is taken for lost; default: timeout_seconds of "
+        "the configuration",
+    )  # fmt: skip
+    parser.add_argument(
+        "--game", action="append", default=[], metavar="MODULE:CLASS",
+        help="another game for the simulator that this command starts; the current folder is searched first; a run "
+        "remembers its game",
+    )  # fmt: skip
+    for option, metavar in (("gym", "ID"), ("pettingzoo", "MODULE"), ("unity", "BUILD"), ("unity-port", "PORT")):
+        parser.add_argument(
+            f"--{option}", action="append", dest="game", type=f"{option}:{{}}".format, metavar=metavar,
+            help="an environment for the simulator that this command starts, as in `joybridge serve`",
+        )  # fmt: skip
+
+
+def add_trust_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of commands that play a run: whether to start and call what it names."""
+    parser.add_argument(
+        "--trust-run",
+        action="store_true",
+        help="start the games and call the simulators that the run names, although you have not trained it on this "
+        "machine; it can run any program as you",
+    )
+
+
+def check_simulator_options(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with the usage if options contradict each other; --timeout becomes an override of the configuration."""
+    if options.timeout:
+        options.overrides.append(f"timeout_seconds={options.timeout}")
+    if options.simulator and options.game:
+        parser.error(
+            "--game, --gym, --pettingzoo and --unity are for a simulator that this command starts; give them to the "
+            "running one"
+        )
+    if (options.tls_ca or options.token_file) and not options.simulator:
+        parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+
+
+def wanted_simulators(options: argparse.Namespace) -> Simulators:
+    """Return the simulators that the command line names."""
+    tls_ca, token_file = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
+    return Simulators(tuple(options.simulator), tuple(options.game), tls_ca, token_file)
+
+
+def at_least(least: int) -> Callable[[str], int]:
+    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
+
+    def number(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
+        return int(text)
+
+    return number
+
+
+def seconds(text: str) -> float:
+    """Return a positive time in seconds. Raises ArgumentTypeError."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
+    return number
+
+
+def say(text: str) -> None:
+    """Print a line on standard error, if anybody is still there."""
+    with suppress(OSError):  # the terminal is gone
+        print(text, file=sys.stderr, flush=True)
+
+
+def say_next(*words: str) -> None:
+    """Name the command that usually comes next."""
+    say(f"next: {shlex.join(['joybridge', *words])}")

@@ -1,0 +1,145 @@
+"""The statistics of a comparison, from the scores of its runs. The same scores give the same numbers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, count
+from math import comb
+from statistics import mean, median, stdev
+
+import numpy as np
+
+from joybridge.compare.estimators import (
+    Estimate,
+    bootstrap,
+    estimate,
+    holm,
+    interquartile_mean,
+    mann_whitney,
+    performance_profile,
+    probability_of_improvement,
+)
+from joybridge.compare.scores import Run
+from joybridge.contract.tensors import Array
+
+SIGNIFICANCE = 0.05
+THRESHOLDS = 101  # of a performance profile
+LONGEST_CURVE = 200  # points of a learning curve
+
+
+@dataclass(frozen=True)
+class Band:
+    """A line with its 95 % confidence band."""
+
+    x: list[float]
+    value: list[float]
+    low: list[float]
+    high: list[float]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What the runs of one variant have reached."""
+
+    label: str
+    runs: tuple[Run, ...]  # at least one
+    iqm: Estimate  # of the scores
+    curve: Band  # IQM of the metric over timesteps
+    profile: Band  # fraction of runs above a score
+
+    @property
+    def scores(self) -> list[float]:
+        """Return the score of each run."""
+        return [run.score for run in self.runs]
+
+    @property
+    def mean(self) -> float:
+        """Return the mean of the scores."""
+        return mean(self.scores)
+
+    @property
+    def std(self) -> float:
+        """Return the standard deviation of the scores; that of a single run is not known and given as 0."""
+        return stdev(self.scores) if len(self.runs) > 1 else 0.0
+
+    @property
+    def median(self) -> float:
+        """Return the median of the scores."""
+        return median(self.scores)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two variants, compared."""
+
+    first: str
+    second: str
+    improvement: Estimate  # the probability that a run of the first is above one of the second
+    p_value: float  # of the Mann-Whitney test
+    corrected: float  # by Holm's method, for the number of pairs
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Everything about a comparison that its page says."""
+
+    metric: str
+    score: float  # that the runs are timed to
+    results: tuple[Result, ...]
+    pairs: tuple[Pair, ...]  # each once, in the order of the variants
+
+    @property
+    def smallest_p(self) -> float:
+        """Return the smallest corrected p value that so few runs can have, of any pair."""
+        sizes = [len(result.runs) for result in self.results]
+        return min((_smallest_p(len(self.pairs), n, m) for n, m in combinations(sizes, 2)), default=0.0)
+
+
+def least_seeds(variants: int) -> int:
+    """Return the least number of runs of each variant with which two of so many variants can differ significantly."""
+    pairs = comb(variants, 2)
+    return next(n for n in count(1) if _smallest_p(pairs, n, n) < SIGNIFICANCE)
+
+
+def _smallest_p(pairs: int, n: int, m: int) -> float:
+    """Return the corrected p value if all n runs of a variant are better than all m of another: the smallest one."""
+    return pairs * 2 / comb(n + m, n)
+
+
+def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None = None) -> Analysis:
+    """Return the statistics of all variants.
+
+    runs: at least one of each variant, by its label. score: that runs are timed to; None: the lowest IQM of the final
+    scores.
+    """
+    scores = {label: np.array([[run.score] for run in each]) for label, each in runs.items()}
+    everything = np.concatenate(list(scores.values()))
+    margin = 0.05 * float(np.ptp(everything)) or 1.0
+    thresholds = np.linspace(everything.min() - margin, everything.max() + margin, THRESHOLDS)
+    results = tuple(
+        Result(
+            label, tuple(runs[label]), estimate(interquartile_mean, each), _curve(runs[label]),
+            _band(thresholds, bootstrap(lambda drawn: performance_profile(drawn, thresholds), each)),
+        )
+        for label, each in scores.items()
+    )  # fmt: skip
+    labels = list(combinations(scores, 2))
+    p_values = [mann_whitney(scores[one][:, 0].tolist(), scores[other][:, 0].tolist()) for one, other in labels]
+    pairs = tuple(
+        Pair(one, other, estimate(probability_of_improvement, scores[one], scores[other]), p_value, corrected)
+        for (one, other), p_value, corrected in zip(labels, p_values, holm(p_values), strict=True)
+    )
+    return Analysis(metric, min(result.iqm.value for result in results) if score is None else score, results, pairs)
+
+
+def _curve(runs: Sequence[Run]) -> Band:
+    """Return the IQM over runs where all of them have a row, at most LONGEST_CURVE times."""
+    values = [{point.timesteps: point.value for point in run.points} for run in runs]
+    marks = sorted(set.intersection(*(set(each) for each in values)))
+    marks = marks[:: -(-len(marks) // LONGEST_CURVE) or 1]
+    table = np.array([[each[mark] for mark in marks] for each in values]).reshape(len(runs), len(marks))
+    # Each mark is resampled by itself, as a task would be, and has an IQM of its own.
+    return _band(np.array(marks), bootstrap(lambda drawn: interquartile_mean(drawn.swapaxes(-1, -2)[..., None]), table))
+
+
+def _band(x: Array, estimates: tuple[Array, Array, Array]) -> Band:
+    return Band(x.tolist(), *(each.tolist() for each in estimates))

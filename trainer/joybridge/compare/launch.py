@@ -1,0 +1,88 @@
+"""From variants to runs: the specs of their games, their jobs, and where these are trained."""
+
+import argparse
+import shlex
+from collections.abc import Callable, Sequence
+
+from joybridge.client.command_line import say, wanted_simulators
+from joybridge.client.simulator_source import open_simulators
+from joybridge.compare.job import Job, Process, start
+from joybridge.compare.variants import Variant, check_game, keep
+from joybridge.config.errors import ConfigError
+from joybridge.layouts import list_roles
+from joybridge.plugins import load
+from joybridge.policy.config_fit import check_fit, fitting_spec
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def served_specs(variants: Sequence[Variant], options: argparse.Namespace) -> list[pb.GameSpec]:
+    """Return the spec of each variant's game, from a simulator, and keep it in the folder.
+
+    Raises ConfigError for a variant that does not fit its game, and for a game that has changed.
+    """
+    with open_simulators(wanted_simulators(options), options.wait, say) as connect:
+        address = connect()[0]
+        specs = [fitting_spec(address, variant.config) for variant in variants]
+    for variant, spec in zip(variants, specs, strict=True):
+        check_variant(variant, spec)
+        check_game(variant, spec, options.output)
+    keep(variants, specs, options.output)
+    return specs
+
+
+def check_variant(variant: Variant, spec: pb.GameSpec) -> None:
+    """Raise ConfigError, which names the variant, unless its policies can be made for a spec."""
+    try:
+        check_fit(variant.config, spec)
+    except ConfigError as error:
+        raise ConfigError(f"{variant.label}: {error}") from error
+
+
+def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.Namespace) -> Job:
+    """Return a run of a variant.
+
+    Without snapshots, a run that goes on after a loss has other figures; such a run ends, and is repeated as a whole.
+    """
+    exact = bool(spec.snapshot_bytes_per_arena)
+    return Job(
+        variant.name, seed, variant.config.end, options.output / "configs", options.output / "runs",
+        overrides=() if exact else ("restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
+        exact=exact,
+    )  # fmt: skip
+
+
+def scored_policy(variant: Variant, spec: pb.GameSpec, behavior: str | None) -> str:
+    """Return the policy whose metrics are compared; "" for the only policy of a game. Raises ConfigError.
+
+    It is the last one of the behavior: of axes and buttons the one with the buttons, as in the paper.
+    """
+    names = [each.name for each in spec.behaviors]
+    if behavior is not None and behavior not in names:
+        raise ConfigError(f"--behavior got {behavior!r}; {spec.name} has {', '.join(names)}")
+    roles = list_roles(variant.config.layout, spec)
+    index = names.index(behavior) if behavior is not None else 0
+    return [role.name for role in roles if role.behavior == index][-1] if len(roles) > 1 else ""
+
+
+def backend(options: argparse.Namespace) -> tuple[int, Callable[[Job], Process]]:
+    """Return how many runs are trained at the same time, and what starts one: here, or on a Ray cluster."""
+    if options.backend == "local":
+        return options.jobs or 1, start
+    cluster = load("joybridge.clusters", "ray-grid")(options.cluster, options.jobs or 1)
+    return options.jobs or cluster.room(), cluster.start
+
+
+def repetition(options: argparse.Namespace) -> str:
+    """Return the command that makes the same comparison or search elsewhere."""
+    words = ["joybridge", "compare", options.config]
+    words += [word for config in options.also for word in ("--also", config)]
+    words += ["--layouts", *options.layouts] if options.layouts else []
+    words += ["--set", *options.set] if options.set else []
+    words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
+    words += ["--seeds", f"{options.seeds}"] if not options.search else []
+    words += ["--metric", options.metric] if options.metric != "reward" else []
+    words += ["--behavior", options.behavior] if options.behavior else []
+    words += ["--score", f"{options.score:g}"] if options.score is not None else []
+    words += [word for game in options.game for word in ("--game", game)]
+    words += ["--simulator", "ADDRESS"] if options.simulator else []
+    return shlex.join([*words, "--output", "FOLDER", *options.overrides])

@@ -1,0 +1,329 @@
+"""The page of a comparison: Markdown and HTML with the same text, and its numbers as CSV and JSON."""
+
+import base64
+import csv
+import html
+import io
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+from markdown_it import MarkdownIt
+
+from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Band, Pair, Result, least_seeds
+from joybridge.compare.estimators import Estimate
+from joybridge.compare.pictures import CAPTIONS, draw_pictures, picture
+from joybridge.config.files import write_atomically
+
+PICTURES = "pictures"  # folder beside the page
+TEMPLATE = """\
+<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width">
+<title>{title}</title>
+<style>
+:root {{ color-scheme: light dark; --ink: #1f2328; --paper: #ffffff; --line: #d1d9e0; --code: #f6f8fa; }}
+@media (prefers-color-scheme: dark) {{
+  :root {{ --ink: #e6edf3; --paper: #0d1117; --line: #3d444d; --code: #151b23; }}
+}}
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
+  color: var(--ink); background: var(--paper); }}
+img {{ max-width: 100%; }}
+table {{ display: block; overflow-x: auto; border-collapse: collapse; margin: 1rem 0; font-size: 0.9em; }}
+th, td {{ border: 1px solid var(--line); padding: 0.3rem 0.6rem; text-align: left; }}
+code, pre {{ background: var(--code); padding: 0.1rem 0.3rem; }}
+pre {{ overflow-x: auto; padding: 0.6rem; }}
+</style>
+{body}
+</html>
+"""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What was compared, for the beginning and the end of the page."""
+
+    game: str
+    timesteps: Sequence[int]  # lengths of the runs
+    policies: Mapping[str, str]  # whose metric is the score, by variant; "": a game has one policy
+    command: str  # that makes this comparison
+    missing: Sequence[str]  # runs that failed, each with its reason
+
+
+def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]:
+    """Write the page, its pictures and its numbers into a folder. Return the paths of all but the pictures.
+
+    Raises StorageError.
+    """
+    draw_pictures(analysis, folder / PICTURES)
+    text = page_text(analysis, setting)
+    files = {
+        "page.md": text, "page.html": page_html(text, folder), "scores.csv": scores_csv(analysis),
+        "compare.json": json.dumps(as_data(analysis, setting), indent=1, ensure_ascii=False) + "\n",
+    }  # fmt: skip
+    for name, content in files.items():
+        write_atomically(folder / name, content.encode())
+    return [folder / name for name in files]
+
+
+def page_text(analysis: Analysis, setting: Setting) -> str:
+    """Return the page as Markdown. Only the section "Wall-clock time" differs when a comparison is made again."""
+    blocks = [f"# {escaped(setting.game)}: {_count(len(analysis.results), 'variant')}"]
+    blocks += [_introduction(analysis, setting), *_warnings(analysis, setting)]
+    enough = analysis.smallest_p < SIGNIFICANCE
+    blocks += ["## Final scores", final_scores(analysis), picture_block("scores", CAPTIONS["scores"])]
+    blocks += ["## Learning curves", picture_block("curves", CAPTIONS["curves"])]
+    if analysis.pairs:
+        blocks += ["## Which variant is better", _better(analysis)]
+        blocks += [
+            "The probability that a run of the row has a higher score than one of the column, with its 95 % "
+            f"interval. {'**Bold**: the interval does not contain 50 %.' if enough else _nothing_bold(analysis)}",
+            _matrix(analysis, partial(_improvement_cell, bold=enough)),
+        ]
+        bold = " **Bold**: below 0.05." if enough else ""
+        blocks += [f"The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method."
+                   f"{bold}", _matrix(analysis, _p_cell)]  # fmt: skip
+    blocks += ["## Performance profiles", picture_block("profiles", CAPTIONS["profiles"])]
+    blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
+    blocks += ["## Wall-clock time", _wall_clock(analysis)]
+    blocks += ["## Again", f"```\n{setting.command}\n```"]
+    return "\n\n".join(blocks) + "\n"
+
+
+def page_html(text: str, folder: Path) -> str:
+    """Return the page as one HTML file with the pictures of the folder in it. text: Markdown."""
+    body = MarkdownIt("commonmark").enable("table").render(text)
+    for path in sorted((folder / PICTURES).glob("*.png")):
+        data = base64.b64encode(path.read_bytes()).decode()
+        body = body.replace(f'"{PICTURES}/{path.name}"', f'"data:image/png;base64,{data}"')
+    return TEMPLATE.format(title=text.partition("\n")[0].removeprefix("# "), body=body)
+
+
+def scores_csv(analysis: Analysis) -> str:
+    """Return a line per run: its variant, its seed and its score."""
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(("variant", "seed", analysis.metric, f"timesteps_to_{analysis.score:.6g}"))
+    for result in analysis.results:
+        for run in result.runs:
+            first = run.first_at(analysis.score)
+            table.writerow((result.label, run.seed, repr(run.score), first.timesteps if first else ""))
+    return text.getvalue()
+
+
+def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
+    """Return all numbers as plain data. Only those under "wall_clock" differ when a comparison is made again."""
+
+    def band(each: Band, x: str) -> dict[str, list[float]]:
+        return {x: each.x, "value": each.value, "low": each.low, "high": each.high}
+
+    score, results = analysis.score, analysis.results
+    return {
+        "game": setting.game, "metric": analysis.metric, "score": score, "missing": list(setting.missing),
+        "variants": [
+            {
+                "label": result.label, "policy": setting.policies[result.label],
+                "seeds": [run.seed for run in result.runs],
+                "scores": result.scores, "iqm": result.iqm._asdict(), "mean": result.mean, "std": result.std,
+                "median": result.median,
+                "timesteps_to_score": [first.timesteps if first else None for first in _firsts(result, score)],
+                "curve": band(result.curve, "timesteps"), "profile": band(result.profile, "scores"),
+            }
+            for result in results
+        ],
+        "pairs": [
+            {
+                "first": pair.first, "second": pair.second, "improvement": pair.improvement._asdict(),
+                "p_value": pair.p_value, "corrected": pair.corrected,
+            }
+            for pair in analysis.pairs
+        ],
+        "wall_clock": {
+            result.label: {
+                "seconds": [_finite(run.seconds) for run in result.runs],
+                "seconds_to_score": [_finite(first.seconds) if first else None for first in _firsts(result, score)],
+            }
+            for result in results
+        },
+    }  # fmt: skip
+
+
+def _introduction(analysis: Analysis, setting: Setting) -> str:
+    counts = sorted({len(result.runs) for result in analysis.results})
+    lengths = sorted(set(setting.timesteps))
+    runs = f"{counts[0]} to {counts[-1]} runs" if len(counts) > 1 else _count(counts[0], "run")
+    length = f"{lengths[0]:,}" + (f" to {lengths[-1]:,}" if len(lengths) > 1 else "")
+    policies = [f"{escaped(name)} for {escaped(label)}" for label, name in setting.policies.items() if name]
+    several = f" Where several policies play, it is that of one of them: {', '.join(policies)}."
+    return (
+        f"{runs} of {length} timesteps per variant. The score of a run is the mean *{escaped(analysis.metric)}* of the "
+        f"last tenth of its rows of metrics; higher is better.{several if policies else ''} The interquartile mean "
+        "(IQM) leaves out the lowest and the highest quarter of the runs. Intervals are 95 % confidence intervals of "
+        "a stratified bootstrap over runs, as in [rliable](https://github.com/google-research/rliable)."
+    )
+
+
+def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
+    blocks = []
+    if setting.missing:
+        runs = "\n".join(f"- {escaped(each)}" for each in setting.missing)
+        blocks.append(f"**These runs are missing, and the page is computed without them:**\n\n{runs}")
+    for one, other in combinations(analysis.results, 2):
+        if one.scores == other.scores:
+            blocks.append(
+                f"**{escaped(one.label)} and {escaped(other.label)} have the same score with every seed.** Perhaps "
+                "they do not differ on this game: without buttons, for example, threshold and hybrid are the same."
+            )
+    if analysis.smallest_p >= SIGNIFICANCE:
+        blocks.append(
+            f"**Too few runs for a significance test**: the smallest p value that is possible with them is "
+            f"{_smallest_p(analysis)}. Repeat the command with `--seeds {least_seeds(len(analysis.results))}` or more; "
+            "finished runs are kept."
+        )
+    return blocks
+
+
+def _nothing_bold(analysis: Analysis) -> str:
+    """Return why nothing is bold: a bootstrap over two runs, for example, only knows these two."""
+    return (
+        f"Nothing is bold: with so few runs the smallest p value that is possible is {_smallest_p(analysis)}, and "
+        "their bootstrap intervals are too narrow."
+    )
+
+
+def _smallest_p(analysis: Analysis) -> str:
+    return f"{min(1.0, analysis.smallest_p):.2g}"
+
+
+def final_scores(analysis: Analysis) -> str:
+    """Return the scores of all variants as a table in Markdown; the best is bold if differences can be significant."""
+    results = analysis.results
+    best = max(result.iqm.value for result in results) if analysis.smallest_p < SIGNIFICANCE else None
+    rows = [
+        (
+            f"**{escaped(result.label)}**" if result.iqm.value == best else escaped(result.label),
+            f"{len(result.runs)}", _interval(result.iqm, len(result.runs)),
+            f"{number_text(result.mean)} ± {number_text(result.std)}",
+            number_text(result.median), f"{number_text(min(result.scores))} to {number_text(max(result.scores))}",
+        )
+        for result in results
+    ]  # fmt: skip
+    return table(("variant", "runs", "IQM", "mean ± sd", "median", "lowest to highest"), rows)
+
+
+def _better(analysis: Analysis) -> str:
+    """Return the differences that are significant, in words."""
+    by_label = {result.label: result for result in analysis.results}
+    lines = []
+    for pair in analysis.pairs:
+        if pair.corrected < SIGNIFICANCE:
+            better, worse = (pair.first, pair.second) if pair.improvement.value > 0.5 else (pair.second, pair.first)
+            lines.append(
+                f"- {escaped(better)} (IQM {number_text(by_label[better].iqm.value)}) is better than {escaped(worse)} "
+                f"({number_text(by_label[worse].iqm.value)}), p = {pair.corrected:.2g}."
+            )
+    return "\n".join(lines) or "No two variants differ significantly."
+
+
+def _matrix(analysis: Analysis, cell: Callable[[Pair, bool], str]) -> str:
+    """Return a table of all pairs. cell: the text of a pair; true where its second variant is the row."""
+    labels = [result.label for result in analysis.results]
+    cells = {(pair.first, pair.second): cell(pair, False) for pair in analysis.pairs}
+    cells |= {(pair.second, pair.first): cell(pair, True) for pair in analysis.pairs}
+    rows = [(escaped(row), *(cells.get((row, column), "") for column in labels)) for row in labels]
+    return table(("", *map(escaped, labels)), rows)
+
+
+def _improvement_cell(pair: Pair, reverse: bool, *, bold: bool) -> str:
+    value, low, high = pair.improvement
+    if reverse:
+        value, low, high = 1 - value, 1 - high, 1 - low
+    text = f"{100 * value:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+    return f"**{text}**" if bold and not low <= 0.5 <= high else text
+
+
+def _p_cell(pair: Pair, reverse: bool) -> str:
+    return f"**{pair.corrected:.2g}**" if pair.corrected < SIGNIFICANCE else f"{pair.corrected:.2g}"
+
+
+def _timesteps_to_score(analysis: Analysis) -> str:
+    rows = []
+    for result in analysis.results:
+        reached = [first.timesteps for first in _firsts(result, analysis.score) if first]
+        rows.append(
+            (escaped(result.label), f"{len(reached)} of {len(result.runs)}", *_middle(result, reached, "{:,.0f}"))
+        )
+    return (
+        "Timesteps until the first row of metrics that reaches this score. The median counts runs that never do as "
+        "infinitely long.\n\n" + table(("variant", "runs that reach it", "median", "shortest to longest"), rows)
+    )
+
+
+def _wall_clock(analysis: Analysis) -> str:
+    rows = []
+    for result in analysis.results:
+        reached = [first.seconds for first in _firsts(result, analysis.score) if first and math.isfinite(first.seconds)]
+        whole = [run.seconds for run in result.runs if math.isfinite(run.seconds)]
+        middle = _middle(result, reached, "{:,.0f}")[0]
+        rows.append((escaped(result.label), f"{mean(whole):,.0f}" if whole else "", middle))
+    return (
+        "Seconds of a run, and until the score above. These depend on the machine and on what else it did.\n\n"
+        + table(("variant", "seconds of a run, mean", "seconds to the score, median"), rows)
+    )
+
+
+def _middle(result: Result, reached: Sequence[float], form: str) -> tuple[str, str]:
+    """Return the median over all runs, and the range of those that have reached a score."""
+    ordered = [*sorted(reached), *[math.inf] * (len(result.runs) - len(reached))]
+    middle = (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+    ends = f"{form.format(min(reached))} to {form.format(max(reached))}" if reached else ""
+    return form.format(middle) if math.isfinite(middle) else "not reached", ends
+
+
+def _firsts(result: Result, score: float) -> list[Any]:
+    return [run.first_at(score) for run in result.runs]
+
+
+def picture_block(name: str, caption: str) -> str:
+    """Return a picture that follows the theme of the reader."""
+    return (
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{PICTURES}/{picture(name, "dark")}">'
+        f'<img src="{PICTURES}/{picture(name, "light")}" alt="{caption}"></picture>\n\n{caption}.'
+    )
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, ["---"] * len(heads), *rows))
+
+
+def escaped(text: str) -> str:
+    """Return a text that means nothing to Markdown and HTML."""
+    escaped = html.escape(text, quote=False)
+    return "".join(f"\\{character}" if character in "\\`*_[]|~" else character for character in escaped)
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"
+
+
+def _interval(estimate: Estimate, runs: int) -> str:
+    if runs == 1:
+        return number_text(estimate.value)
+    return f"{number_text(estimate.value)} [{number_text(estimate.low)}, {number_text(estimate.high)}]"
+
+
+def number_text(value: float) -> str:
+    """Return a number with four digits."""
+    return f"{value:.4g}" if abs(value) < 10_000 else f"{value:,.0f}"
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

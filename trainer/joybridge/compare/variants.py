@@ -1,0 +1,205 @@
+"""The variants of a comparison: configurations that differ in some keys, and what the folder knows of them."""
+
+import itertools
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
+
+from joybridge.compare.names import SEED
+from joybridge.config.config import MAY_CHANGE, Config, dump_config, load_config, make_config
+from joybridge.config.config_files import find_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.files import storing, write_atomically
+from joybridge.contract.files import read_file
+from joybridge.run.folder import MAX_NAME_CHARS
+from joybridge.v1 import bridge_pb2 as pb
+
+ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys that do not vary, and what to use instead
+FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a comparison is repeated
+VARIANTS = "variants.json"
+MAX_BYTES = 2**26  # of this file
+MOST = 3  # differences that an error names
+# What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
+OFFERS = {"description", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode"}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One of the compared configurations."""
+
+    label: str  # what differs, for people: "bucket-11", or "hybrid, gamma=0.9"
+    config: Config
+
+    @property
+    def name(self) -> str:
+        """Return the name of its files."""
+        return re.sub(r"[^\w.+=-]+", "_", self.label.replace(", ", "-")).strip("_")
+
+
+class Kept(NamedTuple):
+    """What the folder of a comparison knows of a variant."""
+
+    config: Config
+    spec: pb.GameSpec  # of its game when the comparison began
+
+
+def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
+    """Return what "policy.gamma=0.9,0.99" means; commas in brackets do not separate values. Raises ConfigError.
+
+    option: of the command line, which errors name.
+    """
+    key, equals, rest = text.partition("=")
+    values = [value.strip() for value in re.split(r",(?![^\[{]*[\]}])", rest)]
+    if not key or not equals or not all(values):
+        raise ConfigError(f"{option} got {text!r}, expected KEY=VALUE,VALUE,… as in policy.gamma=0.9,0.99")
+    if key in ELSEWHERE:
+        raise ConfigError(f"{option} {key}=…: {key} does not vary here; use {ELSEWHERE[key]}")
+    if len(set(values)) < len(values):
+        raise ConfigError(f"{option} got {text!r}, which names a value twice; name each value once")
+    return key, values
+
+
+def make_variants(
+    configs: Sequence[str], overrides: Sequence[str], grid: Sequence[tuple[str, Sequence[str]]]
+) -> list[Variant]:
+    """Return a variant for each configuration and combination of values.
+
+    configs: files or names of installed configurations, all of one game. overrides: what all variants share, KEY=VALUE
+    each. grid: keys and their values. Raises ConfigError.
+    """
+    shared = {override.partition("=")[0] for override in overrides}
+    for index, (key, _) in enumerate(grid):
+        if key in shared or key in dict(grid[:index]):
+            raise ConfigError(f"{key} is set twice; set it once, with all of its values")
+    if "seed" in shared:
+        raise ConfigError("seed=…: seeds are counted from 0; use --seeds for their number")
+    paths, variants = [find_config(config) for config in configs], []
+    for path, values in itertools.product(paths, itertools.product(*(values for _, values in grid))):
+        pairs = [(key, value) for (key, _), value in zip(grid, values, strict=True)]
+        made = load_config(path, [*overrides, *(f"{key}={value}" for key, value in pairs)])
+        parts = [path.stem] if len(paths) > 1 else []
+        parts += [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in pairs]
+        variants.append(Variant(", ".join(parts) or made.layout, made))
+    if len(games := {variant.config.game for variant in variants}) > 1:
+        raise ConfigError(f"the configurations are of {' and '.join(sorted(games))}; compare those of one game")
+    for one, other in itertools.combinations(variants, 2):
+        if one.config == other.config or one.name == other.name:
+            what = "the same configuration" if one.config == other.config else "files of the same name"
+            raise ConfigError(f"{one.label!r} and {other.label!r} have {what}; leave one of them out")
+    for variant in variants:
+        if len(variant.name) > MAX_NAME_CHARS or SEED.search(variant.name):
+            raise ConfigError(f"{variant.label!r} cannot name files; put its values into a configuration instead")
+    return variants
+
+
+def check_unchanged(variant: Variant, folder: Path) -> None:
+    """Raise ConfigError if the folder of a comparison holds another configuration of this name."""
+    kept = read_variants(folder).get(variant.name)
+    if kept is not None:
+        before, now = kept.config.model_dump(), variant.config.model_dump()
+        changed = [each for each in differences(before, now) if each[0].partition(".")[0] not in FREE]
+        if changed:
+            raise ConfigError(
+                f"{folder} holds another comparison: of {variant.label!r}, {in_words(changed)}; repeat the command as "
+                "it was, or name another folder with --output"
+            )
+
+
+def check_game(variant: Variant, spec: pb.GameSpec, folder: Path) -> None:
+    """Raise ConfigError if the game of a variant was another when the comparison began."""
+    before = kept_spec(variant, folder)
+    if before is not None:
+        was, now = _rules(before), _rules(spec)
+        now["options"] = {name: value for name, value in now["options"].items() if name in was["options"]}
+        changed = list(differences(was, now))
+        if changed:
+            raise ConfigError(
+                f"the game {spec.name} has changed since {folder} was begun: of {variant.label!r}, "
+                f"{in_words(changed)}; bring the former game back, or name another folder with --output"
+            )
+
+
+def kept_spec(variant: Variant, folder: Path) -> pb.GameSpec | None:
+    """Return the spec of a variant's game when the comparison began; None if it begins now. Raises ConfigError."""
+    kept = read_variants(folder).get(variant.name)
+    return kept and kept.spec
+
+
+def read_variants(folder: Path) -> dict[str, Kept]:
+    """Return what the folder knows of its variants, by name; nothing in a new folder. Raises ConfigError."""
+    path = folder / VARIANTS
+    try:
+        data = json.loads(read_file(path, MAX_BYTES))
+        return {
+            name: Kept(make_config(each["config"]), ParseDict(each["spec"], pb.GameSpec()))
+            for name, each in data.items()
+        }
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, ParseError, ConfigError, AttributeError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path} cannot be read ({error}); delete it, and repeat the command") from error
+
+
+def keep(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], folder: Path) -> None:
+    """Write the configurations of variants, and the specs of their games, into the folder. Raises StorageError.
+
+    The folder `configs` has each configuration as a file of its own, for the trainers.
+    """
+    kept = read_variants(folder)
+    for variant, spec in zip(variants, specs, strict=True):
+        kept[variant.name] = Kept(variant.config, spec)
+        path = config_path(folder, variant.name)
+        with storing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, dump_config(variant.config).encode())
+    lines = [
+        f"{json.dumps(name)}: {json.dumps({'config': each.config.model_dump(), 'spec': _as_dict(each.spec)})}"
+        for name, each in sorted(kept.items())
+    ]
+    write_atomically(folder / VARIANTS, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
+
+
+def config_path(folder: Path, name: str) -> Path:
+    """Return the file of a variant's configuration."""
+    return folder / "configs" / f"{name}.yaml"
+
+
+def _as_dict(spec: pb.GameSpec) -> dict[str, Any]:
+    """Return a spec as plain data."""
+    return MessageToDict(spec, preserving_proto_field_name=True)
+
+
+def _rules(spec: pb.GameSpec) -> dict[str, Any]:
+    """Return a spec as plain data, without what changes no score. Of its options, only the defaults decide."""
+    defaults = {option.name: option.default_choice for option in spec.options}
+    return {**_without_offers(_as_dict(spec)), "options": defaults}
+
+
+def _without_offers(value: Any) -> Any:
+    """Return plain data without the keys of OFFERS, at any depth."""
+    if isinstance(value, dict):
+        return {key: _without_offers(each) for key, each in value.items() if key not in OFFERS}
+    return [_without_offers(each) for each in value] if isinstance(value, list) else value
+
+
+def differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield what differs in two trees of plain data: its dotted key, what it was and what it is."""
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        before, now = dict(enumerate(before)), dict(enumerate(now))
+    if isinstance(before, Mapping) and isinstance(now, Mapping):
+        for name in [*before, *(name for name in now if name not in before)]:
+            yield from differences(before.get(name), now.get(name), f"{key}.{name}" if key else f"{name}")
+    elif before != now:
+        yield key, before, now
+
+
+def in_words(changed: Sequence[tuple[str, Any, Any]]) -> str:
+    """Return what has changed as a part of a sentence."""
+    texts = [f"{key} was {json.dumps(was)} and is now {json.dumps(now)}" for key, was, now in changed[:MOST]]
+    more = f", and {len(changed) - MOST} more" if len(changed) > MOST else ""
+    return ", ".join(texts) + more

@@ -1,0 +1,306 @@
+"""The configuration of a run: every key with its default and meaning, checked. Files hold only what differs."""
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, Field, ValidationError
+
+from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
+from joybridge.config.errors import ConfigError
+from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.plugins import load
+
+MAY_CHANGE = (  # in a resumed run
+    "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
+    "log_interval", "evaluate_over",
+)  # fmt: skip
+OF_THE_GAME = ("options", "parameters")
+OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
+MAY_DIFFER = (  # from the training, when a trained policy plays
+    *OF_THE_GAME, *OF_THE_HAND, "timeout_seconds", "transport",
+)  # fmt: skip
+
+# How the value of a key is written that holds several values, or values by name.
+FORMS = {
+    "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
+    "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
+}  # fmt: skip
+
+LONGEST_VALUE = 200  # characters of a wrong value in an error
+
+# Names of other libraries, and earlier ones of Joybridge, with the key to use instead.
+OTHER_NAMES = {
+    "num_envs": "arenas", "n_envs": "arenas", "num_agents": "arenas", "max_steps": "total_timesteps",
+    "total_steps": "total_timesteps", "num_timesteps": "total_timesteps", "transitions": "total_timesteps",
+    "summary_freq": "log_interval", "summary": "log_interval", "checkpoint": "checkpoint_interval",
+    "save_freq": "checkpoint_interval", "checkpoint_freq": "checkpoint_interval", "device": "accelerator",
+    "balance": "evaluate_over", "action_space": "layout", "n_steps": "policy.rollout_steps",
+    "num_steps": "policy.rollout_steps", "rollout": "policy.rollout_steps", "rollout_length": "policy.rollout_steps",
+    "buffer_size": "policy.rollout_steps", "horizon": "policy.time_horizon", "stack": "policy.frame_stack",
+    "n_stack": "policy.frame_stack", "stacked_vectors": "policy.frame_stack", "hidden": "policy.hidden_sizes",
+    "hidden_units": "policy.hidden_sizes", "net_arch": "policy.hidden_sizes", "batch_size": "policy.minibatch_size",
+    "minibatch": "policy.minibatch_size", "sgd_minibatch_size": "policy.minibatch_size", "n_epochs": "policy.epochs",
+    "num_epoch": "policy.epochs", "num_epochs": "policy.epochs", "update_epochs": "policy.epochs",
+    "lr": "policy.learning_rate", "entropy": "policy.entropy_coef", "ent_coef": "policy.entropy_coef",
+    "beta": "policy.entropy_coef", "clip": "policy.clip_range", "clip_coef": "policy.clip_range",
+    "epsilon": "policy.clip_range", "clip_eps": "policy.clip_range", "discount": "policy.gamma",
+    "lam": "policy.gae_lambda", "lambd": "policy.gae_lambda", "gae": "policy.gae_lambda",
+    "channels": "policy.reward_weights", "reward_signals": "policy.reward_weights",
+    "activation_fn": "policy.activation", "lr_schedule": "policy.learning_rate_schedule",
+    "anneal_lr": "policy.learning_rate_schedule", "beta_schedule": "policy.entropy_coef_schedule",
+    "epsilon_schedule": "policy.clip_range_schedule", "grad_clip": "policy.max_grad_norm",
+    "kl_target": "policy.target_kl", "normalize": "policy.scale_observations", "norm_obs": "policy.scale_observations",
+    "norm_reward": "policy.scale_rewards",
+}  # fmt: skip
+
+Schedule = Literal["linear", "constant"]
+
+T = TypeVar("T", bound=BaseModel)
+
+
+class PolicyConfig(Checked):
+    """What one policy observes, its rewards, and how it learns."""
+
+    sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
+    reward_weights: dict[str, float] = Field({}, description="weights of reward channels; others as in the game")
+    scale_observations: Literal["none", "bounds", "running"] = Field(
+        "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
+    )
+    scale_rewards: bool = Field(False, description="divide rewards by the deviation of the returns so far")
+    image_encoder: Literal["none", "simple", "nature", "impala"] = Field(
+        "none", description="convolutions over sensors that are images; none: their pixels are plain numbers"
+    )
+    frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
+    hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
+        [100, 100], min_length=1, description="units per hidden layer"
+    )
+    activation: Literal["swish", "tanh", "relu", "elu"] = Field("swish", description="of the hidden layers")
+    shared_body: bool | None = Field(
+        None, description="one body for actor and critic; null: only if there are no Gaussians"
+    )
+    rollout_steps: int = Field(59, ge=1, description="decisions per lane between two updates")
+    time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
+    minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
+    epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")
+    learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam")
+    learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
+    entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
+    entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
+    clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
+    clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
+    max_grad_norm: float | None = Field(
+        None, gt=0, description="longest gradient of the whole network; a longer one is shortened to it"
+    )
+    target_kl: float | None = Field(
+        None, gt=0, description="an update ends early, after an epoch whose mean KL divergence is larger"
+    )
+    gamma: float = Field(0.99, ge=0, le=1, description="discount of rewards per decision")
+    gae_lambda: float = Field(0.95, ge=0, le=1, description="lambda of generalized advantage estimation")
+    cloning_coef: float = Field(
+        1.0, ge=0, description="coefficient of the loss of cloning; beside PPO it falls linearly, to 0"
+    )
+    threads: int = Field(
+        1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
+    )
+    autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
+
+
+class Config(Checked):
+    """A whole run."""
+
+    game: str = Field(description="which game is trained")
+    options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
+    parameters: dict[str, Value] = Field(
+        {}, description="parameters of the game, as in `joybridge list`; {uniform: [LOW, HIGH]}, {log_uniform: [LOW, "
+        "HIGH]} or {choice: [VALUE, …]}: drawn at each episode"
+    )  # fmt: skip
+    curriculum: Lessons = Field(
+        [], description="lessons, one after the other: `parameters`, and `until` when, see Curricula in TRAINING.md"
+    )
+    layout: str = Field(
+        "hybrid",
+        description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
+        "squashed, auto-N, auto-axes-N, threshold-T, multiagent or one of an installed package; after commas, "
+        "NAME=LAYOUT for an axis, a branch or a behavior",
+    )
+    arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
+    groups: int = Field(
+        2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
+    )
+    accelerator: Literal["cpu", "cuda"] = Field(
+        "cpu", description="where networks live; small ones are faster on the processor"
+    )
+    seed: int = Field(0, ge=0, lt=2**64, description="of the game, the networks and the samples")
+    total_timesteps: int = Field(30_000_000, ge=1, description="length of the run, and of its schedules")
+    stop: int | None = Field(
+        None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
+    )
+    log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
+    checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
+    checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
+    keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
+    timeout_seconds: float = Field(
+        30.0,
+        gt=0,
+        description="seconds to wait for an answer of a simulator before it is taken for lost; four times as "
+        "long until the first step, because games may be compiled",
+    )
+    transport: Literal["auto", "local", "grpc"] = Field(
+        "auto", description="of a session's messages; local: a Unix socket, auto: that if the simulator offers it"
+    )
+    restarts: int = Field(10, ge=0, description="how often training goes on after a simulator was lost")
+    best: str = Field(
+        "reward", description="metric whose highest value marks the best checkpoint; -length: the lowest of length"
+    )
+    weights_from: str | None = Field(
+        None, description="folder of a run whose trained policies this one begins with; written by --from"
+    )
+    demonstrations: str | None = Field(
+        None, description="folder of demonstrations that the policies clone; written by --demos"
+    )
+    cloning: Literal["alone", "beside_ppo"] = Field(
+        "alone",
+        description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
+    )
+    evaluate_over: str | None = Field(
+        None, description="option whose choices, but the default, evaluation plays equally often"
+    )
+    hand_delay: int = Field(
+        0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
+    )
+    hand_hold: int = Field(
+        1,
+        ge=1,
+        description="least decisions between two changes of a branch; a button is pressed once in twice as many",
+    )
+    hand_reach: float = Field(
+        1.0, gt=0, le=1, description="the farthest an axis goes, as a share of the way from rest to its end"
+    )
+    hand_change: float = Field(
+        1.0, gt=0, le=1, description="the most that an axis changes in a decision, as a share of its range"
+    )
+    hand_noise: float = Field(
+        0.0, ge=0, description="standard deviation of an axis, as a share of its distance from rest"
+    )
+    policy: PolicyConfig = Field(PolicyConfig(), description="what all policies share")
+    policies: dict[str, dict[str, Any]] = Field(
+        {}, description="what differs for one policy: its name, then a key as those of policy"
+    )
+
+    def policy_config(self, name: str) -> PolicyConfig:
+        """Return the configuration of the policy called `name`. Raises ConfigError."""
+        merged = merge(self.policy.model_dump(), self.policies.get(name, {}))
+        return _validate(PolicyConfig, merged, f"policies.{name}.")
+
+    @property
+    def end(self) -> int:
+        """Return the number of timesteps after which the run stops."""
+        return min(self.total_timesteps, self.stop or self.total_timesteps)
+
+
+def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -> Config:
+    """Return the configuration in a YAML file with "key=value" overrides. Raises ConfigError.
+
+    Keys of overrides may be dotted ("policy.learning_rate=1e-4"); values are YAML. behavior: the file is one of
+    ML-Agents, and this is whose settings are used.
+    """
+    data, over = read_yaml(path), read_overrides(overrides)
+    if behavior:
+        data = load("joybridge.configurations", "mlagents")(data, behavior, over.get("arenas"))
+    given = data.get("parameters")
+    if isinstance(given, dict) and isinstance(over.get("parameters"), dict):  # a distribution is replaced as a whole
+        data = {**data, "parameters": {name: given[name] for name in given if name not in over["parameters"]}}
+    return make_config(merge(data, over))
+
+
+def make_config(data: dict[str, Any]) -> Config:
+    """Return the configuration with these keys and values. Raises ConfigError."""
+    config = _validate(Config, data, "")
+    for name in config.policies:
+        config.policy_config(name)
+    return config
+
+
+def dump_config(config: Config) -> str:
+    """Return the whole configuration as YAML that `load_config` reads back."""
+    return dump_yaml(config.model_dump())
+
+
+def play_settings(config: Config) -> dict[str, Any]:
+    """Return the options, parameters and limits of the hand that are set, by key: {"parameters.size": 0.5}."""
+    of_game = {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
+    return of_game | {key: getattr(config, key) for key in OF_THE_HAND}
+
+
+def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return what "key=value" overrides set, as a file would. Raises ConfigError."""
+    data: dict[str, Any] = {}
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        if not equals or not key:
+            raise ConfigError(f"override {override!r} is not of the form key=value")
+        value = parse_yaml(text, f"override {override!r}: {text!r}")
+        for part in reversed(key.split(".")):
+            value = {part: value}
+        data = merge(data, value)
+    return data
+
+
+def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key, value = prefix + ".".join(str(part) for part in first["loc"]), first["input"]
+        if first["type"] == "extra_forbidden":
+            raise ConfigError(_unknown(key, value)) from None
+        if first["type"] == "missing":
+            raise ConfigError(f"{key}: it is missing; every configuration has this key") from None
+        reason = _expected(key, value, first["type"]) or first["msg"].removeprefix("Value error, ")
+        raise ConfigError(f"{key}: got {_show(value)}; {reason}") from None
+
+
+def _show(value: object) -> str:
+    """Return a value as it was written, cut to a reasonable length."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write an integer of more than 4300 digits
+        text = "an integer of very many digits"
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} …"
+
+
+def _expected(key: str, value: object, problem: str) -> str:
+    """Return what a key wants that holds a list, values by name or a parameter; "" for other problems."""
+    name = key.rpartition(".")[2]
+    if problem == "list_type" and isinstance(value, str | int | float):
+        parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
+        return f"expected a list, for example {key}=[{parts}]"
+    if problem == "value_error" and key.startswith("parameters.") and isinstance(value, str):
+        return f"expected a number; if it is an option of the game, write options.{name}={value}"
+    if problem in ("dict_type", "model_type"):
+        form = FORMS.get(name) or FORMS["policies"]
+        return f"expected names and values, written {form}"
+    return ""
+
+
+def _unknown(key: str, value: object) -> str:
+    """Return what is wrong with an unknown key, and what to write instead."""
+    where, _, name = key.rpartition(".")
+    if name in OTHER_NAMES:
+        return f"unknown key {key!r}; the key is {OTHER_NAMES[name]!r}"
+    in_policy = where.startswith("polic")
+    keys = {field: f"{where if in_policy else 'policy'}.{field}" for field in PolicyConfig.model_fields}
+    keys |= {field: field for field in Config.model_fields}
+    if near := difflib.get_close_matches(name, keys, n=1):
+        outside = f", a key of the whole run, outside `{where}`" if in_policy and near[0] in Config.model_fields else ""
+        return f"unknown key {key!r}; did you mean {keys[near[0]]!r}{outside}? `joybridge keys` lists all keys"
+    if isinstance(value, Mapping) and value:  # "ppo.epochs": only the last part may say what is meant
+        inner = next(iter(value))
+        return _unknown(f"{key}.{inner}", value[inner])
+    return (
+        f"unknown key {key!r}; `joybridge keys` lists all keys; those of the game are written "
+        f"{' and '.join(FORMS[key] for key in OF_THE_GAME)}"
+    )

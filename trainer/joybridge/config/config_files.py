@@ -1,0 +1,140 @@
+"""Files of configurations: finding them, by path or by the name of an installed one, and reading them.
+
+A YAML file (version 1.2) may name another one with `extends:`; mappings are merged, everything else is replaced.
+
+The wheel holds `configs/` as `joybridge/configs`. An editable install has no copy of it and reads the checkout's own.
+"""
+
+import difflib
+import io
+from copy import deepcopy
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
+
+from joybridge.config.errors import ConfigError
+from joybridge.contract.files import read_file
+
+_INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
+_CHECKOUT = Path(__file__).parents[3] / "configs"
+FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
+LARGEST = 2**16  # bytes of a file, and values in it
+DEEPEST = 10  # mappings and lists inside each other; files that extend each other
+OPENING = "[{-:?"  # each mapping and list has one of these characters
+BASE = "common"  # stem of files that other files extend; they are not trained themselves
+
+
+def config_names() -> list[str]:
+    """Return the names of the installed configurations, sorted, e.g. "shooting_birds/bucket-11"."""
+    paths = (path.relative_to(FOLDER).with_suffix("") for path in FOLDER.glob("*/*.yaml"))
+    return sorted(path.as_posix() for path in paths if path.name != BASE)
+
+
+def find_config(text: str) -> Path:
+    """Return the path of a configuration: an existing file, or an installed name with or without ".yaml".
+
+    Raises ConfigError, which names similar configurations.
+    """
+    if Path(text).is_file():
+        return Path(text)
+    name = text.removesuffix(".yaml")
+    names = config_names()
+    if name in names:
+        return FOLDER / f"{name}.yaml"
+    in_folder = [known for known in names if name.strip("/") in known.split("/")]  # only the game, or only the stem
+    near = in_folder or difflib.get_close_matches(name, names, n=3)
+    files = [path.as_posix() for path in sorted(Path(text).parent.glob("*.yaml"))]
+    near = difflib.get_close_matches(text, files, n=3) or near
+    games = sorted({known.partition("/")[0] for known in names})
+    hint = f"did you mean {', '.join(near)}?" if near else f"there are some for {', '.join(games)}; name one of those"
+    raise ConfigError(f"there is no configuration {text!r}: no such file, and none of that name is installed; {hint}")
+
+
+def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return the keys and values of a file, on top of those of the file that it extends. Raises ConfigError."""
+    try:
+        real, text = path.resolve(), read_file(path, LARGEST).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path} is not YAML: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+    except (ValueError, RuntimeError) as error:  # a path with a null character, a circle of links
+        raise ConfigError(f"cannot read the configuration {str(path)!r}: {error}") from error
+    if real in seen:
+        raise ConfigError(f"{path}: `extends` leads back to the file itself")
+    if len(seen) == DEEPEST:
+        raise ConfigError(f"{path}: `extends` leads through more than {DEEPEST} files")
+    data = parse_yaml(text, str(path))
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path} holds {type(data).__name__}, expected keys and values")
+    base = data.pop("extends", None)
+    if base is None:
+        return data
+    return merge(read_yaml(path.parent / str(base), (*seen, real)), data)
+
+
+def parse_yaml(text: str, what: str) -> Any:
+    """Return the content of a YAML text; `what` names it in errors. Raises ConfigError."""
+    try:
+        return deepcopy(_parse(text))
+    except (YAMLError, ValueError) as error:  # ValueError: a date that does not exist
+        problem = getattr(error, "problem", None) or str(error)
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark is not None else ""
+        raise ConfigError(f"{what} is not YAML{where}: {problem}") from error
+
+
+@lru_cache(256)  # a comparison or a search reads the same files and overrides hundreds of times
+def _parse(text: str) -> Any:
+    """Return the content of a YAML text. Raises YAMLError and ValueError."""
+    _check_depth(text)
+    data = YAML(typ="safe", pure=True).load(text)
+    _check_size(data)
+    return data
+
+
+def _check_depth(text: str) -> None:
+    """Raise ValueError for a text that is nested so deeply that reading it would take very long."""
+    if sum(map(text.count, OPENING)) <= DEEPEST:
+        return
+    depth = 0
+    for event in YAML(typ="safe", pure=True).parse(text):
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if depth > DEEPEST:
+            raise ValueError(f"it is nested more than {DEEPEST} times")
+
+
+def _check_size(data: Any) -> None:
+    """Raise ValueError if YAML's aliases (`*name`) make the content very much larger than its text."""
+    left, parts = LARGEST, [data]
+    while parts:
+        part = parts.pop()
+        left -= 1 + (len(part) if isinstance(part, str) else 0)
+        if left < 0:
+            raise ValueError("its aliases make it too large")
+        if isinstance(part, dict):
+            parts += [*part.keys(), *part.values()]
+        elif isinstance(part, list | tuple | set):
+            parts += part
+
+
+def dump_yaml(data: dict[str, Any]) -> str:
+    """Return keys and values as YAML."""
+    yaml, text = YAML(typ="safe", pure=True), io.StringIO()
+    yaml.default_flow_style = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.dump(data, text)
+    return text.getvalue()
+
+
+def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Return `base` with `over` laid on top; mappings are merged, everything else is replaced."""
+    merged = dict(base)
+    for key, value in over.items():
+        both = isinstance(merged.get(key), dict) and isinstance(value, dict)
+        merged[key] = merge(merged[key], value) if both else value
+    return merged

@@ -1,0 +1,98 @@
+"""`joybridge keys`: every key of a configuration as it is written with its default, its meaning, type and range."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from textwrap import wrap
+from typing import Any, NamedTuple
+
+from joybridge.config.config import FORMS, OTHER_NAMES, Config, PolicyConfig
+
+INDENT, WIDTH = 38, 120  # columns
+TYPES = {"string": "text", "boolean": "true or false"}  # others are called as JSON schema calls them
+BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+
+SCHEMA = Path(__file__).with_name("config.schema.json")  # written by tools/docs/schema.py
+
+
+class Key(NamedTuple):
+    """A key of a configuration."""
+
+    name: str
+    default: str  # as it is written; "NAME": there is none
+    meaning: str
+    kind: str  # its type and range, as in "integer ≥ 1 or null"
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
+    """Run the command line, the command first, and return its exit status: 1 if no key is found."""
+    parser = argparse.ArgumentParser(prog=prog)
+    commands = parser.add_subparsers(dest="command", required=True)
+    keys = commands.add_parser("keys", help="list the keys of configurations: default, meaning, type and range")
+    keys.add_argument(
+        "word", nargs="?", default="", metavar="WORD",
+        help="only keys with this word in their name or meaning; a key of another library finds ours",
+    )  # fmt: skip
+    keys.add_argument(
+        "--schema", action="store_true",
+        help="print the first line of a YAML file with which editors complete and check its keys",
+    )  # fmt: skip
+    given = parser.parse_args(arguments)
+    if given.schema:
+        print(f"# yaml-language-server: $schema={SCHEMA.as_uri()}")
+        return 0
+    word = given.word
+    lines = list(listing(word))
+    if not lines:
+        print(f"error: {word!r} is in the name and meaning of no key; `joybridge keys` lists all keys", file=sys.stderr)
+        return 1
+    print(*lines, sep="\n")
+    return 0
+
+
+def listing(word: str = "") -> Iterator[str]:
+    """Yield the lines about the keys with a word in their name or meaning, and about the key that it means."""
+    meant = OTHER_NAMES.get(word.strip())
+    for key in all_keys():
+        if key.name == meant or word.lower() in f"{key.name} {key.meaning}".lower():
+            written = FORMS.get(key.name.rpartition(".")[2]) or f"{key.name}={key.default}"
+            first, *more = wrap(f"{key.meaning} ({key.kind})", WIDTH - INDENT)
+            yield f"{written:<{INDENT - 2}}  {first}"
+            yield from (" " * INDENT + line for line in more)
+
+
+def all_keys() -> Iterator[Key]:
+    """Yield every key: those of the run, then those of its policies."""
+    run, policy = (model.model_json_schema()["properties"] for model in (Config, PolicyConfig))
+    schemas = {key: schema for key, schema in run.items() if not key.startswith("polic")}
+    schemas |= {f"policy.{key}": schema for key, schema in policy.items()} | {"policies": run["policies"]}
+    for name, schema in schemas.items():
+        yield Key(name, _default(schema), schema["description"], _kind(schema))
+
+
+def _default(schema: Mapping[str, Any]) -> str:
+    default = schema.get("default", "NAME")
+    return default if isinstance(default, str) else json.dumps(default)
+
+
+def _kind(schema: Mapping[str, Any]) -> str:
+    """Return the type of a value and its range, as in "integer ≥ 1 or null"."""
+    if "$comment" in schema:
+        return str(schema["$comment"])
+    if "$ref" in schema:
+        return "lessons"
+    if "anyOf" in schema:
+        return " or ".join(map(_kind, schema["anyOf"]))
+    if "enum" in schema:
+        return " or ".join(schema["enum"])
+    match schema["type"]:
+        case "array":
+            return f"list of {_kind(schema['items'])}"
+        case "object":
+            inner = schema["additionalProperties"]
+            return "values" if inner is True else f"{_kind(inner)} by name"
+        case kind:
+            bounds = [f"{sign} {schema[bound]}" for bound, sign in BOUNDS.items() if bound in schema]
+            return f"{TYPES.get(kind, kind)} {', '.join(bounds)}".rstrip()

@@ -1,0 +1,81 @@
+"""Whether layouts set every axis and branch of a device once, and only to what it takes."""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from joybridge.config.errors import DeviceError
+from joybridge.contract.tensors import Array
+from joybridge.layouts.layout import Layout
+from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
+from joybridge.v1 import bridge_pb2 as pb
+
+
+def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
+    """Raise DeviceError unless the layouts of all policies that share a device fit it."""
+    parts: list[Part] = [part for layout in layouts for part in (*layout.continuous, *layout.discrete)]
+    for layout in layouts:
+        _check_given(layout)
+    parts = [
+        part for part in parts if not any(choice for _, choice in getattr(part, "given", ()))
+    ]  # the first of each set
+    axes, branches = ([index for part in parts for index in covers(part)[kind]] for kind in (0, 1))
+    _check_each_once("axis", [axis.name for axis in device.axes], axes)
+    _check_each_once("branch", [branch.name for branch in device.branches], branches)
+    for part in parts:
+        for name, values, low, high in _values(part, device):
+            if not len(values) or not (low <= values.min() <= values.max() <= high):
+                raise DeviceError(f"it sets {name!r} to {values.tolist()[:9]}, expected values in {low:g}..{high:g}")
+
+
+def _check_given(layout: Layout) -> None:
+    """Raise DeviceError unless tables that count with some choices of others are there for all these choices."""
+    found: dict[tuple[Any, tuple[int, ...]], list[tuple[int, ...]]] = {}
+    for index, table in enumerate(layout.discrete):
+        if table.given:
+            branches, choices = zip(*table.given, strict=True)
+            for branch in branches:
+                if not 0 <= branch < index or layout.discrete[branch].given:
+                    raise DeviceError(
+                        f"its branch {index} is given branch {branch}, not an earlier one without conditions"
+                    )
+            found.setdefault((covers(table), branches), []).append(choices)
+    for ((axes, held), branches), made in found.items():
+        sizes = [len(layout.discrete[branch].values) for branch in branches]
+        if (count := math.prod(sizes)) != len(made) or sorted(made) != list(product(*map(range, sizes))):
+            what = " and ".join([*(f"axis {axis}" for axis in axes), *(f"branch {branch}" for branch in held)])
+            raise DeviceError(f"it sets {what} given {made[:9]} of other branches, expected all {count} choices once")
+
+
+def _check_each_once(kind: str, names: Sequence[str], held: Sequence[int]) -> None:
+    if beyond := [index for index in held if not 0 <= index < len(names)]:
+        raise DeviceError(f"it sets {kind} {beyond[0]} of a device with {len(names)}, counted from 0")
+    for index, name in enumerate(names):
+        if (count := held.count(index)) != 1:
+            raise DeviceError(f"it sets {name!r} {count} times, expected once")
+
+
+def _values(part: Part, device: pb.Device) -> Iterator[tuple[str, Array, float, float]]:
+    """Yield the name of each axis and branch that a part sets, its values, and the bounds that the device has."""
+    axes: list[tuple[int, Array]] = []
+    branches: list[tuple[int, Array]] = []
+    match part:
+        case AxisRange():
+            axes = [(part.axis, np.array([part.low, part.high]))]
+        case AxisTable():
+            axes = [(part.axis, part.values)]
+        case Threshold():
+            branches = [(part.branch, np.array([0, 1]))]
+        case Split():
+            branches = [(part.branch, np.array([0, part.choices - 1]))]
+        case JointTable():
+            branches = list(zip(part.branches, part.values.T, strict=True))
+            if part.positions is not None:
+                axes = list(zip(part.axes, part.positions.T, strict=True))
+    for index, values in axes:
+        yield device.axes[index].name, values, device.axes[index].low, device.axes[index].high
+    for index, values in branches:
+        yield device.branches[index].name, values, 0, len(device.branches[index].choices) - 1

@@ -1,0 +1,185 @@
+"""A layout: the mapping between one policy's actions and the part of a device that it covers.
+
+A policy's action is a float array `continuous` [lanes, continuous] of unbounded samples and an int array
+`discrete` [lanes, branches]. Continuous samples act clipped to ±3 and divided by 3, as in the original.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from joybridge.contract.codec import ActArrays
+from joybridge.contract.tensors import Array
+from joybridge.layouts.reading import read_continuous, read_discrete
+from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
+from joybridge.v1 import bridge_pb2 as pb
+
+CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
+GAUSSIAN = "joybridge.ppo.continuous.gaussian:Gaussian"  # beside other distributions
+SQUASHED = "joybridge.ppo.continuous.squashed:Squashed"
+
+# A branch, an earlier branch, and a choice of this one without which the first does not count; all are indices.
+Conditions: TypeAlias = tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True)
+class ActionSpace:
+    """What a policy outputs: a number of continuous actions and the sizes of its categorical branches."""
+
+    continuous: int
+    branches: tuple[int, ...]
+    ordinal: tuple[int, ...] = ()  # branches whose choices are neighbors, by their indices
+    distributions: tuple[str, ...] = ()  # of each continuous action; (): all are Gaussians
+    given: Conditions = ()  # of branches that count only with some choices of others
+
+    @property
+    def widest(self) -> int:
+        """Return the number of choices of the largest branch, 0 without branches."""
+        return max(self.branches, default=0)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What each continuous action and each branch of a policy does to the device."""
+
+    continuous: tuple[AxisRange | Threshold | Split, ...] = ()
+    discrete: tuple[AxisTable | JointTable, ...] = ()
+
+    @cached_property
+    def space(self) -> ActionSpace:
+        """Return the action space that this layout gives its policy."""
+        tables = list(enumerate(self.discrete))
+        ordinal = tuple(index for index, table in tables if isinstance(table, AxisTable) and table.ordinal)
+        given = tuple((index, *pair) for index, table in tables for pair in table.given)
+        sizes = tuple(len(table.values) for table in self.discrete)
+        names = [target.distribution if isinstance(target, AxisRange) else "" for target in self.continuous]
+        distributions = tuple(name or GAUSSIAN for name in names) if any(names) else ()
+        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, given)
+
+    def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
+        """Return what the policy's branches and its continuous actions act on: names of the device's parts."""
+        branches = []
+        for table in self.discrete:
+            given = (f"|{_name(self.discrete[branch], device)}={choice}" for branch, choice in table.given)
+            branches.append(_name(table, device) + "".join(given))
+        return branches, [_name(target, device) for target in self.continuous]
+
+    def write(
+        self, continuous: Array, discrete: Array, act: ActArrays, device_masks: Sequence[Array] | None = None
+    ) -> None:
+        """Write the policy's actions into the columns of `act` that this layout covers.
+
+        device_masks: what each branch of the device allows, bool [lanes, choices]. Categorical policies
+        never choose what is forbidden; a continuous action that would is given the first allowed choice.
+        """
+        share = np.clip(continuous, -CLIP, CLIP) / CLIP if self.continuous else continuous
+        for column, target in enumerate(self.continuous):
+            values = share[:, column]
+            if isinstance(target, AxisRange):
+                middle, half = (target.low + target.high) / 2, (target.high - target.low) / 2
+                act.axes[:, target.axis] = np.clip(middle + half * values, target.low, target.high)
+                continue
+            if isinstance(target, Threshold):
+                choices = (values > 0.0 if target.threshold == 0.0 else np.abs(values) < target.threshold).astype(int)
+            else:
+                choices = np.minimum(((values + 1) / 2 * target.choices).astype(int), target.choices - 1)
+            if device_masks is not None:
+                mask = device_masks[target.branch]
+                choices = np.where(mask[np.arange(len(mask)), choices], choices, mask.argmax(axis=1))
+            act.choices[:, target.branch] = choices
+        counting = _counting_lanes(self.space.given, discrete)
+        for column, table in enumerate(self.discrete):
+            rows: Array | slice = slice(None)
+            if table.given:
+                if column not in counting:
+                    continue
+                rows = counting[column]
+            choices = discrete[rows, column]
+            if isinstance(table, AxisTable):
+                act.axes[rows, table.axis] = table.values[choices]
+                continue
+            for branch, values in zip(table.branches, table.values.T, strict=True):
+                act.choices[rows, branch] = values[choices]
+            if table.positions is not None:
+                for axis, places in zip(table.axes, table.positions.T, strict=True):
+                    act.axes[rows, axis] = places[choices]
+
+    def read(self, act: ActArrays) -> tuple[Array, Array]:
+        """Return the policy's actions that come nearest to what a device was given: the reverse of `write`.
+
+        continuous, float32 [lanes, continuous], in the middle of what acts alike; discrete, int64 [lanes, branches].
+        A layout that knows better overrides this.
+        """
+        lanes = len(act.axes)
+        continuous = np.zeros((lanes, len(self.continuous)), np.float32)
+        discrete = np.zeros((lanes, len(self.discrete)), np.int64)
+        for column, part in enumerate(self.continuous):
+            continuous[:, column] = CLIP * read_continuous(part, act)
+        for column, table in enumerate(self.discrete):
+            discrete[:, column] = read_discrete(table, act)
+        if self.space.given:
+            branches, met = conditions_met(self.space.given, discrete)
+            discrete[:, branches] *= met
+        return continuous, discrete
+
+    def masks(self, device_masks: Sequence[Array]) -> list[Array]:
+        """Return which choices of the policy's branches are allowed, bool [lanes, choices] each.
+
+        A joint choice is allowed if all its parts are.
+        """
+        lanes = len(device_masks[0])
+        masks: list[Array] = []
+        for index, table in enumerate(self.discrete):
+            last = self.discrete[index - 1]
+            if index and table.values is last.values and covers(table) == covers(last):  # of a layout with conditions
+                masks.append(masks[-1])
+                continue
+            allowed = np.ones((lanes, len(table.values)), bool)
+            if isinstance(table, JointTable):
+                for branch, choices in zip(table.branches, table.values.T, strict=True):
+                    allowed &= device_masks[branch][:, choices]
+            masks.append(allowed)
+        return masks
+
+
+def together(*layouts: Layout) -> Layout:
+    """Return one layout that covers what several cover."""
+    discrete: list[AxisTable | JointTable] = []
+    for layout in layouts:
+        before = len(discrete)
+        for table in layout.discrete:
+            discrete.append(replace(table, given=tuple((before + branch, choice) for branch, choice in table.given)))
+    return Layout(tuple(target for layout in layouts for target in layout.continuous), tuple(discrete))
+
+
+def conditions_met(given: Conditions, discrete: Array) -> tuple[Array, Array]:
+    """Return the branches that have conditions, as indices, and where these are met, bool [lanes, such branches]."""
+    branches, begins, others, choices = _arrays(given)
+    met: Array = np.logical_and.reduceat(discrete[:, others] == choices, begins, axis=1)
+    return branches, met
+
+
+def _counting_lanes(given: Conditions, discrete: Array) -> dict[int, Array]:
+    """Return the lanes in which each branch with conditions counts, as indices; without branches that nowhere do."""
+    if not given:
+        return {}
+    branches, met = conditions_met(given, discrete)
+    columns, lanes = np.nonzero(met.T)
+    found, begins = np.unique(columns, return_index=True)
+    return dict(zip(branches[found].tolist(), np.split(lanes, begins[1:]), strict=True)) if len(found) else {}
+
+
+@cache
+def _arrays(given: Conditions) -> tuple[Array, Array, Array, Array]:
+    """Return the branches, where the conditions of each begin, and the earlier branch and choice of each condition."""
+    all_branches, others, choices = np.array(given).T
+    branches, begins = np.unique(all_branches, return_index=True)  # the conditions of a branch are side by side
+    return branches, begins, others, choices
+
+
+def _name(part: Part, device: pb.Device) -> str:
+    axes, branches = covers(part)
+    return "+".join([*(device.axes[axis].name for axis in axes), *(device.branches[index].name for index in branches)])

@@ -1,0 +1,119 @@
+"""`joybridge mlagents`: a trainer of ML-Agents trains a game of Joybridge."""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from joybridge.client.client import Session, describe, wait_for
+from joybridge.client.launch import simulator_process
+from joybridge.client.own_games import choose_game
+from joybridge.client.signals import interrupt_on_signals
+from joybridge.config.game_settings import check_settings, read_settings
+from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.address import address
+from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
+from joybridge.contract.errors import JoybridgeError
+from joybridge.mlagents import communicator_pb2 as ml
+from joybridge.mlagents.wire import PORT
+from joybridge.mlagents_player.connection import connect, play
+from joybridge.mlagents_player.player import Player
+
+WAIT = 10.0  # seconds for a simulator to answer
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
+    """Run the command line, the command first, and return its exit status."""
+    options = _parse(arguments, prog)
+    interrupt_on_signals()
+    sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
+    try:
+        with ExitStack() as resources:
+            settings = read_settings(options.overrides)
+            name, place = resources.enter_context(_simulator(options))
+            check_settings(*settings, describe(place, name, settings.options))
+
+            def begin(trainer: ml.TrainerHello) -> Player:
+                seed, arenas = trainer.seed % 2**32, options.arenas or max(1, trainer.num_areas)
+                session = Session(place, name, arenas=arenas, seed=seed, **settings._asdict())
+                return Player(resources.enter_context(session), seed, statistics=not options.no_statistics)
+
+            exchange = resources.enter_context(connect(options.port, options.wait, _say))
+            steps = play(exchange, name, begin)
+    except JoybridgeError as error:
+        _say(f"error: {error}")
+        return 1
+    except KeyboardInterrupt:
+        _say("interrupted")
+        return 130
+    _say(f"the trainer has ended after {steps} steps of {name}")
+    return 0
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _simulator(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
+    """Yield the name of the game and the address of a simulator, which is running or is started for it."""
+    place = None
+    if options.simulator:
+        place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
+    name, places = choose_game(options.what, options.game, place)
+    if place:
+        wait_for(place, WAIT, _say)
+        yield name, place
+        return
+    with simulator_process(places) as started:
+        yield name, started
+
+
+def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog=prog)
+    commands = parser.add_subparsers(dest="command", required=True)
+    player = commands.add_parser(
+        "mlagents",
+        help="let a trainer of Unity ML-Agents train a game",
+        description="Play the part of a Unity player: a trainer of ML-Agents, such as mlagents-learn, trains the game.",
+    )
+    player.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
+    player.add_argument(
+        "--simulator", type=address, metavar="ADDRESS",
+        help="HOST:PORT or unix:PATH of a running simulator; default: this command starts one",
+    )  # fmt: skip
+    add_credentials_arguments(player)
+    player.add_argument(
+        "--game", action="append", default=[], metavar="MODULE:CLASS",
+        help="another game for the simulator that this command starts; the current folder is searched first",
+    )  # fmt: skip
+    player.add_argument(
+        "--port", "--mlagents-port", type=int, default=PORT, metavar="PORT",
+        help="of the trainer, on this machine; default %(default)s, where mlagents-learn waits for an editor",
+    )  # fmt: skip
+    player.add_argument(
+        "--arenas", type=int, metavar="N", help="copies of the game; default: what the trainer says, as num_areas"
+    )
+    player.add_argument(
+        "--wait", type=float, default=60.0, metavar="SECONDS",
+        help="how long to wait for the trainer; default %(default)g",
+    )  # fmt: skip
+    player.add_argument(
+        "--no-statistics", action="store_true",
+        help="send no metrics of episodes, about which a trainer warns that has no channel for statistics",
+    )  # fmt: skip
+    for ignored in ("-nographics", "-batchmode"):  # a trainer gives these to a player that it starts
+        player.add_argument(ignored, action="store_true", help=argparse.SUPPRESS)
+    player.add_argument("-logFile", "-logfile", help=argparse.SUPPRESS)
+    add_overrides(player, "options and parameters of the game, e.g. options.level=6 parameters.bird_speed=0.5")
+    options = parse_overrides(parser, arguments)
+    if not 0 < options.port < 2**16:
+        player.error(f"argument --port: got {options.port}, expected 1..65535")
+    if options.arenas is not None and options.arenas < 1:
+        player.error(f"argument --arenas: got {options.arenas}, expected at least 1")
+    if not 0 < options.wait < float("inf"):
+        player.error(f"argument --wait: got {options.wait:g}, expected a positive number of seconds")
+    if (options.tls_ca or options.token_file) and not options.simulator:
+        player.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    return options

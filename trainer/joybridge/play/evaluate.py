@@ -1,0 +1,174 @@
+"""Evaluation: play the policies of a run for many episodes; mean results with confidence intervals."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from joybridge.client.sharded_session import single_sessions
+from joybridge.config.metrics import Row
+from joybridge.contract.tensors import Array
+from joybridge.play.input_statistics import InputMeasures, Inputs
+from joybridge.play.playing import Change, Play, open_play
+from joybridge.policy.episodes import Episodes
+
+CONFIDENCE = 1.96  # standard errors in a 95 % interval
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One policy's episodes, means with half-widths of their 95 % confidence intervals."""
+
+    timesteps: int  # how long the policy had trained
+    episodes: int
+    means: Row
+    half_widths: Row
+    by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
+    changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
+    behavior: str  # which the policy plays, or a part of
+    inputs: Inputs | None  # what the agents of this behavior did with their devices; None: not measured
+
+
+def evaluate(
+    run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
+    overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
+) -> dict[str, Evaluation]:  # fmt: skip
+    """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
+
+    overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
+    its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
+    with their devices.
+
+    Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
+    often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
+    the original's figures. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
+    """
+    with open_play(
+        run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
+        checkpoint=checkpoint,
+    ) as play:  # fmt: skip
+        say(play.heading())
+        if demos:
+            say(f"recorded in {demos}")
+            for session in single_sessions(play.session):
+                session.record_demonstration(demos)
+        rounds = math.ceil(episodes / play.arenas)
+        balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
+        say(f"{play.arenas} arenas × {rounds} rounds{balanced}")
+        spec, behaviors = play.spec, {player.actor.behavior: player.lanes for player in play.players}
+        seconds = spec.tick_seconds * spec.decision_interval
+        measured = [
+            (index, InputMeasures(spec.behaviors[index], seconds, lanes))
+            for index, lanes in behaviors.items()
+            if inputs
+        ]
+        tables = _play(play, rounds, say, measured)
+    results = {index: measures.result() for index, measures in measured}
+    return {
+        player.actor.name: _summarize(tables[player.actor.name], play, player.actor.behavior, results)
+        for player in play.players
+    }
+
+
+def _summarize(table: Episodes, play: Play, behavior: int, inputs: Mapping[int, Inputs]) -> Evaluation:
+    """Return means in which every choice weighs the same, however many episodes it took."""
+    choices = play.choices
+    choice_of = table.finished[:, 0].astype(int) * len(choices) // len(table.reward)
+    groups = [table.finished[choice_of == index, 1:] for index in range(len(choices))]
+    means = np.mean([group.mean(axis=0) for group in groups], axis=0)
+    variances = [group.var(axis=0, ddof=1) / len(group) if len(group) > 1 else 0 * group[0] for group in groups]
+    errors = CONFIDENCE * np.sqrt(np.sum(variances, axis=0)) / len(groups)
+    names = ["reward", "length", *table.metrics]
+    return Evaluation(
+        timesteps=play.timesteps,
+        episodes=len(table.finished),
+        means=dict(zip(names, means.tolist(), strict=True)),
+        half_widths=dict(zip(names, errors.tolist(), strict=True)),
+        by_choice={choice: float(g[:, 0].mean()) for choice, g in zip(choices, groups, strict=True) if choice},
+        changed=play.changed,
+        behavior=play.spec.behaviors[behavior].name,
+        inputs=inputs.get(behavior),
+    )
+
+
+def summary(evaluations: Mapping[str, Evaluation]) -> str:
+    """Return the results of all policies as lines to read."""
+    lines = []
+    for name, result in evaluations.items():
+        lines.append(
+            f"{name}: {result.episodes} episodes after {result.timesteps:,} timesteps, mean and 95 % confidence"
+        )
+        lines += [
+            f"  {metric:<16} {mean:10.3f} ± {result.half_widths[metric]:.3f}" for metric, mean in result.means.items()
+        ]
+        if result.by_choice:
+            lines.append("  reward by choice " + "  ".join(f"{c}: {mean:.1f}" for c, mean in result.by_choice.items()))
+    return "\n".join(lines)
+
+
+def inputs_table(results: Mapping[str, Mapping[str, Evaluation]]) -> str:
+    """Return the measures of inputs as lines to read: a column per key of `results`, each of which has all policies."""
+    behaviors: dict[str, dict[str, Inputs]] = {}
+    for key, evaluations in results.items():
+        for result in evaluations.values():
+            if result.inputs:
+                behaviors.setdefault(result.behavior, {})[key] = result.inputs
+    lines = []
+    for behavior, played in behaviors.items():
+        first = next(iter(played.values()))
+        fewest = min(inputs.decisions for inputs in played.values())
+        clock = f"{first.decision_seconds:g} s" if first.decision_seconds else "no fixed length"
+        pointers = "".join(f", {name} as {sets}" for name, sets in first.pointers.items())
+        lines.append(f"inputs of {behavior}: at least {fewest:,} decisions of {clock}{pointers}")
+        names = list(dict.fromkeys(name for inputs in played.values() for name in inputs.measures))
+        rows = [[name, *(_cell(inputs.measures.get(name)) for inputs in played.values())] for name in names]
+        if len(played) > 1:
+            rows.insert(0, ["", *played])
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for name, *cells in rows:
+            aligned = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
+            lines.append("  ".join(["", f"{name:<{widths[0]}}", *aligned]))
+    return "\n".join(lines)
+
+
+def _cell(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _play(
+    play: Play, rounds: int, say: Callable[[str], None], measured: Sequence[tuple[int, InputMeasures]]
+) -> dict[str, Episodes]:
+    """Play `rounds` time limits, or where there is none until every lane has finished `rounds` episodes."""
+    tables = {player.actor.name: Episodes(player.lanes, player.actor.metrics) for player in play.players}
+    limit = play.spec.max_episode_decisions
+    for number, decision in enumerate(play.decisions(), 1):
+        for player, rewards in zip(play.players, decision.rewards, strict=True):
+            tables[player.actor.name].add(decision.after[player.actor.behavior], rewards)
+        for index, measures in measured:
+            measures.add(decision.before[index], decision.acts[index], decision.after[index])
+        if number % 1000 == 0:
+            say(f"{number} decisions")
+        if number >= limit * rounds if limit else all(_episodes(t).min() >= rounds for t in tables.values()):
+            break
+    if not limit:  # lanes with short episodes must not count more often than others
+        for table in tables.values():
+            table.finished = _first(table.finished, rounds)
+    return tables
+
+
+def _episodes(table: Episodes) -> Array:
+    """Return the finished episodes of each lane."""
+    return np.bincount(table.finished[:, 0].astype(int), minlength=len(table.reward))
+
+
+def _first(finished: Array, rounds: int) -> Array:
+    """Return the first `rounds` episodes of each lane."""
+    seen: dict[int, int] = {}
+    keep = []
+    for row, lane in enumerate(finished[:, 0].astype(int)):
+        seen[lane] = seen.get(lane, 0) + 1
+        if seen[lane] <= rounds:
+            keep.append(row)
+    return finished[keep]

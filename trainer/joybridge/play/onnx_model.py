@@ -1,0 +1,241 @@
+"""An exported policy as an ONNX model: from the sensors of a game to its axes and choices, in one graph.
+
+Inputs, each with one row per lane:
+
+    sensor.NAME    as the game sends it
+    mask.NAME      bool [lanes, choices], for each branch of the device; all true if the game sends no masks
+    state          float32 [lanes, numbers]: `next_state` of the lane's last decision, zeros in a new episode
+    normal         float32 [lanes, Gaussians]: standard normal noise
+    uniform        float32 [lanes, branches of the policies]: noise in [0, 1)
+
+Outputs: `axes` float32 [lanes, axes], `choices` int32 [lanes, branches], `next_state`. What has no columns is left
+out: `state` without a frame stack, noise if the policy is deterministic, `axes` if the device has none.
+
+Only operators of opset 17 and 32-bit numbers are used, which every runtime has.
+"""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from joybridge.contract.versions import own_version
+from joybridge.layouts import CLIP
+from joybridge.play.policy_document import Document
+from joybridge.ppo.distributions import FORBIDDEN
+
+OPSET, IR_VERSION = 17, 8
+LANES = "lanes"  # the name of the first size of all inputs and outputs
+BELOW_ONE = np.nextafter(np.float32(1), np.float32(0))
+TYPES = {
+    "float32": TensorProto.FLOAT, "int32": TensorProto.INT32, "uint8": TensorProto.UINT8, "bool": TensorProto.BOOL,
+}  # fmt: skip
+
+
+def build_model(document: Document) -> onnx.ModelProto:
+    """Return the model of a document of `make_document`."""
+    builder = _Builder(document)
+    graph = helper.make_graph(builder.nodes, document["behavior"], builder.inputs, builder.outputs, builder.constants)
+    opset = helper.make_opsetid("", OPSET)
+    model = helper.make_model(graph, opset_imports=[opset], ir_version=IR_VERSION, producer_name=own_version().product)
+    about = {key: value for key, value in document.items() if key != "policies"}
+    helper.set_model_props(model, {"joybridge": json.dumps(about, ensure_ascii=False)})
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+class _Builder:
+    """The inputs, nodes, constants and outputs of a model. Methods add nodes and return the names of their results."""
+
+    def __init__(self, document: Document) -> None:
+        self.inputs: list[onnx.ValueInfoProto] = []
+        self.outputs: list[onnx.ValueInfoProto] = []
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: list[onnx.TensorProto] = []
+        self._axes, self._branches = document["axes"], document["branches"]
+        self._ranges: dict[str, int] = {}  # how many columns of `state`, `normal` and `uniform` are in use
+        self._deterministic = document["deterministic"]
+        sensors = {
+            sensor["name"]: self._input(f"sensor.{sensor['name']}", sensor["dtype"], sensor["shape"])
+            for sensor in document["sensors"]
+        }
+        self._frames = {
+            name: self._node("Flatten", self._node("Cast", value, to=TensorProto.FLOAT))
+            for name, value in sensors.items()
+        }
+        self._masks = [
+            self._input(f"mask.{branch['name']}", "bool", [len(branch["choices"])]) for branch in self._branches
+        ]
+        axes, choices = [""] * len(self._axes), [""] * len(self._masks)  # each [lanes, 1]
+        states: list[str] = []
+        for policy in document["policies"]:
+            self._play(policy, axes, choices, states)
+        for name in ("state", "normal", "uniform"):
+            if name in self._ranges:
+                self._input(name, "float32", [self._ranges[name]])
+        if axes:
+            self._output("axes", "float32", len(axes), self._side_by_side(axes))
+        if choices:
+            self._output("choices", "int32", len(choices), self._cast(self._side_by_side(choices), "int32"))
+        if states:
+            self._output("next_state", "float32", self._ranges["state"], self._side_by_side(states))
+
+    def _play(self, policy: Document, axes: list[str], choices: list[str], states: list[str]) -> None:
+        """Add one policy: its columns of `axes` and `choices`, and what it remembers."""
+        outputs = self._network(policy, self._observe(policy, states))
+        row = 0
+        rows: list[str] = []  # that the tables have chosen
+        for table in policy["discrete"]:
+            size = len(table["values"])
+            choice = self._choose(table, self._columns(outputs, row, size))
+            row += size
+            rows.append(choice)
+            counts = self._counts(table.get("given", ()), rows)
+            if "axis" in table:
+                value = self._node("Gather", self._constant(table["values"]), choice)
+                axes[table["axis"]] = self._where(counts, value, axes[table["axis"]])
+                continue
+            for branch, values in zip(table["branches"], zip(*table["values"], strict=True), strict=True):
+                value = self._node("Gather", self._constant(values, np.int64), choice)
+                choices[branch] = self._where(counts, value, choices[branch])
+            for axis, positions in zip(
+                table.get("axes", ()), zip(*table.get("positions", ()), strict=True), strict=True
+            ):
+                value = self._node("Gather", self._constant(positions), choice)
+                axes[axis] = self._where(counts, value, axes[axis])
+        if targets := policy["continuous"]:
+            sample = self._columns(outputs, row, len(targets))
+            if not self._deterministic:
+                noise = self._node("Mul", self._take("normal", len(targets)), self._constant(policy["deviations"]))
+                sample = self._node("Add", sample, noise)
+            clipped = self._node("Clip", sample, self._constant(-CLIP), self._constant(CLIP))
+            shares = self._node("Div", clipped, self._constant(CLIP))
+            for column, target in enumerate(targets):
+                share = self._columns(shares, column, 1)
+                if target.get("squashed"):
+                    share = self._node("Tanh", self._columns(sample, column, 1))
+                if "axis" in target:
+                    axes[target["axis"]] = self._move(share, self._axes[target["axis"]])
+                else:
+                    choices[target["branch"]] = self._press(share, target)
+
+    def _counts(self, given: Sequence[int], rows: Sequence[str]) -> str:
+        """Return whether the tables before have selected the given rows, bool [lanes, 1]; "" without conditions."""
+        counts = ""
+        for table, row in zip(given[::2], given[1::2], strict=True):
+            part = self._node("Equal", rows[table], self._constant(row, np.int64))
+            counts = self._node("And", counts, part) if counts else part
+        return counts
+
+    def _where(self, counts: str, value: str, before: str) -> str:
+        """Return a value where it counts, elsewhere what was there before; the first one counts everywhere."""
+        return self._node("Where", counts, value, before) if counts and before else value
+
+    def _observe(self, policy: Document, states: list[str]) -> str:
+        """Return the frames of a policy side by side, oldest first, and keep all but the oldest as its state."""
+        frame = self._side_by_side([self._frames[name] for name in policy["sensors"]])
+        if scaling := policy.get("scaling"):
+            frame = self._node("Sub", frame, self._constant(scaling["shift"]))
+            frame = self._node("Mul", frame, self._constant(scaling["scale"]))
+            if limit := scaling.get("limit"):
+                frame = self._node("Clip", frame, self._constant(-limit), self._constant(limit))
+        if policy["frame_stack"] == 1:
+            return frame
+        numbers: int = policy["layers"][0]["weight"].shape[1]
+        older = numbers - numbers // policy["frame_stack"]
+        observation = self._side_by_side([self._take("state", older), frame])
+        states.append(self._columns(observation, numbers - older, older))
+        return observation
+
+    def _network(self, policy: Document, value: str) -> str:
+        for number, layer in enumerate(policy["layers"]):
+            if number:
+                value = self._activate(policy.get("activation", "swish"), value)
+            weight, bias = self._constant(layer["weight"]), self._constant(layer["bias"])
+            value = self._node("Gemm", value, weight, bias, transB=1)
+        return value
+
+    def _activate(self, activation: str, value: str) -> str:
+        if activation == "swish":
+            return self._node("Mul", value, self._node("Sigmoid", value))
+        return self._node(activation.capitalize(), value)  # Tanh, Relu or Elu
+
+    def _choose(self, table: Document, logits: str) -> str:
+        """Return the chosen row of a table, int64 [lanes, 1]; masked rows are never chosen."""
+        if "branches" in table:
+            allowed = ""
+            for branch, values in zip(table["branches"], zip(*table["values"], strict=True), strict=True):
+                part = self._node("Gather", self._masks[branch], self._constant(values, np.int64), axis=1)
+                allowed = self._node("And", allowed, part) if allowed else part
+            if allowed:  # a joint table of axes alone has no masks
+                logits = self._node("Where", allowed, logits, self._constant(FORBIDDEN))
+        if self._deterministic:
+            return self._node("ArgMax", logits, axis=1, keepdims=1)
+        # The number of cumulative probabilities up to the noise, which is scaled as their sum is only about 1.
+        sums = self._node("CumSum", self._node("Softmax", logits, axis=1), self._constant(1, np.int64))
+        uniform = self._node("Min", self._take("uniform", 1), self._constant(BELOW_ONE))
+        level = self._node("Mul", uniform, self._columns(sums, len(table["values"]) - 1, 1))
+        passed = self._cast(self._node("LessOrEqual", sums, level), "int64")
+        return self._node("ReduceSum", passed, self._constant([1], np.int64), keepdims=1)
+
+    def _move(self, share: str, axis: Document) -> str:
+        """Return the value of an axis at a share in -1..1 of its range."""
+        low, high = axis["low"], axis["high"]
+        moved = self._node("Mul", share, self._constant((high - low) / 2))
+        value = self._node("Add", moved, self._constant((low + high) / 2))
+        return self._node("Clip", value, self._constant(low), self._constant(high))
+
+    def _press(self, share: str, target: Document) -> str:
+        """Return the choice of a branch at a share in -1..1, or the first allowed one, int64 [lanes, 1]."""
+        mask, threshold = self._masks[target["branch"]], target.get("threshold")
+        if threshold is None:
+            count = len(self._branches[target["branch"]]["choices"])
+            part = self._node("Div", self._node("Add", share, self._constant(1)), self._constant(2))
+            index = self._cast(self._node("Mul", part, self._constant(count)), "int64")
+            choice = self._node("Min", index, self._constant(count - 1, np.int64))
+        elif threshold == 0:
+            choice = self._cast(self._node("Greater", share, self._constant(0)), "int64")
+        else:
+            choice = self._cast(self._node("Less", self._node("Abs", share), self._constant(threshold)), "int64")
+        first = self._node("ArgMax", self._cast(mask, "int32"), axis=1, keepdims=1)
+        return self._node("Where", self._node("GatherElements", mask, choice, axis=1), choice, first)
+
+    # ------------------------------------------------------------------------------------------------- small parts
+
+    def _node(self, operator: str, *inputs: str, **attributes: Any) -> str:
+        name = f"v{len(self.nodes)}"
+        self.nodes.append(helper.make_node(operator, inputs, [name], **attributes))
+        return name
+
+    def _constant(self, values: npt.ArrayLike, dtype: npt.DTypeLike = np.float32) -> str:
+        name = f"c{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.array(values, dtype), name))
+        return name
+
+    def _input(self, name: str, dtype: str, shape: list[int]) -> str:
+        self.inputs.append(helper.make_tensor_value_info(name, TYPES[dtype], [LANES, *shape]))
+        return name
+
+    def _output(self, name: str, dtype: str, columns: int, value: str) -> None:
+        self.outputs.append(helper.make_tensor_value_info(name, TYPES[dtype], [LANES, columns]))
+        self.nodes.append(helper.make_node("Identity", [value], [name]))
+
+    def _take(self, name: str, count: int) -> str:
+        """Return the next columns of an input that the policies share."""
+        begin = self._ranges.get(name, 0)
+        self._ranges[name] = begin + count
+        return self._columns(name, begin, count)
+
+    def _columns(self, value: str, begin: int, count: int) -> str:
+        bounds = [self._constant([number], np.int64) for number in (begin, begin + count, 1)]
+        return self._node("Slice", value, *bounds)
+
+    def _side_by_side(self, values: list[str]) -> str:
+        return self._node("Concat", *values, axis=1)
+
+    def _cast(self, value: str, dtype: str) -> str:
+        return self._node("Cast", value, to=TensorProto.INT64 if dtype == "int64" else TYPES[dtype])

@@ -1,0 +1,144 @@
+"""An exported policy as plain data: everything that plays one behavior, and nothing that learns.
+
+`onnx_model.py` builds an ONNX model from it. A JSON file is this document as it is, with each array as
+`{"shape": [...], "float32": BASE64}`, little-endian and row-major. proto/examples/POLICIES.md documents it.
+"""
+
+import base64
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from joybridge.config.errors import ExportError
+from joybridge.contract.tensors import NUMPY_TYPES, Array
+from joybridge.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
+from joybridge.layouts.layout import GAUSSIAN, SQUASHED
+from joybridge.policy.actor import Actor
+from joybridge.policy.scaling import LIMIT, Scaling
+from joybridge.v1 import bridge_pb2 as pb
+
+Document = dict[str, Any]
+
+FORMAT = "joybridge.policy.v1"
+FORMAT_2 = "joybridge.policy.v2"  # has keys that readers of v1 do not know: of policies that would go wrong without
+KEYS_2 = ("activation", "scaling")
+
+
+def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
+    """Return the policies that share the device of a behavior as one document.
+
+    deterministic: it takes the likeliest actions instead of sampling. about: what else a reader may want to know.
+    """
+    seen = {sensor.name for actor in actors for sensor in actor.encoder.sensors}
+    policies = [_policy(actor) for actor in actors]
+    return {
+        "format": FORMAT_2 if any(_needs_2(policy) for policy in policies) else FORMAT,
+        **about,
+        "behavior": behavior.name,
+        "deterministic": deterministic,
+        "sensors": [
+            {"name": sensor.name, "dtype": NUMPY_TYPES[sensor.dtype].name, "shape": list(sensor.shape)}
+            for sensor in behavior.sensors
+            if sensor.name in seen
+        ],
+        "axes": [{"name": axis.name, "low": axis.low, "high": axis.high} for axis in behavior.device.axes],
+        "branches": [
+            {"name": branch.name, "choices": list(branch.choices)} for branch in behavior.device.branches
+        ],
+        "policies": policies,
+    }  # fmt: skip
+
+
+def encode(document: Document) -> bytes:
+    """Return a document as a JSON file."""
+    return json.dumps(document, default=_encode_array, indent=1, ensure_ascii=False).encode() + b"\n"
+
+
+def decode(data: bytes) -> Document:
+    """Return the document in a JSON file."""
+    document: Document = json.loads(data, object_hook=_decode_array)
+    return document
+
+
+def _policy(actor: Actor) -> Document:
+    """Return the network and the layout of one policy.
+
+    The rows of the last layer are the choices of the policy's branches, one branch after the other, then the means of
+    its Gaussians: neither padding nor a value.
+    """
+    state, space, layout = actor.state(), actor.layout.space, actor.layout
+    if unknown := [name for name in space.distributions if name not in (GAUSSIAN, SQUASHED)]:
+        names = ", ".join(dict.fromkeys(name.rpartition(":")[2] for name in unknown))
+        raise ExportError(
+            f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
+            "such as squashed, hybrid or bucket-11"
+        )
+    if actor.network.actor.images is not None:
+        raise ExportError(
+            f"{actor.name}: networks with convolutions cannot be exported; train it with image_encoder=none, or play "
+            "it with the trainer"
+        )
+    branches, padded = len(space.branches), len(space.branches) * space.widest
+    choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
+    rows = [*choices, *range(padded, padded + space.continuous)]
+    hidden = [
+        {"weight": state[f"actor.hidden.{index}.weight"], "bias": state[f"actor.hidden.{index}.bias"]}
+        for index in range(len(actor.config.hidden_sizes))
+    ]
+    head, sums = state["actor.head.weight"], actor.network.sums
+    if sums is not None:  # ordinal logits are sums of outputs, so weights are added up once and for all
+        head = sums.numpy(force=True).T @ head
+    bias = np.concatenate([np.zeros(len(choices), np.float32), state["mean_bias"]])
+    activation = actor.config.activation
+    return {
+        "name": actor.name,
+        "sensors": [sensor.name for sensor in actor.encoder.sensors],
+        "frame_stack": actor.config.frame_stack,
+        **({} if activation == "swish" else {"activation": activation}),
+        **({} if actor.scaling is None else {"scaling": _scaling(actor.scaling)}),
+        "layers": [*hidden, {"weight": head[rows], "bias": bias}],
+        "deviations": np.exp(0.5 * state["log_variance"].astype(float)).astype(np.float32),
+        "discrete": [_table(table) for table in layout.discrete],
+        "continuous": [_target(target) for target in layout.continuous],
+    }
+
+
+def _needs_2(policy: Document) -> bool:
+    return any(key in policy for key in KEYS_2) or any(len(table.get("given", ())) > 2 for table in policy["discrete"])
+
+
+def _scaling(scaling: Scaling) -> Document:
+    document = {"shift": scaling.shift, "scale": scaling.scale}
+    return document if scaling.moments is None else document | {"limit": LIMIT}
+
+
+def _table(table: AxisTable | JointTable) -> Document:
+    document: Document = {"values": table.values.tolist()}
+    if isinstance(table, AxisTable):
+        document = {"axis": table.axis, **document}
+    else:
+        document = {"branches": list(table.branches), **document}
+        if table.positions is not None:
+            document |= {"axes": list(table.axes), "positions": table.positions.tolist()}
+    return document | {"given": [number for pair in table.given for number in pair]} if table.given else document
+
+
+def _target(target: AxisRange | Threshold | Split) -> Document:
+    if isinstance(target, AxisRange):
+        return {"axis": target.axis} | ({"squashed": True} if target.distribution == SQUASHED else {})
+    if isinstance(target, Threshold):
+        return {"branch": target.branch, "threshold": target.threshold}
+    return {"branch": target.branch}
+
+
+def _encode_array(array: Array) -> Document:
+    data = np.ascontiguousarray(array, "<f4").tobytes()
+    return {"shape": list(array.shape), "float32": base64.b64encode(data).decode()}
+
+
+def _decode_array(value: Document) -> Document | Array:
+    if set(value) != {"shape", "float32"}:
+        return value
+    return np.frombuffer(base64.b64decode(value["float32"]), "<f4").reshape(value["shape"])

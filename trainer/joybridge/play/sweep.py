@@ -1,0 +1,100 @@
+"""Evaluation over values of an option, a parameter or a limit of the hand: a table, a plot with 95 % intervals."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from joybridge.config.config import FORMS, OF_THE_GAME, OF_THE_HAND
+from joybridge.config.errors import ConfigError
+
+if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
+    from joybridge.play.evaluate import Evaluation
+
+Results = Mapping[str, Mapping[str, "Evaluation"]]  # "parameters.size=0.5" -> policy -> its evaluation
+
+PANELS = 6  # in a plot, at most: the reward and the first metrics
+COLUMNS = 3
+
+
+class Sweep(NamedTuple):
+    """An option or a parameter of a game, or a limit of the hand, and the values to play."""
+
+    key: str  # as in "parameters.size" or "hand_delay"
+    values: list[str]
+
+    @property
+    def settings(self) -> list[str]:
+        """Return an override of the configuration per value."""
+        return [f"{self.key}={value}" for value in self.values]
+
+    def picture(self, run: Path) -> Path:
+        """Return where the plot of a run belongs."""
+        name = re.sub(r"[^\w.-]", "_", self.key)  # never a path of its own
+        return run / f"over-{name}.png"
+
+
+def read_sweep(text: str) -> Sweep:
+    """Return what "parameters.size=0.5,1,2" means. Raises ConfigError."""
+    key, _, values = text.partition("=")
+    sweep = Sweep(key, [value.strip() for value in values.split(",")])
+    where, _, name = key.partition(".")
+    known = key in OF_THE_HAND or (where in OF_THE_GAME and name)
+    if not known or not all(sweep.values):
+        wanted = " or ".join([*(f"{FORMS[form]},…" for form in OF_THE_GAME), "hand_KEY=VALUE,…"])
+        raise ConfigError(f"--over got {text!r}, expected {wanted}, as in parameters.size=0.5,1,2")
+    if len(set(sweep.values)) < len(sweep.values):
+        raise ConfigError(f"--over got {text!r}, which names a value twice; name each value once")
+    return sweep
+
+
+def table(sweep: Sweep, results: Results) -> str:
+    """Return a table per policy: a line per value, a column per metric."""
+    lines = []
+    for policy, first in results[sweep.settings[0]].items():
+        rows = [[sweep.key, *first.means]]
+        for value, setting in zip(sweep.values, sweep.settings, strict=True):
+            result = results[setting][policy]
+            rows.append(
+                [value, *(f"{mean:.3f} ± {result.half_widths[name]:.3f}" for name, mean in result.means.items())]
+            )
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        fewest = min(result[policy].episodes for result in results.values())
+        lines.append(f"{policy}: at least {fewest} episodes per value, mean and 95 % confidence")
+        for key, *cells in rows:
+            aligned = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
+            lines.append("  ".join(["", f"{key:<{widths[0]}}", *aligned]))
+    return "\n".join(lines)
+
+
+def plot(sweep: Sweep, results: Results, path: Path) -> None:
+    """Write a picture: reward and metrics over the values, with 95 % confidence intervals. Needs matplotlib."""
+    from matplotlib.figure import Figure
+
+    policies = results[sweep.settings[0]]
+    metrics = list(dict.fromkeys(name for first in policies.values() for name in first.means if name != "length"))
+    metrics = metrics[:PANELS]
+    places = (
+        [float(value) for value in sweep.values] if not sweep.key.startswith("options.") else range(len(sweep.values))
+    )
+    columns = min(COLUMNS, len(metrics))
+    rows = -(-len(metrics) // columns)
+    figure = Figure(figsize=(4 * columns, 3.2 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).flat
+    for metric, axes in zip(metrics, panels, strict=False):
+        for policy, first in policies.items():
+            if metric in first.means:
+                played = [results[setting][policy] for setting in sweep.settings]
+                axes.errorbar(
+                    places, [one.means[metric] for one in played], [one.half_widths[metric] for one in played],
+                    fmt="o-", capsize=3, label=policy,
+                )  # fmt: skip
+        axes.set(title=metric, xlabel=sweep.key)
+        axes.set_xticks(places, sweep.values)
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes in panels:  # that no metric needs
+        axes.set_visible(False)
+    if len(policies) > 1:
+        figure.axes[0].legend(frameon=False)
+    figure.savefig(path, dpi=120)

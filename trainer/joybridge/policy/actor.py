@@ -1,0 +1,127 @@
+"""What plays: the observation encoder, the network and the layout of one policy, without anything that learns."""
+
+from collections.abc import Sequence
+from functools import cached_property, partial
+
+import numpy as np
+import torch
+
+from joybridge.config.arrays import select
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.tensors import Array
+from joybridge.layouts import Role
+from joybridge.policy.config_fit import fitting_roles
+from joybridge.policy.encoder import ObservationEncoder
+from joybridge.policy.fit import misfits
+from joybridge.policy.scaling import make_scaling
+from joybridge.ppo.convolutions import ImageEncoder
+from joybridge.ppo.fast.acting import decide
+from joybridge.ppo.fast.kernels import NO_MASKS
+from joybridge.ppo.fast.towers import Form, form, heads
+from joybridge.ppo.images import find_images
+from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.rollout import Decision
+from joybridge.ppo.sampling import sample_actions
+from joybridge.v1 import bridge_pb2 as pb
+
+SCALING = "scaling."  # begins the names of arrays that are not the network's
+
+
+class Actor:
+    """One policy: from the step of its behavior to actions of its part of the device."""
+
+    def __init__(
+        self, role: Role, behavior: pb.Behavior, config: PolicyConfig, seed: int, accelerator: str = "cpu"
+    ) -> None:
+        """Make an actor with an untrained network, which `seed` fixes. Raises ConfigError."""
+        self.name, self.behavior, self.layout = role.name, role.behavior, role.layout
+        self.config, self.seed = config, seed
+        self.encoder = ObservationEncoder(role.name, behavior, config.sensors, config.reward_weights)
+        images = find_images(role.name, config.image_encoder, self.encoder.sensors)
+        self.scaling = make_scaling(role.name, config.scale_observations, self.encoder.sensors, images)
+        self.metrics = [metric.name for metric in behavior.metrics]
+        self.branches, self.gaussians = role.layout.names(behavior.device)
+        space = role.layout.space
+        shared = config.shared_body if config.shared_body is not None else space.continuous == 0
+        self.observation_size = self.encoder.size * config.frame_stack
+        self.accelerator = torch.device(accelerator)
+        make_images = partial(
+            ImageEncoder, config.image_encoder, images, self.encoder.size, config.frame_stack, config.activation
+        )
+        network = Network(
+            self.observation_size, space, config.hidden_sizes, shared, seed, config.activation,
+            make_images if images else None,
+        )  # fmt: skip
+        self.network = network.to(self.accelerator)
+
+    def frames(self, observations: Sequence[Array]) -> Array:
+        """Return frames as the network gets them, float32 [rows, frame]: the sensors side by side, scaled."""
+        frames = self.encoder.frames(observations)
+        return frames if self.scaling is None else self.scaling.apply(frames)
+
+    def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
+        """Sample actions and values into `decision`, and write the actions into the policy's part of `act`.
+
+        step: of the policy's behavior; its masks count. act: axes [lanes, axes] and choices [lanes, branches] of the
+        behavior's device. deterministic: take the likeliest actions instead.
+        """
+        observations, masks, noise, action, values = decision
+        network, space = self.network, self.layout.space
+        if self._compiled is None or space.distributions or space.given:
+            with torch.inference_mode():
+                outputs, estimates = self._heads(observations)
+                values[:] = estimates.numpy(force=True)
+                sample_actions(network, outputs, masks, noise, action, deterministic=deterministic)
+        else:
+            allowed = NO_MASKS if masks is None else masks
+            decide(*self._compiled, observations, allowed, noise, deterministic, action, values)
+        self.layout.write(action.continuous, action.discrete, act, step.masks)
+
+    def values(self, observations: Array) -> Array:
+        """Return the values, float32 [rows], of observations, float32 [rows, observation]."""
+        return self._heads(observations)[1].numpy(force=True)
+
+    @torch.inference_mode()
+    def _heads(self, observations: Array) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return what `Network.heads` does."""
+        if self._compiled is None:
+            return self.network.heads(torch.from_numpy(observations).to(self.accelerator))
+        outputs, values = heads(*self._compiled, observations)
+        return torch.from_numpy(outputs), torch.from_numpy(values)
+
+    @cached_property
+    def _compiled(self) -> tuple[Array, Form] | None:
+        """The parameters as compiled functions take them, None where PyTorch computes the network."""
+        if self.network.actor.images is not None or self.accelerator.type != "cpu":
+            return None
+        return flatten_parameters(self.network).detach().numpy(), form(self.network)
+
+    def state(self) -> dict[str, Array]:
+        """Return copies of the parameters, and of what scales observations, for a checkpoint."""
+        state = {name: tensor.numpy(force=True).copy() for name, tensor in self.network.state_dict().items()}
+        scaling = {} if self.scaling is None else self.scaling.state()
+        return state | {f"{SCALING}{name}": array for name, array in scaling.items()}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned. Raises CheckpointError where it does not fit."""
+        if differences := misfits(state, self.state(), self.encoder.sensors, self.config.frame_stack):
+            raise CheckpointError(f"{self.name}: the trained network does not fit: {'; '.join(differences)}")
+        network = {name: torch.from_numpy(a.copy()) for name, a in state.items() if not name.startswith(SCALING)}
+        self.network.load_state_dict(network)
+        if self.scaling is not None:
+            self.scaling.load(select(state, SCALING))
+
+
+def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> list[Actor]:
+    """Return untrained policies for all behaviors of a spec. Raises ConfigError."""
+    if accelerator == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
+    roles = fitting_roles(config, spec)
+    children = np.random.SeedSequence(config.seed).spawn(len(roles))
+    seeds = [int(child.generate_state(1, np.uint64)[0]) for child in children]
+    return [
+        Actor(role, spec.behaviors[role.behavior], config.policy_config(role.name), seed, accelerator)
+        for role, seed in zip(roles, seeds, strict=True)
+    ]

@@ -1,0 +1,65 @@
+"""Finished episodes of the lanes of one policy."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from joybridge.config.metrics import Row, column_name
+from joybridge.contract.codec import StepArrays
+from joybridge.contract.tensors import Array
+
+
+class Episodes:
+    """Sums up the episodes of one policy's lanes."""
+
+    def __init__(self, lanes: int, metrics: Sequence[str], drawn: Mapping[int, str] | None = None) -> None:
+        """Begin at an episode's first decision in every lane.
+
+        metrics: the game's, by name; see `column_name`. drawn: the parameters that are drawn at each episode, by their
+        place in the spec; their values are metrics as well.
+        """
+        self._drawn = drawn or {}
+        self.metrics = [*map(column_name, metrics), *(f"parameters.{name}" for name in self._drawn.values())]
+        self.count = 0  # episodes that have finished since this was made
+        self.reward = np.zeros(lanes)
+        self.length = np.zeros(lanes, np.int64)
+        self.finished = np.zeros((0, 3 + len(self.metrics)))  # lane, reward, length, metrics of each episode
+
+    def begin(self) -> None:
+        """Forget the episodes that have begun: new ones begin in every lane."""
+        self.reward[:] = 0.0
+        self.length[:] = 0
+
+    def add(self, step: StepArrays, rewards: Array, lanes: slice = slice(None)) -> None:
+        """Count one step of some lanes: rewards [lanes], as the policy gets them."""
+        self.reward[lanes] += rewards
+        self.length[lanes] += 1
+        if len(step.ended):
+            ended = step.ended + (lanes.start or 0)
+            columns = [ended[:, None], self.reward[ended, None], self.length[ended, None]]
+            if step.metrics is not None:
+                columns.append(step.metrics)
+            if self._drawn and step.parameters is not None:
+                columns.append(step.parameters[:, list(self._drawn)])
+            self.count += len(ended)
+            self.finished = np.concatenate([self.finished, np.concatenate(columns, axis=1)])
+            self.reward[ended] = 0.0
+            self.length[ended] = 0
+
+    def summarize(self) -> Row:
+        """Return means over the finished episodes and forget them; no means where none has finished."""
+        finished, self.finished = self.finished, self.finished[:0]
+        row: Row = {"episodes": len(finished)}
+        if len(finished):
+            means = finished.mean(axis=0)
+            row |= {"reward": means[1], "reward_std": finished[:, 1].std(), "length": means[2]}
+            row |= dict(zip(self.metrics, means[3:].tolist(), strict=True))
+        return row
+
+    def state(self) -> dict[str, Array]:
+        """Return everything for a checkpoint."""
+        return {"reward": self.reward.copy(), "length": self.length.copy(), "finished": self.finished.copy()}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned."""
+        self.reward, self.length, self.finished = (state[name].copy() for name in ("reward", "length", "finished"))

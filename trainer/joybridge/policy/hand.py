@@ -1,0 +1,125 @@
+"""What a person's hand does to actions on their way from a policy to the device: it is late, slow and not exact.
+
+The limits are keys of the configuration, see `HandLimits`. They belong to the world in which a policy plays: what a
+policy has chosen is what it learns from, what its hand makes of that is what the game gets.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from joybridge.config.config import Config
+from joybridge.contract.codec import ActArrays, StepArrays, lane_count
+from joybridge.contract.tensors import Array
+from joybridge.layouts import make_acts
+from joybridge.v1 import bridge_pb2 as pb
+
+HANDS = 2**63  # plus the index of the behavior: the second word of the key of its noise
+
+
+class HandLimits(NamedTuple):
+    """What a hand can do. The defaults change nothing."""
+
+    delay: int = 0  # decisions between an observation and the action that answers it
+    hold: int = 1  # least decisions between two changes of a branch's choice
+    reach: float = 1.0  # the farthest an axis goes, as a share of the way from rest to its end
+    change: float = 1.0  # the most that an axis changes in a decision, as a share of its range
+    noise: float = 0.0  # standard deviation of an axis, as a share of its distance from rest
+
+
+class Hand:
+    """The hands of all agents of one behavior in one group of arenas."""
+
+    def __init__(
+        self, limits: HandLimits, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int
+    ) -> None:
+        """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped."""
+        self.limits, self._rest, self._key, self._first_lane = limits, rest, noise_key, first_lane
+        self._low = np.array([axis.low for axis in device.axes], np.float32)
+        self._high = np.array([axis.high for axis in device.axes], np.float32)
+        self._least = np.clip(rest.axes + limits.reach * (self._low - rest.axes), self._low, self._high)
+        self._most = np.clip(rest.axes + limits.reach * (self._high - rest.axes), self._low, self._high)
+        length = limits.delay + 1
+        self._axes = np.tile(rest.axes, (length, 1, 1))  # that were chosen, oldest first
+        self._choices = np.tile(rest.choices, (length, 1, 1))
+        self._last = ActArrays(rest.axes.copy(), rest.choices.copy())  # that the device got, without noise
+        self._kept = np.full(rest.choices.shape, limits.hold)  # decisions since the last change of a choice
+        self._decisions = np.array(0)
+
+    def apply(self, step: StepArrays, act: ActArrays) -> None:
+        """Turn the actions that were chosen for a step into those that the device gets, in place."""
+        for queue, chosen in ((self._axes, act.axes), (self._choices, act.choices)):
+            queue[:-1] = queue[1:]
+            queue[-1] = chosen
+        act.choices[:] = self._held(self._choices[0], step.masks)
+        act.axes[:] = self._moved(self._axes[0])
+        self._decisions += 1
+
+    def store(self, step: StepArrays) -> None:
+        """Go back to rest in lanes whose episodes are new.
+
+        When the step comes, not with the next action: a session that continues from a snapshot no longer tells.
+        """
+        lanes = step.terminated | step.truncated
+        self._axes[:, lanes], self._choices[:, lanes] = self._rest.axes[lanes], self._rest.choices[lanes]
+        self._last.axes[lanes], self._last.choices[lanes] = self._rest.axes[lanes], self._rest.choices[lanes]
+        self._kept[lanes] = self.limits.hold
+
+    def _held(self, wanted: Array, masks: Sequence[Array] | None) -> Array:
+        """Return the choices of the device: the last ones until they may change, or the first that are allowed."""
+        last = self._last.choices
+        choices = np.where(self._kept >= self.limits.hold, wanted, last)
+        for branch, mask in enumerate(masks or ()):
+            allowed = mask[np.arange(len(mask)), choices[:, branch]]
+            choices[:, branch] = np.where(allowed, choices[:, branch], mask.argmax(axis=1))
+        self._kept = np.where(choices == last, self._kept + 1, 1)
+        last[:] = choices
+        return choices
+
+    def _moved(self, wanted: Array) -> Array:
+        """Return the axes of the device: within reach, not far from the last ones, and not exact.
+
+        Noise in proportion to the command is that of human movements (Harris and Wolpert, 1998).
+        """
+        last, change = self._last.axes, self.limits.change * (self._high - self._low)
+        last[:] = np.clip(np.clip(wanted, self._least, self._most), last - change, last + change)
+        if not self.limits.noise:
+            return last
+        rng = np.random.Generator(np.random.Philox(key=self._key, counter=[0, int(self._decisions), 0, 0]))
+        normal = rng.standard_normal((self._first_lane + len(last), last.shape[1]), np.float32)[self._first_lane :]
+        return np.clip(last + self.limits.noise * (last - self._rest.axes) * normal, self._low, self._high)
+
+    def state(self) -> dict[str, Array]:
+        """Return copies of everything that fixes what follows, for a checkpoint."""
+        return {name: array.copy() for name, array in self._arrays().items()}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned. Raises KeyError and ValueError where it does not fit."""
+        for name, array in self._arrays().items():
+            array[...] = state[name]
+
+    def _arrays(self) -> dict[str, Array]:
+        return {
+            "axes": self._axes, "choices": self._choices, "last_axes": self._last.axes,
+            "last_choices": self._last.choices, "kept": self._kept, "decisions": self._decisions,
+        }  # fmt: skip
+
+
+def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: int) -> list[Hand]:
+    """Return the hands of a group of arenas, `first` to before `end`: one per behavior, none if nothing is limited.
+
+    seed: of the noise.
+    """
+    limits = hand_limits(config)
+    if limits == HandLimits():
+        return []
+    return [
+        Hand(limits, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first))
+        for index, (behavior, rest) in enumerate(zip(spec.behaviors, make_acts(spec, end - first), strict=True))
+    ]
+
+
+def hand_limits(config: Config) -> HandLimits:
+    """Return the limits that a configuration sets."""
+    return HandLimits(config.hand_delay, config.hand_hold, config.hand_reach, config.hand_change, config.hand_noise)

@@ -1,0 +1,153 @@
+"""One policy in training: the actor that plays, the rollout that it fills, and the learner that improves it."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from joybridge.config.arrays import select
+from joybridge.contract.codec import ActArrays, StepArrays, lane_count
+from joybridge.contract.tensors import Array
+from joybridge.policy.actor import Actor
+from joybridge.policy.encoder import final_observations, push_frames
+from joybridge.policy.episodes import Episodes
+from joybridge.ppo.cloning import Cloning, minibatches
+from joybridge.ppo.loss import Actions
+from joybridge.ppo.return_scale import ReturnScale
+from joybridge.ppo.rollout import RolloutBuffer
+from joybridge.ppo.update import Learner
+from joybridge.v1 import bridge_pb2 as pb
+
+SAMPLES, SHUFFLES, DEMONSTRATIONS = range(3)  # what random numbers are for
+
+
+def random_numbers(seed: int, updates: int, purpose: int) -> np.random.Generator:
+    """Return the generator of a policy's rollout, after so many updates, for one purpose."""
+    return np.random.Generator(np.random.Philox(key=[seed, updates], counter=[0, 0, 0, purpose]))
+
+
+class Policy:
+    """A policy that acts in every lane of one behavior and learns from what follows.
+
+    Steps and acts below are of one group of arenas and hold an entry per behavior.
+    """
+
+    def __init__(
+        self, actor: Actor, behavior: pb.Behavior, arenas: Sequence[int], drawn: Mapping[int, str] | None = None
+    ) -> None:
+        """Begin with empty rollouts.
+
+        arenas: the first arena of each group and, last, their number. drawn: see `Episodes`.
+        """
+        self.actor, self.config = actor, actor.config
+        bounds = [lane_count(behavior, arena) for arena in arenas]
+        self.lanes = bounds[-1]
+        groups = [slice(first, end) for first, end in pairwise(bounds)]
+        self.rollout = RolloutBuffer(self.config.rollout_steps, groups, actor.observation_size, actor.layout.space)
+        autograd = self.config.autograd or actor.accelerator.type != "cpu"
+        name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
+        self.learner = Learner(
+            name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
+            threads=self.config.threads,
+        )  # fmt: skip
+        self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
+        self.episodes = Episodes(self.lanes, actor.metrics, drawn)
+        self.demonstrated: Actions | None = None  # what it clones
+        self.updates = 0
+        self.rollout.draw_noise(self._rng(SAMPLES))
+
+    def _rng(self, purpose: int) -> np.random.Generator:
+        """Return the generator of the present rollout for one purpose; so no state of one need be saved."""
+        return random_numbers(self.actor.seed, self.updates, purpose)
+
+    def begin(self, groups: Sequence[Sequence[StepArrays]]) -> None:
+        """Take the first observations of new episodes: the steps of each group."""
+        for group, steps in enumerate(groups):
+            step = steps[self.actor.behavior]
+            self.rollout.begin(self._watch(step), step.deciding, group)
+        self.episodes.begin()
+
+    def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], group: int = 0) -> None:
+        """Sample actions for the present observations and write them into the policy's part of `acts`."""
+        actor, step = self.actor, steps[self.actor.behavior]
+        allowed = None if step.masks is None else actor.layout.masks(step.masks)
+        actor.act(step, self.rollout.next_decision(allowed, group), acts[actor.behavior])
+
+    def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
+        """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
+        actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
+        frames, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
+        now, after = rollout.observations[rollout.rows[group] : rollout.rows[group] + 2, rollout.groups[group]]
+        if step.truncated.any() and step.final_observations is not None:
+            last_frames = actor.frames(step.final_observations)
+            final_values = actor.values(final_observations(now, last_frames, step))
+        push_frames(now, frames, step, after)
+        rollout.store(step, rewards, final_values, group)
+        self.episodes.add(step, rewards, rollout.groups[group])
+
+    def _watch(self, step: StepArrays) -> Array:
+        """Return the frames of a step as the network gets them; those that are pushed count for their scaling."""
+        frames, scaling = self.actor.encoder.frames(step.observations), self.actor.scaling
+        if scaling is None:
+            return frames
+        pushed = None if step.deciding is None else step.deciding | step.terminated | step.truncated
+        scaling.watch(frames if pushed is None else frames[pushed])
+        return scaling.apply(frames)
+
+    def rewards(self, decided: Array) -> Array:
+        """Return the rewards of the full rollout as the critic learns them, [steps, lanes]; once per rollout."""
+        rollout = self.rollout
+        if self.returns is None:
+            return rollout.rewards
+        return self.returns.scale(rollout.rewards, decided, rollout.terminated | rollout.truncated)
+
+    def next_values(self) -> Array:
+        """Return the values of the observations that follow the full rollout, [lanes]."""
+        return self.actor.values(self.rollout.observations[-1])
+
+    def shuffles(self) -> np.random.Generator:
+        """Return the generator that shuffles the present rollout."""
+        return self._rng(SHUFFLES)
+
+    def cloning(self, progress: float, *, alone: bool) -> Cloning | None:
+        """Return what the present update learns from demonstrations, after a fraction of the run; None: nothing.
+
+        alone: PPO then only teaches the critic; otherwise the coefficient falls linearly, to 0.
+        """
+        if self.demonstrated is None:
+            return None
+        coef = self.config.cloning_coef * (1.0 if alone else max(0.0, 1.0 - progress))
+        chosen = minibatches(self.demonstrated, self.config.minibatch_size, self._rng(DEMONSTRATIONS))
+        return Cloning(chosen, coef, alone)
+
+    def restart(self) -> None:
+        """Begin the next rollout."""
+        self.updates += 1
+        if self.actor.scaling is not None:
+            self.actor.scaling.refresh()
+        self.rollout.restart()
+        self.rollout.draw_noise(self._rng(SAMPLES))
+
+    def state(self) -> dict[str, Array]:
+        """Return copies of everything that fixes what follows, with an empty rollout, for a checkpoint."""
+        return {
+            **{f"network.{name}": array for name, array in self.actor.state().items()},
+            **{f"adam.{name}": array for name, array in self.learner.state().items()},
+            **{f"episodes.{name}": array for name, array in self.episodes.state().items()},
+            **({} if self.returns is None else {f"returns.{n}": array for n, array in self.returns.state().items()}),
+            "updates": np.array(self.updates),
+            "observations": self.rollout.observations[0].copy(),
+            "deciding": self.rollout.deciding[0].copy(),
+        }
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned. Raises CheckpointError."""
+        self.actor.load(select(state, "network."))
+        self.learner.load(select(state, "adam."))
+        self.episodes.load(select(state, "episodes."))
+        if self.returns is not None:
+            self.returns.load(select(state, "returns."))
+        self.updates = int(state["updates"])
+        self.rollout.observations[0] = state["observations"]
+        self.rollout.deciding[0] = state["deciding"]
+        self.rollout.draw_noise(self._rng(SAMPLES))

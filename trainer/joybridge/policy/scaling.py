@@ -1,0 +1,93 @@
+"""Scaling of what a policy sees: by the bounds of its sensors, or by the moments of what it has seen in training.
+
+A frame x becomes (x - shift) · scale before it is stacked; with moments it is limited to ±LIMIT. Needs no torch.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from joybridge.config.errors import ConfigError
+from joybridge.contract.limits import element_count
+from joybridge.contract.tensors import Array
+from joybridge.ppo.images import Image
+from joybridge.ppo.moments import Moments
+from joybridge.v1 import bridge_pb2 as pb
+
+LIMIT = 10.0  # what is farther away is no better known
+NO_BOUND = np.finfo(np.float32).max / 2  # games write the largest number of a type where they have no bound
+
+
+class Scaling:
+    """How the frames of one policy are scaled. `moments` is None if training does not change it."""
+
+    def __init__(self, shift: Array, scale: Array, columns: Array | None = None) -> None:
+        """Take float32 [frame] each. columns: where moments replace them; None: nowhere."""
+        self.shift, self.scale = shift, scale
+        self._columns = columns
+        self.moments = None if columns is None else Moments(len(columns))
+
+    def apply(self, frames: Array) -> Array:
+        """Return frames [rows, frame] as a policy gets them, float32."""
+        scaled = (frames - self.shift) * self.scale
+        return scaled if self.moments is None else np.clip(scaled, np.float32(-LIMIT), np.float32(LIMIT))
+
+    def watch(self, frames: Array) -> None:
+        """Count frames [rows, frame], unscaled, that training has shown; they count from the next `refresh`."""
+        if self.moments is not None:
+            self.moments.add(frames[:, self._columns])
+
+    def refresh(self) -> None:
+        """Scale by all that was watched. Training does so between two rollouts only."""
+        if self.moments is not None:
+            self.shift[self._columns] = self.moments.mean
+            self.scale[self._columns] = 1.0 / self.moments.deviation()
+
+    def state(self) -> dict[str, Array]:
+        """Return copies of what training changes."""
+        return {} if self.moments is None else self.moments.state()
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned."""
+        if self.moments is not None:
+            self.moments.load(state)
+            self.refresh()
+
+
+def make_scaling(policy: str, kind: str, sensors: Sequence[pb.Sensor], images: Sequence[Image]) -> Scaling | None:
+    """Return how to scale the sensors of a policy, None if there is nothing to do.
+
+    images: of `find_images`. Their pixels are scaled from 0..255 to 0..1 if they are uint8, and not at all otherwise.
+    Raises ConfigError for "bounds" if no sensor has any.
+    """
+    size = sum(element_count(sensor) for sensor in sensors)
+    shift, scale, numbers = np.zeros(size, np.float32), np.ones(size, np.float32), np.ones(size, bool)
+    uint8 = np.repeat([sensor.dtype == pb.DTYPE_UINT8 for sensor in sensors], [*map(element_count, sensors)])
+    for image in images:
+        numbers[image.begin : image.end] = False
+    scale[uint8 & ~numbers] = 1 / 255
+    if kind == "none":
+        return Scaling(shift, scale) if (scale != 1).any() else None
+    if kind == "running":
+        return Scaling(shift, scale, np.flatnonzero(numbers))
+    low, high = (np.concatenate(part) for part in zip(*map(_bounds, sensors), strict=True))
+    known = (np.abs(low) < NO_BOUND) & (np.abs(high) < NO_BOUND) & (low < high) & numbers
+    if not known.any():
+        names = ", ".join(sensor.name for sensor in sensors)
+        raise ConfigError(
+            f"{policy}: scale_observations is bounds, but no sensor has any ({names}); set scale_observations=running"
+        )
+    shift[known] = (low[known] + high[known]) / 2
+    scale[known] = 2 / (high[known] - low[known])
+    return Scaling(shift, scale)
+
+
+def _bounds(sensor: pb.Sensor) -> tuple[Array, Array]:
+    """Return the bounds of each element, float64, infinite where there are none."""
+    whole = {pb.DTYPE_UINT8: (0.0, 255.0), pb.DTYPE_BOOL: (0.0, 1.0)}.get(sensor.dtype, (-np.inf, np.inf))
+    size = element_count(sensor)
+    low, high = (
+        np.broadcast_to(np.array(given or [other], np.float64), size)
+        for given, other in zip((list(sensor.low), list(sensor.high)), whole, strict=True)
+    )
+    return low, high

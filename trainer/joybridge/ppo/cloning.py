@@ -1,0 +1,40 @@
+"""Behavior cloning: the loss is minus the mean log-probability of what was demonstrated."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from joybridge.ppo.loss import Actions, joint_log_probs
+from joybridge.ppo.networks import Network
+
+# The smallest log-variance of a Gaussian that cloning asks for: a deviation of 0.1, a sixtieth of the range of an axis.
+# What is always done alike would make it ever smaller.
+NARROWEST = float(np.log(0.1**2))
+
+
+class Cloning(NamedTuple):
+    """What one update learns from demonstrations."""
+
+    minibatches: Iterator[Actions]  # without end
+    coef: float  # of the loss
+    alone: bool  # PPO then only teaches the critic
+
+
+def minibatches(actions: Actions, size: int, rng: np.random.Generator) -> Iterator[Actions]:
+    """Yield shuffled minibatches without end; each pass takes as many whole ones as there are."""
+    size = min(size, len(actions))
+    while True:
+        order = torch.from_numpy(rng.permutation(len(actions))).to(actions.observations.device)
+        for start in range(0, len(actions) - size + 1, size):
+            yield actions.rows(order[start : start + size])
+
+
+def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> float:
+    """Add the gradient of the loss, times `coef`, to that of the network; return the loss."""
+    outputs = network(actions.observations)
+    spread = network.log_variance if network.distributions else network.log_variance.clamp(min=NARROWEST)
+    loss = -joint_log_probs(outputs, spread, actions, network.distributions)[0].mean()
+    (coef * loss).backward()  # type: ignore[no-untyped-call]
+    return float(loss.detach())

@@ -1,0 +1,156 @@
+"""The rollout of one policy: what its lanes observed, did and earned since its last update, in preallocated arrays."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from joybridge.contract.codec import StepArrays
+from joybridge.contract.tensors import Array
+from joybridge.layouts import ActionSpace
+from joybridge.ppo.distributions import fill_masks
+from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
+from joybridge.ppo.loss import Batch
+
+
+class Decision(NamedTuple):
+    """One decision of a group: what it is based on, and where its action and its values belong."""
+
+    observations: Array  # [lanes, observation]
+    masks: Array | None  # [lanes, branches, widest], added to the logits; None: all choices are allowed
+    noise: Noise
+    action: Action
+    values: Array  # [lanes]
+
+
+class RolloutBuffer:
+    """`steps` decisions of all lanes. Row t of each array is about decision t.
+
+    Groups of lanes are filled one after the other; each has a row of its own, the next one to be filled.
+    """
+
+    def __init__(self, steps: int, groups: Sequence[slice], observation: int, space: ActionSpace) -> None:
+        """Preallocate. groups: the lanes of each group, in order. observation: numbers per observation."""
+        lanes = groups[-1].stop
+        self.groups = groups
+        self.rows = [0] * len(groups)
+        self.space = space
+        self.observations = np.zeros((steps + 1, lanes, observation), np.float32)
+        self.continuous = np.zeros((steps, lanes, space.continuous), np.float32)
+        self.discrete = np.zeros((steps, lanes, len(space.branches)), np.int64)
+        self.masks: Array | None = None  # [steps, lanes, branches, widest], made when a game first forbids a choice
+        self.log_probs = np.zeros((steps, lanes), np.float32)
+        self.values = np.zeros((steps, lanes), np.float32)
+        self.rewards = np.zeros((steps, lanes), np.float32)
+        self.terminated = np.zeros((steps, lanes), bool)
+        self.truncated = np.zeros((steps, lanes), bool)
+        self.final_values = np.zeros((steps, lanes), np.float32)  # at a truncation, of the last observation
+        self.deciding = np.ones((steps + 1, lanes), bool)
+        self.pending = np.full(lanes, -1)  # the row of each lane's decision whose outcome is not known yet
+        self.noise = Noise(np.zeros(self.continuous.shape, np.float32), np.zeros(self.discrete.shape, np.float32))
+
+    @property
+    def full(self) -> bool:
+        """Return whether an update is due."""
+        return all(row == len(self.rewards) for row in self.rows)
+
+    def begin(self, frames: Array, deciding: Array | None, group: int = 0) -> None:
+        """Put the first frames [lanes of the group, frame] of new episodes."""
+        lanes = self.groups[group]
+        self.observations[0, lanes] = 0.0
+        self.observations[0, lanes, -frames.shape[1] :] = frames
+        self.deciding[0, lanes] = True if deciding is None else deciding
+
+    def draw_noise(self, rng: np.random.Generator) -> None:
+        """Draw the random numbers of all decisions."""
+        self.noise = draw_noise(rng, self.continuous.shape, self.discrete.shape)
+
+    def next_decision(self, allowed: Sequence[Array] | None, group: int = 0) -> Decision:
+        """Return a group's next decision, whose action and values are still to be written.
+
+        allowed: which choices each branch allows, bool [lanes, choices]; None: all.
+        """
+        t, lanes = self.rows[group], self.groups[group]
+        return Decision(
+            self.observations[t, lanes],
+            self._set_masks(allowed, t, lanes),
+            Noise(self.noise.normal[t, lanes], self.noise.uniform[t, lanes]),
+            Action(self.continuous[t, lanes], self.discrete[t, lanes], self.log_probs[t, lanes]),
+            self.values[t, lanes],
+        )
+
+    def _set_masks(self, allowed: Sequence[Array] | None, t: int, lanes: slice) -> Array | None:
+        """Store which choices a decision allows; return what to add to the logits, None where all are allowed."""
+        if self.masks is None:
+            if allowed is None and not self.space.given:
+                return None
+            self.masks = np.zeros((*self.discrete.shape, self.space.widest), np.float32)
+        masks: Array = self.masks[t, lanes]
+        fill_masks(allowed, masks)
+        return masks
+
+    def store(self, step: StepArrays, rewards: Array, final_values: Array | None = None, group: int = 0) -> None:
+        """Store the outcome of a group's decision, whose next observations are already in row t + 1.
+
+        rewards [lanes]; final_values [ended]: of the last observations of the episodes that ended, needed where one was
+        truncated.
+        """
+        t, lanes = self.rows[group], self.groups[group]
+        if final_values is not None:
+            self.final_values[t, lanes][step.ended] = final_values
+        if step.deciding is None and self.deciding[t, lanes].all():
+            self.rewards[t, lanes], self.terminated[t, lanes] = rewards, step.terminated
+            self.truncated[t, lanes] = step.truncated
+            self.deciding[t + 1, lanes] = True
+        else:
+            self._store_late(step, rewards, t, lanes)
+        self.rows[group] += 1
+
+    def _store_late(self, step: StepArrays, rewards: Array, t: int, lanes: slice) -> None:
+        """Store a step in which some lanes wait: its rewards belong to the last decision of each lane."""
+        ended = step.terminated | step.truncated
+        deciding = np.ones(len(ended), bool) if step.deciding is None else step.deciding
+        pending = self.pending[lanes]
+        pending[self.deciding[t, lanes]] = t
+        known = np.flatnonzero((deciding | ended) & (pending >= 0))  # lanes whose decision has its outcome now
+        rows, columns = pending[known], known + lanes.start
+        self.rewards[rows, columns] = rewards[known]
+        self.terminated[rows, columns] = step.terminated[known]
+        self.truncated[rows, columns] = step.truncated[known]
+        self.final_values[rows, columns] = self.final_values[t, columns]  # counts where truncated only
+        pending[known] = -1
+        self.deciding[t + 1, lanes] = deciding
+
+    def decided(self) -> Array:
+        """Return where a decision was made whose outcome this rollout holds, bool [steps, lanes]."""
+        decided = self.deciding[:-1].copy()
+        unknown = np.flatnonzero(self.pending >= 0)
+        decided[self.pending[unknown], unknown] = False
+        return decided
+
+    def batch(self, advantages: Array, decided: Array) -> Batch:
+        """Return the decided timesteps with these advantages [steps, lanes], normalized, as one flat batch."""
+        whole = decided.all()
+
+        def flat(array: Array) -> torch.Tensor:
+            return torch.from_numpy(array.reshape(decided.size, *array.shape[2:]) if whole else array[decided])
+
+        chosen = flat(advantages).numpy()
+        return Batch(
+            observations=flat(self.observations[:-1]),
+            continuous=flat(self.continuous),
+            discrete=flat(self.discrete),
+            masks=None if self.masks is None else flat(self.masks),
+            log_probs=flat(self.log_probs),
+            values=flat(self.values),
+            advantages=torch.from_numpy((chosen - chosen.mean()) / (chosen.std() + 1e-10)),
+            returns=flat(advantages + self.values),
+        )
+
+    def restart(self) -> None:
+        """Begin the next rollout where this one ended."""
+        self.observations[0] = self.observations[-1]
+        self.deciding[0] = self.deciding[-1]
+        self.pending[:] = -1
+        self.rows = [0] * len(self.groups)

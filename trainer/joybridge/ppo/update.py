@@ -1,0 +1,150 @@
+"""The learner of one policy: its optimizer (Adam), and an update from a batch."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import torch
+from torch.optim.adam import adam
+
+from joybridge.config.errors import DivergedError
+from joybridge.config.metrics import STATISTICS
+from joybridge.contract.tensors import Array
+from joybridge.ppo.cloning import Cloning, add_cloning_gradient
+from joybridge.ppo.fast.adam import adam_step
+from joybridge.ppo.fast.gradient import ClosedFormGradient
+from joybridge.ppo.loss import Batch, LossGradient, autograd_gradient
+from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.schedule import Coefficients
+
+KL = STATISTICS.index("approx_kl")
+LOSSES = ("policy_loss", "value_loss", "entropy")
+BETAS, EPSILON = (0.9, 0.999), 1e-8  # of Adam
+
+
+class Learner:
+    """Improves a network: the gradient of the loss, and Adam with its moments."""
+
+    def __init__(
+        self, name: str, network: Network, *, branches: Sequence[str], gaussians: Sequence[str], autograd: bool,
+        threads: int = 1,
+    ) -> None:  # fmt: skip
+        """Learn for `network`, whose parameters are moved into one tensor.
+
+        name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
+        autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
+        processor, dense layers alone, and Gaussians or choices. threads: of the closed form.
+        """
+        self.name, self.network, self.gaussians = name, network, gaussians
+        self.weights = flatten_parameters(network)
+        self.moments = {
+            "step": torch.zeros((), device=self.weights.device),
+            "exp_avg": torch.zeros_like(self.weights, requires_grad=False),
+            "exp_avg_sq": torch.zeros_like(self.weights, requires_grad=False),
+        }
+        self.closed = not autograd and not network.distributions and network.actor.images is None
+        self.gradient: LossGradient = (
+            ClosedFormGradient(network, threads) if self.closed else partial(autograd_gradient, network)
+        )
+        parts = [*branches, *(gaussians if network.distributions else ())]  # whose entropies the gradient returns
+        self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in parts)]
+
+    def state(self) -> dict[str, Array]:
+        """Return copies of the optimizer's moments for a checkpoint."""
+        return {name: moment.cpu().numpy().copy() for name, moment in self.moments.items()}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned."""
+        for name, array in state.items():
+            self.moments[name].copy_(torch.from_numpy(array))
+
+    @torch.no_grad()
+    def step(self, learning_rate: float) -> None:
+        """Move the weights against their gradient with Adam (Kingma and Ba, 2015)."""
+        weights, gradient = self.weights, self.weights.grad
+        step, mean, square = self.moments["step"], self.moments["exp_avg"], self.moments["exp_avg_sq"]
+        assert gradient is not None
+        if self.closed:
+            step += 1
+            adam_step(
+                weights.detach().numpy(), gradient.numpy(), mean.numpy(), square.numpy(), float(step), learning_rate,
+                *BETAS, EPSILON,
+            )  # fmt: skip
+            return
+        adam(
+            [weights], [gradient], [mean], [square], [], [step], fused=True, amsgrad=False, beta1=BETAS[0],
+            beta2=BETAS[1], lr=learning_rate, weight_decay=0.0, eps=EPSILON, maximize=False,
+        )  # fmt: skip
+
+
+def ppo_update(
+    learner: Learner, batch: Batch, coefficients: Coefficients, *, epochs: int, minibatch_size: int,
+    rng: np.random.Generator, max_grad_norm: float | None = None, target_kl: float | None = None,
+    cloning: Cloning | None = None,
+) -> dict[str, float]:  # fmt: skip
+    """Improve the network of `learner` on `batch`; return statistics by name, means over all minibatches.
+
+    Each epoch shuffles the batch with `rng` and takes as many whole minibatches as there are; the rest is left out. A
+    batch smaller than a minibatch is one. max_grad_norm: longer gradients are shortened to it. target_kl: no epoch
+    follows one whose mean KL divergence is larger. cloning: for each minibatch, the gradient of one of demonstrations
+    is added; if it is alone, target_kl does not count. Raises DivergedError.
+    """
+    accelerator = batch.returns.device
+    size = min(minibatch_size, len(batch))
+    rows: list[Array] = []
+    losses: list[float] = []  # of cloning
+    if cloning is not None and cloning.alone:
+        batch.advantages.zero_()
+        coefficients, target_kl = replace(coefficients, entropy_coef=0.0), None
+    done, divergence = 0, 0.0  # epochs; of the last one
+    norm = torch.zeros(())  # of the last gradient, if gradients are clipped
+    while done < epochs and (target_kl is None or divergence <= target_kl):
+        order = torch.from_numpy(rng.permutation(len(batch))).to(accelerator)
+        for start in range(0, len(batch) - size + 1, size):
+            rows.append(learner.gradient(batch, order[start : start + size], coefficients))
+            if cloning is not None:
+                losses.append(add_cloning_gradient(learner.network, next(cloning.minibatches), cloning.coef))
+            if max_grad_norm is not None:
+                norm = torch.nn.utils.clip_grad_norm_(learner.weights, max_grad_norm)
+            learner.step(coefficients.learning_rate)
+        done += 1
+        divergence = float(np.mean([row[KL] for row in rows[-(len(batch) // size) :]]))
+    statistics = dict(zip(learner.statistics, np.mean(rows, axis=0).tolist(), strict=True))
+    if found := not_finite(learner, statistics):
+        raise DivergedError(
+            f"the network of {learner.name} is no longer finite ({', '.join(found)}); look for huge rewards or "
+            "observations, or take a smaller learning_rate in a new run"
+        )
+    assert learner.weights.grad is not None
+    if not learner.network.distributions:
+        log_variance = learner.network.log_variance.tolist()
+        entropies = [0.5 * (math.log(2 * math.pi * math.e) + value) for value in log_variance]
+        statistics |= {f"entropy_{name}": entropy for name, entropy in zip(learner.gaussians, entropies, strict=True)}
+    if max_grad_norm is None:
+        norm = torch.linalg.vector_norm(learner.weights.grad)
+    if target_kl is not None:
+        statistics["epochs"] = done
+    if losses:
+        statistics["cloning_loss"] = float(np.mean(losses))
+    return statistics | {
+        "explained_variance": explained_variance(batch.values, batch.returns),
+        "grad_norm": float(norm),  # of the last minibatch, before it was clipped
+        "learning_rate": coefficients.learning_rate,
+    }
+
+
+def not_finite(learner: Learner, statistics: dict[str, float]) -> list[str]:
+    """Return which losses and parameters are infinite or NaN."""
+    found = [f"{name} {statistics[name]:g}" for name in LOSSES if not math.isfinite(statistics[name])]
+    if not learner.weights.isfinite().all():
+        named = learner.network.named_parameters()
+        found.append(f"parameters {', '.join(name for name, tensor in named if not tensor.isfinite().all())}")
+    return found
+
+
+def explained_variance(values: torch.Tensor, returns: torch.Tensor) -> float:
+    """Return 1 - var(returns - values) / var(returns): 1 for a perfect critic, 0 for a constant one."""
+    variance = float(returns.var(correction=0))
+    return 1.0 - float((returns - values).var(correction=0)) / variance if variance > 0 else 0.0

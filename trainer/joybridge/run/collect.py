@@ -1,0 +1,116 @@
+"""Collecting experience: groups of arenas take turns, so neither process waits for the other.
+
+While one group is played by the simulators, the policies act in another. Every group has sessions of its own. The
+configuration alone determines the arenas of each group; the seed and the numbers of its arenas alone determine what is
+played in it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from itertools import islice, pairwise
+
+from joybridge.client.client import Distributions, Session
+from joybridge.client.sharded_session import (
+    ShardedSession,
+    Snapshot,
+    check_alike,
+    open_session,
+    single_sessions,
+    split,
+)
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
+from joybridge.layouts import make_acts
+from joybridge.policy.hand import Hand, make_hands
+from joybridge.policy.policy import Policy
+from joybridge.run.profiler import Profiler
+
+
+class Group:
+    """Arenas that are played at the same time."""
+
+    def __init__(self, index: int, session: Session | ShardedSession, arenas: int, hands: list[Hand]) -> None:
+        """Take an open session of so many arenas. hands: one per behavior, or none."""
+        self.index, self.session, self.hands = index, session, hands
+        self.acts = make_acts(session.spec, arenas)
+
+    def save(self) -> list[Snapshot]:
+        """Return a snapshot of each session. Raises SimulatorError if the game does not support snapshots."""
+        return [session.save() for session in single_sessions(self.session)]
+
+
+def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profiler, steps: int) -> Iterator[None]:
+    """Play `steps` decisions of every arena: act, step, store. Yield after each; no action is pending after the last.
+
+    Raises SimulatorError.
+    """
+    for step in range(steps + 1):  # the first round only acts, the last one only stores
+        for group in groups:
+            if step > 0:
+                with profiler.measure_wait(group.session):
+                    outcome = group.session.receive()
+            with profiler.measure("act"):
+                if step > 0:
+                    for policy in policies:
+                        policy.store(outcome, group.index)
+                    for hand, ended in zip(group.hands, outcome, strict=False):  # there may be no hands
+                        hand.store(ended)
+                if step < steps:
+                    for policy in policies:
+                        policy.act(group.session.steps, group.acts, group.index)
+                    for hand, now, act in zip(group.hands, group.session.steps, group.acts, strict=False):
+                        hand.apply(now, act)
+                    group.session.send(group.acts)
+        if step > 0:
+            yield
+
+
+def group_bounds(config: Config) -> list[int]:
+    """Return the first arena of each group and, last, their number; there are no more groups than arenas."""
+    return split(config.arenas, min(config.groups, config.arenas))
+
+
+def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
+    """Return the addresses that each group uses, given the number of arenas of each group.
+
+    Groups share an address only if there are fewer addresses than groups; so there are as few messages as possible.
+    """
+    groups = len(arenas)
+    homes = [list(addresses[group::groups]) or [addresses[group % len(addresses)]] for group in range(groups)]
+    return [home[:limit] for home, limit in zip(homes, arenas, strict=True)]
+
+
+def open_groups(
+    config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None, parameters: Mapping[str, float],
+    distributions: Distributions,
+) -> list[Group]:  # fmt: skip
+    """Open the sessions of all groups: new, or from one snapshot per session, in the order of the groups.
+
+    parameters: that have one value. distributions: how others are drawn at each episode.
+
+    Raises SimulatorError, and ConfigError if the number of snapshots differs from that of sessions.
+    """
+    bounds = list(pairwise(group_bounds(config)))
+    homes = assign(addresses, [end - first for first, end in bounds])
+    sessions = sum(map(len, homes))
+    if snapshots is not None and len(snapshots) != sessions:
+        raise ConfigError(
+            f"the checkpoint holds {len(snapshots)} sessions, but {len(homes)} groups at {len(addresses)} simulators "
+            f"make {sessions}; resume with {len(snapshots)} simulators"
+        )
+    saved = iter(snapshots or ())
+    groups: list[Group] = []
+    with ExitStack() as opened:
+        for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
+            session = open_session(
+                home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
+                options=[config.options] * len(home), parameters=parameters, distributions=distributions,
+                snapshots=list(islice(saved, len(home))), timeout=config.timeout_seconds,
+                transport=config.transport,
+            )  # fmt: skip
+            opened.callback(session.close)
+            hands = make_hands(config, session.spec, first, end, config.seed)
+            groups.append(Group(index, session, end - first, hands))
+            check_alike(single_sessions(session)[0], single_sessions(groups[0].session)[0])
+        opened.pop_all()
+    return groups

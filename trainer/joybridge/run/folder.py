@@ -1,0 +1,110 @@
+"""The folder of a run: its default name, the configuration in it, and whether that may be trained or played."""
+
+import difflib
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from joybridge.config.config import (
+    FORMS,
+    MAY_CHANGE,
+    MAY_DIFFER,
+    OF_THE_GAME,
+    Config,
+    dump_config,
+    load_config,
+    read_overrides,
+)
+from joybridge.config.errors import ConfigError
+from joybridge.config.files import storing, write_atomically
+from joybridge.run.checkpoint import has_checkpoint
+
+MAX_NAME_CHARS = 120  # of the default name of a run
+
+
+def run_name(config: Config, name: str, overrides: Sequence[str]) -> str:
+    """Return the default name of a run's folder, from the name of the configuration's file and its overrides.
+
+    Keys that may change in a resumed run are left out. The order of overrides does not matter.
+    """
+    pairs = {key.removeprefix("policy."): value for key, value in (override.split("=", 1) for override in overrides)}
+    kept = [key for key in sorted(pairs) if key not in (*MAY_CHANGE, "seed", "game")]
+    text = "-".join([config.game, name, *(f"{_slug(key)}={_slug(pairs[key])}" for key in kept)])
+    if len(text) > MAX_NAME_CHARS:
+        text = f"{text[:MAX_NAME_CHARS]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    return f"{text}-s{config.seed}"
+
+
+def _slug(text: str) -> str:
+    """Return a text as a part of a file name."""
+    return re.sub(r"[^\w.+-]+", "_", text).strip("_")
+
+
+def check_run(config: Config, run: Path, *, resume: bool) -> None:
+    """Raise ConfigError unless `config` can be trained in the folder `run`.
+
+    A resumed run must have been configured alike; only MAY_CHANGE may differ, and `total_timesteps` may grow. If it has
+    saved nothing, it begins anew.
+    """
+    if resume and (has_checkpoint(run) or not run.is_dir()):
+        before = run_config(run)
+        changed = changes(before, config)
+        if before.total_timesteps < config.total_timesteps:
+            del changed["total_timesteps"]
+        elif "total_timesteps" in changed:
+            raise ConfigError(
+                f"cannot resume {run}: total_timesteps was {before.total_timesteps} and can only grow, got "
+                f"{config.total_timesteps}; to end earlier, set stop"
+            )
+        if changed:
+            raise ConfigError(
+                f"cannot resume {run}: {', '.join(changed)} changed (was {json.dumps(changed)}); resume "
+                f"{run}/config.yaml, or use another --run for a new configuration"
+            )
+    elif not resume and has_checkpoint(run):
+        raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")
+
+
+def keep_config(config: Config, run: Path) -> None:
+    """Write the whole configuration into the folder of a run. Raises StorageError."""
+    with storing(run):
+        run.mkdir(parents=True, exist_ok=True)
+    write_atomically(run / "config.yaml", dump_config(config).encode())
+
+
+def run_config(run: Path) -> Config:
+    """Return the configuration that a run was made with. Raises ConfigError, which names runs of similar names."""
+    if not (run / "config.yaml").exists():
+        near = difflib.get_close_matches(run.name, [path.parent.name for path in run.parent.glob("*/config.yaml")])
+        hint = f"; did you mean {', '.join(str(run.parent / name) for name in near)}?" if near else ""
+        raise ConfigError(f"{run} is not the folder of a run: it has no config.yaml{hint}")
+    return load_config(run / "config.yaml")
+
+
+def play_config(run: Path, overrides: Sequence[str]) -> Config:
+    """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
+
+    Only options and parameters of the game, the limits of the hand, the time to wait for a simulator and the transport
+    may differ from the training. Of a curriculum, the last lesson is played.
+    """
+    trained, config = run_config(run), load_config(run / "config.yaml", overrides)
+    given = read_overrides(overrides).get("parameters", {})
+    for key in type(config).model_fields:
+        if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):
+            raise ConfigError(
+                f"{key} belongs to the training of {run} and cannot change now; what can is written "
+                f"{', '.join(FORMS[key] for key in OF_THE_GAME)} and hand_KEY=VALUE"
+            )
+    if not config.curriculum:
+        return config
+    last = {name: value for name, value in config.curriculum[-1].parameters.items() if name not in given}
+    return config.model_copy(update={"parameters": config.parameters | last, "curriculum": []})
+
+
+def changes(before: Config, now: Config) -> dict[str, Any]:
+    """Return what was in keys that have changed and may not in the middle of a run."""
+    old, new = before.model_dump(), now.model_dump()
+    return {key: old[key] for key in new if old[key] != new[key] and key not in MAY_CHANGE}

@@ -1,0 +1,75 @@
+"""The progress of a run on screen: a live line in a terminal, and a line per row of metrics everywhere.
+
+Where output is no terminal, a game that is too slow for a row of metrics gets a line by time.
+"""
+
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from joybridge.config.metrics import ACTIVITIES, Row, is_trainers
+
+SILENCE_SECONDS = 30.0  # the longest time without a line
+LEARNER = ("entropy", "approx_kl", "explained_variance")  # of the statistics of updates: whether it learns at all
+
+
+class Display:
+    """Shows the progress of one run; `report` is given to `train`."""
+
+    def __init__(self, heading: str, name: str, end: int, begin: int) -> None:
+        """Show a run that goes from `begin` to `end` timesteps. heading: printed once it has begun."""
+        self.heading = heading
+        self.console = Console(highlight=False)
+        self.bar = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.percentage:3.0f} %  {task.fields[text]}"),
+            TimeRemainingColumn(),
+            console=self.console,
+            disable=not self.console.is_terminal,
+        )
+        self.task = self.bar.add_task(name, total=end, completed=begin, text="")
+        self.reward = ""
+        self.printed = time.monotonic()
+
+    def report(self, timesteps: int, live: Row, row: Row | None) -> None:
+        """Show where the run is: live figures, and now and then a new row of metrics."""
+        if self.heading:
+            self.say(self.heading)
+            self.heading = ""
+        shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
+        speed = _speed(live["timesteps_per_second"])
+        if row is not None:
+            ended = "no episode ended"
+            if "reward" in row:
+                self.reward = f"reward {row['reward']:.1f}"
+                ended = f"{self.reward}  length {row['length']:.0f}"
+            metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name))
+            learner = "  ".join(f"{name} {row[name]:.2g}" for name in LEARNER if name in row)
+            text = f"{ended}  {metrics}  {learner}  {speed}  ({shares})"
+            self.say(f"{timesteps:>11,}  {text}")
+        elif not self.console.is_terminal and time.monotonic() - self.printed > SILENCE_SECONDS:
+            self.say(f"{timesteps:>11,}  {speed}  ({shares})")
+        self.bar.update(self.task, completed=timesteps, text=f"{self.reward}  {speed}  ({shares})")
+
+    def say(self, text: str) -> None:
+        """Print a line, above the live one."""
+        self.console.print(text, soft_wrap=True, markup=False)
+        self.printed = time.monotonic()
+
+    def __enter__(self) -> Self:
+        self.bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bar.stop()
+
+
+def _speed(timesteps: float) -> str:
+    """Return a number of timesteps per second in words."""
+    return f"{timesteps / 1000:.1f} k timesteps/s" if timesteps >= 1000 else f"{timesteps:.1f} timesteps/s"

@@ -1,1 +1,0 @@
-"""The connection to simulators: client, event loop, sessions over several simulators, starting a simulator."""
