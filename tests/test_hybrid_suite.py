@@ -494,7 +494,11 @@ def test_parameters_of_other_choices_change_nothing(game):
     """What a policy does with an axis that does not count must be without effect."""
     options = {option.name: option.default_choice for option in game.options}
     device = game.describe(options).behaviors[0].device
-    counting = COUNTING[game.name]
+    (branch,) = device.branches
+    counting = [
+        [index for index, axis in enumerate(device.axes) if axis.only_with.choice == choice]
+        for choice in branch.choices
+    ]
     pair, random = (new_game(game, 16), new_game(game, 16)), np.random.default_rng(4)
     for _ in range(40):
         (act,) = random_acts(game, options, 16, random)
@@ -507,16 +511,6 @@ def test_parameters_of_other_choices_change_nothing(game):
         assert np.array_equal(steps[0].rewards, steps[1].rewards)
         assert all(np.array_equal(*values) for values in zip(steps[0].observations, steps[1].observations, strict=True))
     assert {axis for axes in counting for axis in axes} == set(range(len(device.axes)))
-
-
-COUNTING = {
-    "platform": [[0], [1], [2]],
-    "goal": [[0, 1], [2], [3]],
-    "hard_goal": [[0, 1], *([axis] for axis in range(2, 12))],
-    "catch_point": [[0], []],
-    "moving": [[0], [1], []],
-    "sliding": [[0], [1], []],
-}
 
 
 @pytest.mark.parametrize(

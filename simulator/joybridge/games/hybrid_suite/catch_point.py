@@ -51,7 +51,11 @@ class CatchPoint(ParticleGame):
             "catcher",
             description="20 for the point, less the square of the distance in every decision",
             sensors=SENSORS,
-            axes=[axis("direction", description="of the force, as a share of 180°, clockwise from +y")],
+            axes=[
+                axis(
+                    "direction", description="of the force, share of 180°, clockwise from +y", only_with=("act", "move")
+                )
+            ],
             branches=[branch("act", ["move", "catch"])],
             channels=CHANNELS,
             metrics=METRICS,

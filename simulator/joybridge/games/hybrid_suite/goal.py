@@ -39,8 +39,14 @@ SENSORS = [
 ]  # fmt: skip
 
 KICK_AXES = [
-    axis("kick_x", 0.0, 2 * s.LENGTH, "x that a kick aims at"),
-    axis("kick_y", -s.HALF_WIDTH, s.HALF_WIDTH, "y that a kick aims at; the original ignores it"),
+    axis("kick_x", 0.0, 2 * s.LENGTH, "x that a kick aims at", only_with=("act", "kick")),
+    axis(
+        "kick_y",
+        -s.HALF_WIDTH,
+        s.HALF_WIDTH,
+        "y that a kick aims at; the original ignores it",
+        only_with=("act", "kick"),
+    ),
 ]
 
 # Hard Goal: the parts of the goal's line that its shots aim at, as shares of the half goal. In the original, the middle
@@ -97,7 +103,10 @@ class Goal(SuiteGame):
     @classmethod
     def shot_axes(cls) -> list[pb.Axis]:
         """Return the axis of each shot."""
-        return [axis(shot, -s.GOAL_HALF, s.GOAL_HALF, "y that this shot aims at") for shot in ("left", "right")]
+        return [
+            axis(shot, -s.GOAL_HALF, s.GOAL_HALF, "y that this shot aims at", only_with=("act", shot))
+            for shot in ("left", "right")
+        ]
 
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
@@ -169,9 +178,8 @@ class HardGoal(Goal):
     @classmethod
     def shot_axes(cls) -> list[pb.Axis]:
         """Return the axis of each shot."""
-        return [
-            axis(shot, description="place in this shot's part of the goal, from high to low y") for shot in _shots()
-        ]
+        place = "place in this shot's part of the goal, from high to low y"
+        return [axis(shot, description=place, only_with=("act", shot)) for shot in _shots()]
 
     def aims(self, act: ActArrays) -> tuple[Array, Array, Array]:
         """Return what each arena does, and the point that it aims at."""

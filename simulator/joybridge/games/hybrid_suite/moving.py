@@ -57,7 +57,10 @@ class Moving(SuiteGame):
             "driver",
             description="how much nearer a decision brings it, less 0.001; 1 for a stop at the target, -1 for failure",
             sensors=SENSORS,
-            axes=[axis("accelerate", 0.0, 1.0, "share of 0.5"), axis("turn", description="share of 90°")],
+            axes=[
+                axis("accelerate", 0.0, 1.0, "share of 0.5", only_with=("act", "accelerate")),
+                axis("turn", description="share of 90°", only_with=("act", "turn")),
+            ],
             branches=[branch("act", ["accelerate", "turn", "brake"])],
             channels=CHANNELS,
             metrics=METRICS,

@@ -96,9 +96,9 @@ class Platform(SuiteGame):
             description="the reward is the share of the way that a decision has covered",
             sensors=SENSORS,
             axes=[
-                axis("run", 0.0, 30.0, "push of a run, px/s per tick"),
-                axis("hop", 0.0, 720.0, "length that a hop aims at, px"),
-                axis("leap", 0.0, 430.0, "length that a leap aims at, px"),
+                axis("run", 0.0, 30.0, "push of a run, px/s per tick", only_with=("move", "run")),
+                axis("hop", 0.0, 720.0, "length that a hop aims at, px", only_with=("move", "hop")),
+                axis("leap", 0.0, 430.0, "length that a leap aims at, px", only_with=("move", "leap")),
             ],
             branches=[branch("move", ["run", "hop", "leap"])],
             channels=CHANNELS,

@@ -28,6 +28,7 @@ METRICS = [
 class SuiteGame(RecordGame):
     """Many arenas of one task. Their records begin with the fields of `COMMON`."""
 
+    version = "1"
     parameters: ClassVar[list[pb.Parameter]] = []
     sensors: ClassVar[list[pb.Sensor]]
 
