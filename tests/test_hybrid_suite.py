@@ -16,7 +16,8 @@ from joybridge.games.hybrid_suite.catch_point import CATCH, MOVE, CatchPoint
 from joybridge.games.hybrid_suite.goal import Goal, HardGoal
 from joybridge.games.hybrid_suite.hard_move import HardMove, motions
 from joybridge.games.hybrid_suite.moving import ACCELERATE, BRAKE, TURN, Moving, Sliding
-from joybridge.games.hybrid_suite.platform import HOP, LEAP, RUN, Platform
+from joybridge.games.hybrid_suite.platform import Platform
+from joybridge.games.hybrid_suite.platform_rules import HOP, LEAP, RUN
 from joybridge.games.hybrid_suite.soccer import KICK, LEFT, RIGHT
 from joybridge.games.hybrid_suite.suite_game import GOING, TERMINATED, TRUNCATED
 from tests.support.measured import interpreted

@@ -5,10 +5,8 @@ import numpy.typing as npt
 import pygame
 
 from joybridge.contract.tensors import Array
-from joybridge.games.hybrid_suite import platform as p
+from joybridge.games.hybrid_suite import platform_rules as p
 from joybridge.games.hybrid_suite import soccer as s
-from joybridge.games.hybrid_suite.moving import TARGET_RADIUS
-from joybridge.games.hybrid_suite.particle import NEAR
 from joybridge.simulator.render import FINE, Color, Frame, block, disc, fade, fit, picture, shape, write
 
 INK, PAPER, GRID = (44, 52, 66), (246, 244, 238), (224, 222, 214)
@@ -73,10 +71,10 @@ def draw_goal(arena: np.record, width: int, height: int) -> Array:
     return picture(canvas)
 
 
-def draw_particle(arena: np.record, width: int, height: int) -> Array:
+def draw_particle(arena: np.record, reach: float, width: int, height: int) -> Array:
     """Return a picture of Catch Point or Hard Move, uint8 [height, width, 3]: the particle, its way, the target."""
     canvas, frame = _plane(width, height)
-    _target(canvas, frame.placed(arena.target_x, arena.target_y), NEAR)
+    _target(canvas, frame.placed(arena.target_x, arena.target_y), reach)
     place, ahead = frame.placed(arena.x, arena.y), np.array([arena.vx, arena.vy])
     if ahead.any():
         _line(canvas, place, INK, [(0.0, 0.0), tuple(0.5 * ahead)], 6)
@@ -87,10 +85,10 @@ def draw_particle(arena: np.record, width: int, height: int) -> Array:
     return picture(canvas)
 
 
-def draw_moving(arena: np.record, inertia: bool, width: int, height: int) -> Array:
+def draw_moving(arena: np.record, reach: float, inertia: bool, width: int, height: int) -> Array:
     """Return a picture of Moving or Sliding, uint8 [height, width, 3]: the agent with its heading, and its course."""
     canvas, frame = _plane(width, height)
-    _target(canvas, frame.placed(arena.target_x, arena.target_y), TARGET_RADIUS)
+    _target(canvas, frame.placed(arena.target_x, arena.target_y), reach)
     if arena.speed > 0.0:
         way = [(0.0, 0.0), (0.12 + 0.25 * min(arena.speed, 3.0), 0.0)]
         _line(canvas, frame.placed(arena.x, arena.y, turn=arena.course), AMBER if inertia else INK, way, 8)

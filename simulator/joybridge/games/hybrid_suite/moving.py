@@ -91,7 +91,7 @@ class Moving(SuiteGame):
         """Return a picture of one arena, uint8 [height, width, 3]."""
         from joybridge.games.hybrid_suite.drawing import draw_moving  # imported here because only pictures need pygame
 
-        return draw_moving(self.arenas[arena], self.inertia, *PICTURE)
+        return draw_moving(self.arenas[arena], TARGET_RADIUS, self.inertia, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

@@ -64,7 +64,7 @@ class ParticleGame(SuiteGame):
             draw_particle,
         )  # imported here because only pictures need pygame
 
-        return draw_particle(self.arenas[arena], *PICTURE)
+        return draw_particle(self.arenas[arena], NEAR, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""
