@@ -9,4 +9,11 @@ BUILT_IN = {
     "marble": "joybridge.games.marble.game:Marble",
     "archer": "joybridge.games.archer.game:Archer",
     "noughts": "joybridge.games.noughts.game:Noughts",
+    "platform": "joybridge.games.hybrid_suite.platform:Platform",
+    "goal": "joybridge.games.hybrid_suite.goal:Goal",
+    "hard_goal": "joybridge.games.hybrid_suite.goal:HardGoal",
+    "catch_point": "joybridge.games.hybrid_suite.catch_point:CatchPoint",
+    "hard_move": "joybridge.games.hybrid_suite.hard_move:HardMove",
+    "moving": "joybridge.games.hybrid_suite.moving:Moving",
+    "sliding": "joybridge.games.hybrid_suite.moving:Sliding",
 }

@@ -20,8 +20,10 @@ def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
     for layout in layouts:
         _check_given(layout)
     parts = [
-        part for part in parts if not any(choice for _, choice in getattr(part, "given", ()))
-    ]  # the first of each set
+        part
+        for part in parts
+        if isinstance(part, AxisRange) or not any(choice for _, choice in getattr(part, "given", ()))
+    ]  # the first of each set of tables
     axes, branches = ([index for part in parts for index in covers(part)[kind]] for kind in (0, 1))
     _check_each_once("axis", [axis.name for axis in device.axes], axes)
     _check_each_once("branch", [branch.name for branch in device.branches], branches)

@@ -21,6 +21,7 @@ class AxisRange:
     low: float
     high: float
     distribution: str = ""  # "module:Class" of a `Distribution` (ppo/continuous); "": a Gaussian
+    given: Given = ()  # branches of the policy and a choice of each, without which the action does not count
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from joybridge.contract.tensors import Array
 from joybridge.layouts import ActionSpace
 from joybridge.layouts.layout import conditions_met
 from joybridge.ppo.continuous import log_probs_of_each, sample_each
-from joybridge.ppo.distributions import FORBIDDEN
+from joybridge.ppo.distributions import FORBIDDEN, counting_actions
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
 from joybridge.ppo.networks import Network
 
@@ -25,11 +25,12 @@ def sample_actions(
     noise of 0 gives.
     """
     space = network.space
+    sizes, counting = np.array(space.branches, np.int64), space.counting()
     if network.distributions:
-        head = Head(NOTHING, NOTHING, np.array(space.branches, np.int64))
+        head = Head(NOTHING, NOTHING, sizes, counting)
     else:
         means, log_variance = network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True)
-        head = Head(means, log_variance, np.array(space.branches, np.int64))
+        head = Head(means, log_variance, sizes, counting)
     sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic, action)
     if space.given:
         assert masks is not None
@@ -41,7 +42,8 @@ def sample_actions(
     given = network.distributions, network.continuous(outputs).cpu(), network.log_variance.cpu()
     samples = sample_each(*given, normal)
     action.continuous[:] = samples.numpy()
-    action.log_probs[:] += log_probs_of_each(*given, samples).numpy()
+    counts = counting_actions(torch.from_numpy(counting), torch.from_numpy(action.discrete))
+    action.log_probs[:] += log_probs_of_each(*given, samples, counts).numpy()
 
 
 def leave_one_choice(space: ActionSpace, discrete: Array, masks: Array) -> None:

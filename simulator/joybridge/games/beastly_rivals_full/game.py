@@ -19,8 +19,8 @@ from joybridge.games.beastly_rivals_full.state import (
     TICK,
     Rules,
 )
-from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
-from joybridge.games.pointer_game import PointerGame
+from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS, observe_heading
+from joybridge.games.record_game import RecordGame
 from joybridge.simulator import (
     ActArrays,
     Array,
@@ -31,6 +31,7 @@ from joybridge.simulator import (
     metric,
     option,
     parameter,
+    quiet_step,
     spec,
 )
 from joybridge.simulator.randomness import reserve
@@ -97,7 +98,7 @@ METRICS = [
 ]
 
 
-class BeastlyRivalsFull(PointerGame):
+class BeastlyRivalsFull(RecordGame):
     """Two to eight players, a ball, and a beast that hunts who has it. One behavior; all its agents play one match."""
 
     name = "beastly_rivals_full"
@@ -161,7 +162,8 @@ class BeastlyRivalsFull(PointerGame):
             script=script,
         )
         self.agents = players if script == NONE else 1
-        self.sensors = sensors(players)
+        self.locomotion = LOCOMOTIONS[options["locomotion"]]
+        self._shapes = [(arenas * self.agents, *sensor.shape) for sensor in sensors(players)]
         super().__init__(options, parameters, arenas, first_arena, seed)
 
     def begin(self) -> None:
@@ -212,13 +214,15 @@ class BeastlyRivalsFull(PointerGame):
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""
-        (step,) = super().observe()
+        step = quiet_step(self.observations(), len(CHANNELS))
         step.deciding = self._of_lanes("alive")
         return [step]
 
-    def write_sensors(self, *values: Array) -> None:
-        """Write the values of every sensor."""
+    def observations(self) -> list[Array]:
+        """Return the current observations, float32 [lanes, *shape] per sensor."""
+        values = [np.empty(shape, np.float32) for shape in self._shapes]
         observe(self.arenas, self.rules, self.agents, *values)
+        return [*values, observe_heading(self.headings())] if self.locomotion.sensors else values
 
     def headings(self) -> Array:
         """Return the heading of every lane's pointer, rad."""
