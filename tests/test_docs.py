@@ -34,7 +34,7 @@ PATHS = [
     if not any(part in ELSEWHERE or part.startswith(".") for part in path.relative_to(ROOT).parts)
 ]
 DOCUMENTS = [pytest.param(path, id=str(path.relative_to(ROOT))) for path in PATHS]
-OF_THE_PAST = {"CHANGELOG.md", "decisions.md"}  # they name keys and modules that were replaced
+OF_THE_PAST = {"CHANGELOG.md"}  # it may name keys and modules that were replaced
 NO_MODULES = {"joybridge.games", "joybridge.layouts"}  # names of entry points as well
 CODE = re.compile(r"```\w*\n(.*?)```|`([^`\n]+)`", re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
