@@ -22,7 +22,7 @@ from tests.test_public_api import PROMISED
 from tools.docs import errors, reference
 from tools.docs.api import api, exported
 from tools.docs.contract import contract
-from tools.docs.pages import INSTEAD, filled, readme_sections
+from tools.docs.pages import INSTEAD, filled
 from tools.docs.schema import schema
 
 ROOT = Path(__file__).parents[1]
@@ -203,12 +203,6 @@ def test_sphinx_reads_every_page_of_the_navigation():
     assert [page for page in map(str, (path.relative_to(ROOT) for path in PATHS)) if not read.fullmatch(page)] == []
 
 
-def test_the_site_shows_every_section_of_the_readme_once():
-    shown = re.findall(r"^<!-- README: (.*) -->$", "\n".join(map(Path.read_text, PATHS)), re.MULTILINE)
-    replaced = {"Safety", "More"}  # by a page, by the navigation
-    assert sorted([*shown, *replaced]) == sorted(readme_sections())
-
-
 def test_the_comments_of_a_block_are_in_one_column_after_the_programs_have_lost_their_folder():
     block = "```sh\n.venv/bin/joybridge serve         # one\n.venv/bin/joybridge list --json   # two\nmake\n```\n"
     shown = "```sh\njoybridge serve        # one\njoybridge list --json  # two\nmake\n```\n"
@@ -219,7 +213,7 @@ def test_the_comments_of_a_block_are_in_one_column_after_the_programs_have_lost_
 def test_every_part_of_a_page_is_filled_and_every_link_in_it_leads_to_a_file(path):
     page = str(path.relative_to(ROOT))
     text = filled(page, path.read_text())
-    assert not re.search("<!-- (README|generated)", text)
+    assert not re.search("<!-- generated", text)
     assert [link for link in LINK.findall(text) if not re.match(r"\w+:|#", link) and not leads(path, link)] == []
 
 

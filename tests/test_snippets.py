@@ -67,6 +67,8 @@ READERS = {
     "ppo.py",
     "reflection.proto",
     "Walker.yaml",
+    "catch.py",
+    "catch.yaml",
 }  # or of others
 CHECKOUT = re.compile(
     r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S|python trainer/"
