@@ -120,7 +120,8 @@ class Config(Checked):
         "HIGH]} or {choice: [VALUE, …]}: drawn at each episode"
     )  # fmt: skip
     curriculum: Lessons = Field(
-        [], description="lessons, one after the other: `parameters`, and `until` when, see Curricula in TRAINING.md"
+        [],
+        description="lessons, one after the other: `parameters`, and `until` when, see Curricula in docs/training.md",
     )
     layout: str = Field(
         "hybrid",

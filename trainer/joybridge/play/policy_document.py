@@ -1,7 +1,7 @@
 """An exported policy as plain data: everything that plays one behavior, and nothing that learns.
 
 `onnx_model.py` builds an ONNX model from it. A JSON file is this document as it is, with each array as
-`{"shape": [...], "float32": BASE64}`, little-endian and row-major. proto/examples/POLICIES.md documents it.
+`{"shape": [...], "float32": BASE64}`, little-endian and row-major. docs/exported-policies.md documents it.
 """
 
 import base64

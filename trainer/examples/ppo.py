@@ -1,6 +1,6 @@
 """PPO on one page, in plain PyTorch: axes and buttons at once, with masks. A loop to copy and change.
 
-python -m tools.ppo_loop archer --timesteps 150000
+python trainer/examples/ppo.py archer --timesteps 150000
 """
 
 import argparse
