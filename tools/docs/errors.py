@@ -112,11 +112,6 @@ def found_exceptions() -> dict[str, tuple[str, str, str]]:
     return {name: found for name, found in classes.items() if derived(name)}
 
 
-def sentences() -> list[str]:
-    """Return every text in the sources, with … for each part that is filled in."""
-    return [text for _, tree in _modules() for node in ast.walk(tree) if (text := _text(node))]
-
-
 def _branch(name: str, depth: int) -> Iterator[str]:
     found = found_exceptions()
     _, module, docstring = found[name]
@@ -129,12 +124,6 @@ def _branch(name: str, depth: int) -> Iterator[str]:
 
 def _contract() -> str:
     return PROTO.read_text(encoding="utf-8")
-
-
-def _text(node: ast.AST) -> str:
-    if isinstance(node, ast.JoinedStr):
-        return "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in node.values)
-    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
 @cache
