@@ -9,7 +9,7 @@ import torch
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import STATISTICS
-from joybridge.contract.codec import Codec, pack_act
+from joybridge.contract.codec import Codec, StepArrays, pack_act
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
@@ -107,3 +107,23 @@ def test_a_device_that_is_not_there_is_refused_by_its_name():
     spec = load_games()["ferry"].describe({})
     with pytest.raises(ConfigError, match="accelerator is cuda, but torch finds no such device"):
         make_actors(Config(game="ferry"), spec, "cuda")
+
+
+@pytest.mark.parametrize(("updates", "share"), [(0, 0.1), (50, 0.55), (100, 1.0), (1000, 1.0)])
+def test_penalties_grow_from_a_tenth_to_their_weight_over_the_ramp(updates, share):
+    config = PolicyConfig(rollout_steps=5, penalty_ramp=2000)  # 20 timesteps per rollout
+    (policy,) = full_agents("orchard", {}, Config(game="orchard", policy=config))
+    policy.restart()
+    policy.updates = updates
+    gain, cost = np.float32(1.0), np.float32(-0.5)
+    channels = np.zeros((ARENAS, len(policy.actor.encoder._weights)), np.float32)
+    channels[:, 0], channels[:, -1] = gain / policy.actor.encoder._weights[0], cost / policy.actor.encoder._weights[-1]
+    (step,) = policy_step(policy, channels)
+    policy.store([step])
+    np.testing.assert_allclose(policy.rollout.rewards[0], gain + share * cost, rtol=1e-6)
+
+
+def policy_step(policy: Policy, channels: np.ndarray) -> list[StepArrays]:
+    """Return a step in which every lane earns the same."""
+    sensors = [np.zeros((ARENAS, *sensor.shape), np.float32) for sensor in policy.actor.encoder.sensors]
+    return [StepArrays(sensors, channels, np.zeros(ARENAS, bool), np.zeros(ARENAS, bool))]

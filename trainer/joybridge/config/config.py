@@ -66,6 +66,10 @@ class PolicyConfig(Checked):
 
     sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
     reward_weights: dict[str, float] = Field({}, description="weights of reward channels; others as in the game")
+    penalty_ramp: int = Field(
+        0, ge=0, description="timesteps over which negative rewards grow from a tenth to their weight; against "
+        "policies that learn to do nothing, because a miss costs and hits are rare at first"
+    )  # fmt: skip
     scale_observations: Literal["none", "bounds", "running"] = Field(
         "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
     )

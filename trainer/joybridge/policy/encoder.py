@@ -61,6 +61,11 @@ class ObservationEncoder:
         """Return the weighted sum of the reward channels, float32 [lanes]."""
         return step.rewards @ self._weights
 
+    def penalties(self, step: StepArrays) -> Array:
+        """Return the sum of the weighted channels that are negative, float32 [lanes]."""
+        summed: Array = np.minimum(step.rewards * self._weights, 0).sum(axis=1, dtype=np.float32)
+        return summed
+
 
 def push_frames(now: Array, frames: Array, step: StepArrays, after: Array) -> None:
     """Write the observations that follow `now`, both [lanes, frame_stack x frame], into `after`.

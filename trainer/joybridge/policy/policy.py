@@ -19,6 +19,7 @@ from joybridge.ppo.rollout import RolloutBuffer
 from joybridge.ppo.update import Learner
 from joybridge.v1 import bridge_pb2 as pb
 
+FIRST_SHARE = 0.1  # of penalties that counts at the beginning, if they grow
 SAMPLES, SHUFFLES, DEMONSTRATIONS = range(3)  # what random numbers are for
 
 
@@ -94,8 +95,17 @@ class Policy:
         for history, pictures in zip(rollout.histories, seen.images, strict=True):
             sources, next_sources, new = history.push(t, lanes, pictures)
             push_frames(sources, new, step, next_sources)
-        rollout.store(step, rewards, final_values, group)
+        eased = 1.0 - self._penalty_share()
+        learned = rewards - np.float32(eased) * actor.encoder.penalties(step) if eased else rewards
+        rollout.store(step, learned, final_values, group)
         self.episodes.add(step, rewards, lanes)
+
+    def _penalty_share(self) -> float:
+        """Return the share of penalties that counts in this rollout: from a tenth to all of them."""
+        if not self.config.penalty_ramp:
+            return 1.0
+        timesteps = self.updates * self.config.rollout_steps * self.lanes
+        return min(1.0, FIRST_SHARE + (1.0 - FIRST_SHARE) * timesteps / self.config.penalty_ramp)
 
     def _watch(self, step: StepArrays) -> Observation:
         """Return what a step shows as the network gets it; frames that are pushed count for their scaling."""
