@@ -32,7 +32,7 @@ from tools.docs.pages import filled
 
 BLOCK = re.compile(r"^( *)```(\S*)(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
 PAGES = [path for path in PATHS if path.name not in {"tutorial.md", *OF_THE_PAST}]
-SHOWN = {"text", "bibtex", "cpp", "ruby", "{raw}", "{toctree}"}  # they are not for the reader to run
+SHOWN = {"text", "bibtex", "cpp", "{raw}", "{toctree}"}  # they are not for the reader to run
 PROGRAMS = {
     "apt-get",
     "cmake",
