@@ -38,8 +38,6 @@ LAYOUTS = [
     "multiagent",
     "joint-3-mu",
     "ordinal-4, x=hybrid",
-    "auto-3",
-    "auto-axes-3",
     "squashed, x=hybrid",
 ]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
@@ -100,8 +98,7 @@ def test_model_and_runtime_play_as_the_trainer_does(layout, deterministic, simul
         {"policies": {"axes": {"sensors": ["lamps", "place"], "frame_stack": 2}}} if layout == "multiagent" else {}
     )
     run = make_run(tmp_path / "run", simulator, layout=layout, **settings)
-    version = 2 if layout.startswith("auto-axes") else 1
-    assert play_beside(run, simulator, runtime, deterministic=deterministic)["format"] == f"joybridge.policy.v{version}"
+    assert play_beside(run, simulator, runtime, deterministic=deterministic)["format"] == "joybridge.policy.v1"
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu", "elu"])
@@ -325,8 +322,7 @@ def players(tmp_path_factory):
     ("layout", "deterministic", "changed"),
     [
         ("threshold-0.5", True, {}), ("multiagent", False, {"activation": "tanh", "scale_observations": "running"}),
-        ("joint-3", False, {"activation": "relu"}), ("auto-3", False, {"activation": "elu"}),
-        ("auto-axes-3", False, {}),
+        ("joint-3", False, {"activation": "relu"}), ("bucket-3", False, {"activation": "elu"}),
         ("squashed", False, {"scale_observations": "bounds"}),
     ],
 )  # fmt: skip

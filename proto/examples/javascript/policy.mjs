@@ -70,15 +70,11 @@ export class Policy {
       const frame = scale(network, network.sensors.flatMap((name) => Array.from(sensors[name], Number)));
       const seen = Float32Array.from([...state[index], ...frame]);
       const outputs = dense(network, seen);
-      const rows = [];
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
         const row = this.#choose(table, logits, allowed, noise);
-        rows.push(row);
         begin += table.values.length;
-        const given = table.given ?? [];
-        if (!given.every((wanted, index) => index % 2 === 0 || rows[given[index - 1]] === wanted)) continue;
         if (table.axis !== undefined) axes[table.axis] = table.values[row];
         else table.branches.forEach((branch, column) => (choices[branch] = table.values[row][column]));
         table.axes?.forEach((axis, column) => (axes[axis] = table.positions[row][column]));

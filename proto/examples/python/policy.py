@@ -66,24 +66,18 @@ class Policy:
             seen = np.concatenate([older, _scale(network, np.concatenate(frame, axis=1))], axis=1)
             following.append(seen[:, seen.shape[1] - older.shape[1] :])
             normal, uniform = self._noise(network, lanes, random)
-            outputs, begin, rows = _dense(network, seen), 0, []
+            outputs, begin = _dense(network, seen), 0
             for column, table in enumerate(network["discrete"]):
                 end = begin + len(table["values"])
                 logits = self._mask(table, outputs[:, begin:end], allowed)
                 row = logits.argmax(axis=1) if uniform is None else _sample(logits, uniform[:, column])
-                rows.append(row)
                 values = np.array(table["values"])[row]
-                given = table.get("given", [])
-                counts = np.full(lanes, True)
-                for earlier, wanted in zip(given[::2], given[1::2], strict=True):
-                    counts &= rows[earlier] == wanted
-                where = np.flatnonzero(counts)
                 if "axis" in table:
-                    axes[where, table["axis"]] = values[where]
+                    axes[:, table["axis"]] = values
                 else:
-                    choices[np.ix_(where, table["branches"])] = values[where]
+                    choices[:, table["branches"]] = values
                 if "axes" in table:
-                    axes[np.ix_(where, table["axes"])] = np.array(table["positions"])[row[where]]
+                    axes[:, table["axes"]] = np.array(table["positions"])[row]
                 begin = end
             samples = outputs[:, begin:]
             if normal is not None:

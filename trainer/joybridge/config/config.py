@@ -29,7 +29,7 @@ FORMS = {
     "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
-LONGEST_VALUE = 200  # characters of a wrong value in an error
+MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
 
 # Names of other libraries, and earlier ones of Joybridge, with the key to use instead.
 OTHER_NAMES = {
@@ -123,7 +123,7 @@ class Config(Checked):
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
-        "squashed, auto-N, auto-axes-N, threshold-T, multiagent or one of an installed package; after commas, "
+        "squashed, threshold-T, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
     arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
@@ -269,7 +269,7 @@ def _show(value: object) -> str:
         text = repr(value)
     except ValueError:  # Python refuses to write an integer of more than 4300 digits
         text = "an integer of very many digits"
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} …"
+    return text if len(text) <= MAX_VALUE_CHARS else f"{text[:MAX_VALUE_CHARS]} …"
 
 
 def _expected(key: str, value: object, problem: str) -> str:

@@ -9,9 +9,6 @@ from typing import Any, TypeAlias, TypeVar
 
 from joybridge.contract.tensors import Array
 
-# Earlier branches of the policy and a choice of each. A branch with such a list counts only if all of them are made.
-Given: TypeAlias = tuple[tuple[int, int], ...]
-
 
 @dataclass(frozen=True)
 class AxisRange:
@@ -46,7 +43,6 @@ class AxisTable:
     axis: int
     values: Array  # float32 [choices]
     ordinal: bool = False  # the values are neighbors: what makes one likelier makes those beyond it likelier as well
-    given: Given = ()
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,6 @@ class JointTable:
     values: Array  # int32 [choices, branches]
     axes: tuple[int, ...] = ()
     positions: Array | None = None  # float32 [choices, axes]; None without axes
-    given: Given = ()
 
 
 Part: TypeAlias = AxisRange | Threshold | Split | AxisTable | JointTable

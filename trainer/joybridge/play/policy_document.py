@@ -106,7 +106,7 @@ def _policy(actor: Actor) -> Document:
 
 
 def _needs_2(policy: Document) -> bool:
-    return any(key in policy for key in KEYS_2) or any(len(table.get("given", ())) > 2 for table in policy["discrete"])
+    return any(key in policy for key in KEYS_2)
 
 
 def _scaling(scaling: Scaling) -> Document:
@@ -122,7 +122,7 @@ def _table(table: AxisTable | JointTable) -> Document:
         document = {"branches": list(table.branches), **document}
         if table.positions is not None:
             document |= {"axes": list(table.axes), "positions": table.positions.tolist()}
-    return document | {"given": [number for pair in table.given for number in pair]} if table.given else document
+    return document
 
 
 def _target(target: AxisRange | Threshold | Split) -> Document:

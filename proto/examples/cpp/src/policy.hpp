@@ -78,16 +78,10 @@ class Policy {
       const Network& network = networks_[index];
       const std::vector<float> outputs = network.decide(sensors, state.at(index));
       auto output = outputs.begin();
-      std::vector<double> rows;  // that the tables have selected
       for (const Json& table : network.json["discrete"].items) {
         const std::size_t count = table["values"].items.size();
         const std::size_t row = choose(table, {output, output + count}, allowed, sampled ? noise.uniform() : -1);
         output += count;
-        rows.push_back(row);
-        const std::vector<Json>& given = table["given"].items;
-        std::size_t k = 0;  // of the first condition that does not hold
-        while (k + 1 < given.size() && rows.at(given[k].number) == given[k + 1].number) k += 2;
-        if (k + 1 < given.size()) continue;
         if (table["axis"].there()) action.axes.at(table["axis"].number) = float(table["values"].items[row].number);
         set(action.choices, table["branches"], table["values"].items[row]);
         if (table["axes"].there()) set(action.axes, table["axes"], table["positions"].items.at(row));
