@@ -98,13 +98,13 @@ def test_model_and_runtime_play_as_the_trainer_does(layout, deterministic, simul
         {"policies": {"axes": {"sensors": ["lamps", "place"], "frame_stack": 2}}} if layout == "multiagent" else {}
     )
     run = make_run(tmp_path / "run", simulator, layout=layout, **settings)
-    assert play_beside(run, simulator, runtime, deterministic=deterministic)["format"] == "joybridge.policy.v1"
+    play_beside(run, simulator, runtime, deterministic=deterministic)
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu", "elu"])
 def test_each_activation_plays_as_the_trainer_does(activation, simulator, runtime, tmp_path):
     run = make_run(tmp_path / "run", simulator, policy=PolicyConfig(hidden_sizes=[8, 8], activation=activation))
-    assert play_beside(run, simulator, runtime)["format"] == "joybridge.policy.v2"
+    assert play_beside(run, simulator, runtime)["policies"][0]["activation"] == activation
 
 
 @pytest.mark.parametrize("kind", ["bounds", "running"])
@@ -363,8 +363,8 @@ def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
 @pytest.mark.parametrize(
     ("file", "message"),
     [
-        ('{"format": "joybridge.policy.v0"}', "write it with `joybridge export RUN policy.json`"),
-        ('{"format": "joybridge.policy.v1", "policies": [{"layers": [', ""),
+        ('{"format": "joybridge.policy.v2"}', "write it with `joybridge export RUN policy.json`"),
+        ('{"format": "joybridge.policy.v3", "policies": [{"layers": [', ""),
         ('{"format": ]', ""),
     ],
 )
@@ -378,8 +378,8 @@ def test_the_runtimes_in_other_languages_refuse_what_is_no_policy(file, message,
 
 
 def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
-    (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v0"}')
-    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v1' or 'joybridge\.policy\.v2'; write"):
+    (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v2"}')
+    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v3'; write"):
         runtime.Policy(tmp_path / "policy.json")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
-FORMATS = ("joybridge.policy.v1", "joybridge.policy.v2")
+FORMAT = "joybridge.policy.v3"
 ACTIVATIONS = {
     "swish": lambda x: x / (1 + np.exp(-np.clip(x, -80, None))),
     "tanh": np.tanh,
@@ -32,9 +32,8 @@ class Policy:
     def __init__(self, path):
         """Read a policy. Raises OSError, and ValueError if the file is no policy of this format."""
         document = json.loads(Path(path).read_bytes(), object_hook=_decode_array)
-        if not isinstance(document, dict) or document.get("format") not in FORMATS:
-            names = " or ".join(map(repr, FORMATS))
-            raise ValueError(f"{path} is no {names}; write it with `joybridge export RUN policy.json`")
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            raise ValueError(f"{path} is no {FORMAT!r}; write it with `joybridge export RUN policy.json`")
         self.sensors = document["sensors"]  # name, dtype and shape of each
         self.axes = document["axes"]  # name, low and high of each, in the order of their columns
         self.branches = document["branches"]  # name and choices of each, in the order of their columns
@@ -132,7 +131,7 @@ def _scale(network, frame):
 
 def _dense(network, values):
     """Return the outputs of the dense layers of a network, with its activation between them."""
-    activation = ACTIVATIONS[network.get("activation", "swish")]
+    activation = ACTIVATIONS[network["activation"]]
     for number, layer in enumerate(network["layers"]):
         if number:
             values = activation(values)

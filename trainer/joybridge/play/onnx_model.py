@@ -135,7 +135,7 @@ class _Builder:
     def _network(self, policy: Document, value: str) -> str:
         for number, layer in enumerate(policy["layers"]):
             if number:
-                value = self._activate(policy.get("activation", "swish"), value)
+                value = self._activate(policy["activation"], value)
             weight, bias = self._constant(layer["weight"]), self._constant(layer["bias"])
             value = self._node("Gemm", value, weight, bias, transB=1)
         return value

@@ -49,7 +49,7 @@ class Policy {
  public:
   explicit Policy(const std::string& path) : document(Json::read(path)) {
     const std::string& format = document["format"].text;
-    if (format != "joybridge.policy.v1" && format != "joybridge.policy.v2") {
+    if (format != "joybridge.policy.v3") {
       throw std::invalid_argument(path + " is no policy; write it with `joybridge export RUN policy.json`");
     }
     for (const Json& json : document["policies"].items) networks_.emplace_back(json);
@@ -145,7 +145,7 @@ class Policy {
 
     float activate(float x) const {
       const std::string& name = json["activation"].text;
-      if (name.empty()) return x / (1 + std::exp(-x));
+      if (name == "swish") return x / (1 + std::exp(-x));
       return name == "tanh" ? std::tanh(x) : name == "relu" || x > 0 ? std::max(x, 0.0F) : std::expm1(x);
     }
 
