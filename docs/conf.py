@@ -11,12 +11,11 @@ project = html_title = "Joybridge"
 extensions = ["myst_parser"]
 root_doc = "docs/index"
 include_patterns = [
-    "*.md", "docs/*.md", "docs/reference/*.md", "trainer/*.md", "simulator/*.md", "proto/examples/*.md",
-    "proto/examples/*/README.md", "results/*.md", "results/*/README.md",
+    "*.md", "docs/*.md", "docs/reference/*.md", "proto/examples/*/README.md", "results/*.md", "results/*/README.md",
 ]  # fmt: skip
 exclude_patterns = [
     "README.md",
-    "PYPI.md",
+    "docs/pypi.md",
     ".*",
     "site",
     "runs",

@@ -53,7 +53,7 @@ MAY_NOT_IMPORT = {  # of others'; nobody imports the tools and the tests
     "joybridge.conformance": LEARNING | {"pygame", "numba"},
     "joybridge.simulator": LEARNING,
     "joybridge.games": LEARNING,
-    "joybridge.adapters": LEARNING - {"gymnasium", "pettingzoo"} | {"pygame", "numba"},
+    "joybridge.adapters": LEARNING - {"gymnasium", "pettingzoo"} | {"numba"},
     **{room: {"pygame"} | OPTIONAL for room in ROOMS},
     **{f"joybridge.{room}": {"pygame", "torch"} | OPTIONAL for room in WITHOUT_TORCH},
     "joybridge.gym": {"pygame", "torch", "pydantic"} | OPTIONAL,
@@ -164,6 +164,11 @@ def test_the_contract_and_the_kit_need_nothing_but_numpy_protobuf_and_grpc():
     assert roots - set(sys.stdlib_module_names) == {
         "numpy", "google", "grpc", "grpc_health", "grpc_reflection", "grpc_status", "joybridge",
     }  # fmt: skip
+
+
+def test_pygame_is_imported_only_in_the_processes_of_programs_written_with_it():
+    users = {name for name, targets in modules("joybridge.adapters").items() if "pygame" in map(root, targets)}
+    assert users and all(name.startswith("joybridge.adapters.pygame_programs.inside.") for name in users)
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -30,6 +30,7 @@ from joybridge.play.playing import Player
 from joybridge.policy.actor import Actor
 from joybridge.ppo.cloning import add_cloning_gradient
 from joybridge.ppo.loss import Actions
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.update import Learner
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
@@ -237,7 +238,7 @@ def test_what_is_shown_is_learned(layout):
     actor = Actor(role, SPEC.behaviors[0], config, 0)
     learner = Learner("any", actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=False)
     continuous, discrete = map(torch.from_numpy, actor.layout.read(wanted))
-    actions = Actions(torch.from_numpy(shown), continuous, discrete, None)
+    actions = Actions(Observations(torch.from_numpy(shown)), continuous, discrete, None)
     for _ in range(250):
         actor.network.zero_grad(set_to_none=False)
         add_cloning_gradient(actor.network, actions, 1.0)

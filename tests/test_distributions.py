@@ -56,7 +56,12 @@ def sampled(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=Fa
     lanes, dimensions = len(outputs), len(log_variance)
     discrete, continuous = np.zeros((lanes, len(sizes)), np.int64), np.zeros((lanes, dimensions), np.float32)
     log_probs = np.zeros(lanes, np.float32)
-    head = Head(np.zeros(dimensions, np.float32), np.array(log_variance, np.float32), np.array(sizes, np.int64))
+    head = Head(
+        np.zeros(dimensions, np.float32),
+        np.array(log_variance, np.float32),
+        np.array(sizes, np.int64),
+        np.zeros((0, 0, 0), bool),
+    )
     masks = NO_MASKS if masks is None else masks.numpy()
     sample(outputs.numpy(), head, masks, Noise(normal, uniform), likeliest, Action(continuous, discrete, log_probs))
     return torch.from_numpy(discrete), torch.from_numpy(continuous), torch.from_numpy(log_probs)

@@ -22,7 +22,7 @@ from tests.test_public_api import PROMISED
 from tools.docs import errors, reference
 from tools.docs.api import api, exported
 from tools.docs.contract import contract
-from tools.docs.pages import INSTEAD, filled, readme_sections
+from tools.docs.pages import INSTEAD, filled
 from tools.docs.schema import schema
 
 ROOT = Path(__file__).parents[1]
@@ -34,7 +34,7 @@ PATHS = [
     if not any(part in ELSEWHERE or part.startswith(".") for part in path.relative_to(ROOT).parts)
 ]
 DOCUMENTS = [pytest.param(path, id=str(path.relative_to(ROOT))) for path in PATHS]
-OF_THE_PAST = {"CHANGELOG.md", "DECISIONS.md"}  # they name keys and modules that were replaced
+OF_THE_PAST = {"CHANGELOG.md"}  # it may name keys and modules that were replaced
 NO_MODULES = {"joybridge.games", "joybridge.layouts"}  # names of entry points as well
 CODE = re.compile(r"```\w*\n(.*?)```|`([^`\n]+)`", re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
@@ -56,7 +56,7 @@ def braces(path):
 
 
 def test_there_are_documents():
-    assert {"README.md", "CONTRIBUTING.md", "DECISIONS.md", "GLOSSARY.md"} <= {path.name for path in PATHS}
+    assert {"README.md", "CONTRIBUTING.md", "decisions.md", "glossary.md"} <= {path.name for path in PATHS}
 
 
 @pytest.mark.parametrize("path", DOCUMENTS)
@@ -73,14 +73,18 @@ def test_every_command_exists(path):
     assert names - set(COMMANDS) - {"simulator"} == set()  # "joybridge simulator listening on" is an output
 
 
-def test_the_readme_names_every_command():
-    assert {words[0] for words in commands(ROOT / "README.md")} >= set(COMMANDS)
+def test_pages_are_in_docs_but_for_readmes_and_what_is_generated():
+    elsewhere = {str(path.relative_to(ROOT)) for path in PATHS if ROOT / "docs" not in path.parents}
+    assert {page for page in elsewhere if not page.endswith("/README.md")} == {
+        "README.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+        "results/environments.md",
+    }
 
 
-def test_the_readme_leads_to_every_page_for_users():
-    links = {(ROOT / link.split("#")[0]).resolve() for link in LINK.findall((ROOT / "README.md").read_text())}
-    pages = {path for path in PATHS if path.parent in (ROOT / "trainer", ROOT / "simulator", ROOT / "proto/examples")}
-    assert len(pages) >= 6 and pages - links == set()
+def test_every_command_is_on_a_page_for_users():
+    assert {words[0] for path in (ROOT / "docs").glob("*.md") for words in commands(path)} >= set(COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -144,7 +148,7 @@ def test_every_key_that_is_set_on_a_command_line_exists(path):
 
 @pytest.mark.parametrize(
     "path",
-    [path for path in PATHS if path.name not in {*OF_THE_PAST, "POLICIES.md"}],
+    [path for path in PATHS if path.name not in {*OF_THE_PAST, "exported-policies.md"}],
     ids=lambda path: str(path.relative_to(ROOT)),
 )
 def test_every_key_of_a_policy_that_is_named_exists(path):
@@ -189,7 +193,7 @@ def test_the_navigation_of_the_site_leaves_no_page_out():
     text = (ROOT / "docs/index.md").read_text()
     blocks = re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL)
     listed = re.findall(r"^(?:.* <)?/([\w./-]+\.md)>?$", "\n".join(blocks), re.MULTILINE)
-    pages = {str(path.relative_to(ROOT)) for path in PATHS} - {"README.md", "PYPI.md", "docs/index.md"}
+    pages = {str(path.relative_to(ROOT)) for path in PATHS} - {"README.md", "docs/pypi.md", "docs/index.md"}
     assert len(listed) == len(set(listed)) and set(listed) == pages, "list every page in docs/index.md"
 
 
@@ -197,12 +201,6 @@ def test_sphinx_reads_every_page_of_the_navigation():
     patterns = runpy.run_path(str(ROOT / "docs/conf.py"))["include_patterns"]
     read = re.compile("|".join(re.escape(pattern).replace(r"\*", "[^/]*") for pattern in patterns))
     assert [page for page in map(str, (path.relative_to(ROOT) for path in PATHS)) if not read.fullmatch(page)] == []
-
-
-def test_the_site_shows_every_section_of_the_readme_once():
-    shown = re.findall(r"^<!-- README: (.*) -->$", "\n".join(map(Path.read_text, PATHS)), re.MULTILINE)
-    replaced = {"Safety", "More"}  # by a page, by the navigation
-    assert sorted([*shown, *replaced]) == sorted(readme_sections())
 
 
 def test_the_comments_of_a_block_are_in_one_column_after_the_programs_have_lost_their_folder():
@@ -215,7 +213,7 @@ def test_the_comments_of_a_block_are_in_one_column_after_the_programs_have_lost_
 def test_every_part_of_a_page_is_filled_and_every_link_in_it_leads_to_a_file(path):
     page = str(path.relative_to(ROOT))
     text = filled(page, path.read_text())
-    assert not re.search("<!-- (README|generated)", text)
+    assert not re.search("<!-- generated", text)
     assert [link for link in LINK.findall(text) if not re.match(r"\w+:|#", link) and not leads(path, link)] == []
 
 
@@ -278,7 +276,7 @@ def test_the_line_for_editors_names_the_schema(capsys):
 
 
 def test_the_keys_of_the_glossary_are_keys_of_a_configuration():
-    keys = re.findall(r"^\| `([a-z_.]+)`", (ROOT / "GLOSSARY.md").read_text(), re.MULTILINE)
+    keys = re.findall(r"^\| `([a-z_.]+)`", (ROOT / "docs/glossary.md").read_text(), re.MULTILINE)
     assert len(keys) > 10
     known = {*Config.model_fields, *(f"policy.{name}" for name in PolicyConfig.model_fields)}
     assert set(keys) - known == set()

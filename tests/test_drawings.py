@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from joybridge.games.shooting_birds.game import SENSORS
+from joybridge.games.shooting_birds.game import NUMBERS
 from joybridge.games.shooting_birds.sensing import RAYS
 from tools.docs import drawings
 
@@ -34,5 +34,5 @@ def test_the_drawing_of_the_rays_has_every_ray_and_what_the_sensor_reports():
     drawn = drawings.rays()
     assert drawn.count('class="thin"') == RAYS + 1  # one in the legend
     assert 3 < drawn.count('class="to-bird"') < RAYS and 3 < drawn.count('class="to-obstacle"') < RAYS
-    values = sum(len(sensor.elements) for sensor in SENSORS)
+    values = sum(len(sensor.elements) for sensor in NUMBERS)
     assert f"under it: {values} values" in (drawings.DOCS / "paper.md").read_text()

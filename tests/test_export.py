@@ -23,6 +23,7 @@ from joybridge.play.onnx_model import build_model
 from joybridge.play.playing import open_play
 from joybridge.play.policy_document import decode, encode, make_document
 from joybridge.policy.actor import SCALING, make_actors
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.run.checkpoint import Manifest, save_checkpoint
 from joybridge.run.folder import keep_config
 
@@ -186,7 +187,7 @@ def test_noise_in_even_steps_gives_choices_in_proportion_to_their_probabilities(
         feeds["uniform"] = np.repeat((np.arange(lanes, dtype=np.float32)[:, None] + 0.5) / lanes, 2, axis=1)
         axes, choices, _ = session.run(None, feeds)
         frame = np.concatenate([feeds["state"][:1], actor.encoder.frames(before.observations)], axis=1)
-        outputs = actor.network(torch.from_numpy(frame))
+        outputs = actor.network(Observations(torch.from_numpy(frame)))
     logits = outputs.logits.detach().numpy()[0]
     logits[0, ~before.masks[0][0]] = -np.inf
     for branch, size in enumerate((3, 2)):

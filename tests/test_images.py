@@ -8,17 +8,21 @@ import torch
 
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import ConfigError
+from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace
 from joybridge.policy.actor import make_actors
-from joybridge.policy.scaling import make_scaling
+from joybridge.policy.encoder import push_frames
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.gradient import ClosedFormGradient
-from joybridge.ppo.images import Image, find_images
+from joybridge.ppo.history import History
+from joybridge.ppo.images import Image, encoder_kind, find_images
 from joybridge.ppo.loss import Batch
 from joybridge.ppo.networks import Network
+from joybridge.ppo.observation import Observation
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 from joybridge.ppo.update import Learner
-from joybridge.simulator import sensor
+from joybridge.simulator import image, sensor
 from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
 
@@ -26,73 +30,130 @@ SENSORS = [
     sensor("place", [2]), sensor("camera", [5, 4, 3], dtype=np.uint8), sensor("table", [2, 2]),
     sensor("map", [3, 3], dtype=np.uint8),
 ]  # fmt: skip
-IMAGES = [Image(2, 5, 4, 3), Image(66, 3, 3, 1)]
-FRAME = 75
+IMAGES = {"camera": Image(5, 4, 3), "map": Image(3, 3, 1)}
 
 
 def test_images_are_found_by_their_shapes_and_others_are_refused():
     assert find_images("player", "simple", SENSORS) == IMAGES
-    assert find_images("player", "none", SENSORS) == []
+    assert find_images("player", "none", SENSORS) == {}
+    assert find_images("player", "auto", SENSORS) == {}  # the game does not call them images
     with pytest.raises(ConfigError, match=r"nature, which needs 36 x 36 pixels, but sensor 'camera' has 5 x 4; set im"):
         find_images("player", "nature", SENSORS)
-    with pytest.raises(ConfigError, match=r"no sensor is an image of shape \[.*\] \(place \[2\], table \[2, 2\]\)"):
+    with pytest.raises(ConfigError, match=r"type uint8 and shape \[.*\] \(place \[2\], table \[2, 2\]\); leave"):
         find_images("player", "impala", [SENSORS[0], SENSORS[2]])
 
 
-@pytest.mark.parametrize("kind", ["none", "running"])
-def test_pixels_of_bytes_are_scaled_to_0_to_1_and_other_numbers_as_the_policy_says(kind):
-    scaling = make_scaling("player", kind, SENSORS, IMAGES)
-    assert scaling is not None
-    frames = np.zeros((2, FRAME), np.float32)
-    frames[:, [0, 2, 61, 62, 74]] = [[100.0, 255.0, 51.0, 30.0, 102.0], [300.0, 255.0, 51.0, 30.0, 102.0]]
-    scaling.watch(frames)
-    scaling.refresh()
-    seen = scaling.apply(frames)[:, [0, 2, 61, 62, 74]]
-    numbers = [[100.0, 30.0], [300.0, 30.0]] if kind == "none" else [[-1.0, 0.0], [1.0, 0.0]]
-    np.testing.assert_allclose(seen[:, [0, 3]], numbers, atol=1e-5)
-    np.testing.assert_allclose(seen[:, [1, 2, 4]], [[1.0, 0.2, 0.4]] * 2, rtol=1e-6)
+def test_what_a_game_calls_an_image_is_one_without_a_word_in_the_configuration():
+    sensors = [SENSORS[0], image("screen", 24, 32), image("small", 6, 6, channels=3)]
+    assert find_images("player", "auto", sensors) == {"screen": Image(24, 32, 1), "small": Image(6, 6, 3)}
+    assert encoder_kind("auto", Image(24, 32, 1)) == "windows" and encoder_kind("auto", Image(6, 6, 3)) == "simple"
+    assert find_images("player", "none", sensors) == {}
 
 
-def test_the_frames_of_a_stack_are_channels_of_one_image_and_other_numbers_pass_by():
-    encoder = ImageEncoder("simple", IMAGES, FRAME, 2, "relu")
-    observations = torch.rand(7, 2 * FRAME, generator=torch.Generator().manual_seed(0))
-    old, new = observations[:, :FRAME], observations[:, FRAME:]
-    features = encoder(observations)
-    others = [part for frame in (old, new) for part in (frame[:, :2], frame[:, 62:66])]
-    torch.testing.assert_close(features[:, :12], torch.cat(others, 1))
-    camera = torch.cat([frame[:, 2:62].view(7, 5, 4, 3).permute(0, 3, 1, 2) for frame in (old, new)], 1)
+def bytes_of(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, shape, np.uint8)
+
+
+def test_the_pictures_of_a_stack_are_channels_of_one_image_and_numbers_pass_by():
+    encoder = ImageEncoder("simple", [*IMAGES.values()], 12, 2, "relu")
+    numbers = torch.rand(7, 12, generator=torch.Generator().manual_seed(0))
+    camera, board = (torch.from_numpy(bytes_of((7, 2, *IMAGES[name]))) for name in IMAGES)
+    features = encoder(Observations(numbers, (camera, board)))
+    torch.testing.assert_close(features[:, :12], numbers)
+    pixels = torch.cat([camera[:, frame].permute(0, 3, 1, 2) for frame in (0, 1)], 1) / 255
     count = 32 * 2 * 1  # channels of 5 x 4 pixels, halved twice
-    torch.testing.assert_close(features[:, 12 : 12 + count], encoder.convolutions[0](camera).flatten(1))
-    board = torch.stack([frame[:, 66:].view(7, 3, 3) for frame in (old, new)], 1)
-    torch.testing.assert_close(features[:, 12 + count :], encoder.convolutions[1](board).flatten(1))
+    torch.testing.assert_close(features[:, 12 : 12 + count], encoder.convolutions[0](pixels).flatten(1))
+    pixels = board[:, :, :, :, 0] / 255
+    torch.testing.assert_close(features[:, 12 + count :], encoder.convolutions[1](pixels).flatten(1))
 
 
-@pytest.mark.parametrize(("kind", "size", "others"), [("simple", 6, 0), ("nature", 36, 3), ("impala", 9, 3)])
-@pytest.mark.parametrize("shared", [True, False])
-def test_every_convolution_learns_in_one_tower_and_in_two(kind, size, others, shared):
-    frame = others + size * size * 2
-    make = partial(ImageEncoder, kind, [Image(others, size, size, 2)], frame, 1, "elu")
-    network = Network(frame, ActionSpace(1, (3,)), [8], shared, 1, "elu", make)
+@pytest.mark.parametrize(
+    ("kind", "size", "numbers"), [("windows", 24, 3), ("simple", 6, 0), ("nature", 36, 3), ("impala", 9, 3)]
+)
+@pytest.mark.parametrize(("shared", "encoders"), [(True, 1), (False, 1), (False, 2)])
+def test_every_convolution_learns_shared_or_not(kind, size, numbers, shared, encoders):
+    made = [ImageEncoder(kind, [Image(size, size, 2)], numbers, 1, "elu") for _ in range(encoders)]
+    network = Network(numbers, ActionSpace(1, (3,)), [8], shared, 1, "elu", made)
     learner = Learner("player", network, branches=["b"], gaussians=["x"], autograd=False)
     assert not isinstance(learner.gradient, ClosedFormGradient)
     normal = partial(torch.randn, generator=torch.Generator().manual_seed(0))
-    batch = Batch(
-        normal((4, frame)), normal((4, 1)), torch.ones(4, 1, dtype=torch.long), None, normal(4), normal(4), normal(4),
-        normal(4),
-    )  # fmt: skip
+    rows, chosen = 16, torch.ones(16, 1, dtype=torch.long)
+    seen = Observations(normal((rows, numbers)), (torch.from_numpy(bytes_of((rows, 1, size, size, 2))),))
+    drawn = [normal(rows) for _ in range(4)]
+    batch = Batch(seen, normal((rows, 1)), chosen, None, *drawn)
     learner.gradient(batch, torch.arange(len(batch)), Coefficients(1e-3, 0.2, 0.01))
     silent = [
         name for name, parameter in network.named_parameters() if parameter.grad is None or not parameter.grad.any()
     ]
     assert silent == []
-    assert len([name for name, _ in network.named_parameters() if "convolutions" in name]) >= 4 * (1 if shared else 2)
+    assert len([name for name, _ in network.named_parameters() if "convolutions" in name]) >= 4 * encoders
 
 
 def test_a_policy_of_a_game_with_an_image_acts_on_it():
     spec = load_games(PLACES)["hybrid"].describe({"size": "large", "masks": "off"})
     (actor,) = make_actors(Config(game="hybrid", policy=PolicyConfig(image_encoder="simple", frame_stack=1)), spec)
-    frames = np.zeros((2, actor.encoder.size), np.float32)
-    frames[1, 3:13] = 1.0  # place 2, count 1, image 10, lamps 3
-    values = actor.values(frames)
+    shape = (2, 1, *actor.encoder.images["image"])
+    pictures = np.zeros(shape, np.uint8)
+    pictures[1] = 255
+    values = actor.values(Observation(np.zeros((2, actor.encoder.size), np.float32), (pictures,)))
     assert values[0] != values[1]
-    assert {name.split(".")[1] for name in actor.state() if name.startswith("actor.")} == {"images", "hidden", "head"}
+    assert {name.split(".")[0] for name in actor.state()} >= {"encoders", "actor"}
+
+
+# ------------------------------------------------------------------------------------------------------ stacks
+
+STEPS, LANES, STACK = 6, 4, 3
+SHAPE = Image(2, 3, 1)
+
+
+def made_step(rng: np.random.Generator, ended: np.ndarray, deciding: np.ndarray | None) -> StepArrays:
+    over = np.zeros(LANES, bool)
+    over[ended] = True
+    return StepArrays(
+        observations=[], rewards=np.zeros((LANES, 1), np.float32), terminated=over, truncated=np.zeros(LANES, bool),
+        masks=None, deciding=deciding, ended=ended.astype(np.int32), final_observations=None, metrics=None,
+    )  # fmt: skip
+
+
+def naive(now: np.ndarray, pictures: np.ndarray, step: StepArrays) -> np.ndarray:
+    """Return the stacks after a step, one lane after the other."""
+    after = now.copy()
+    for lane in range(LANES):
+        over = bool(step.terminated[lane])
+        if step.deciding is not None and not step.deciding[lane] and not over:
+            continue
+        older = np.zeros_like(now[lane, 1:]) if over else now[lane, 1:]
+        after[lane] = np.concatenate([older, pictures[lane][None]])
+    return after
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_stacks_that_are_gathered_equal_stacks_that_are_copied(waits):
+    rng = np.random.default_rng(1)
+    history, whole = History(STEPS, LANES, SHAPE, STACK), slice(None)
+    first = bytes_of((LANES, *SHAPE), 2)
+    history.begin(first, whole)
+    expected = np.zeros((LANES, STACK, *SHAPE), np.uint8)
+    expected[:, -1] = first
+    for update in range(3):
+        seen = []
+        for t in range(STEPS):
+            np.testing.assert_array_equal(history.window(t).gather(), expected)
+            seen.append(expected)
+            deciding = rng.random(LANES) < 0.6 if waits else None
+            step = made_step(rng, np.flatnonzero(rng.random(LANES) < 0.2), deciding)
+            pictures = bytes_of((LANES, *SHAPE), 10 * update + t)
+            now, after, new = history.push(t, whole, pictures)
+            push_frames(now, new, step, after)
+            expected = naive(expected, pictures, step)
+        marked = rng.random((STEPS, LANES)) < 0.5
+        np.testing.assert_array_equal(history.decided(marked).gather(), np.stack(seen)[marked])
+        history.restart()
+    fresh = History(STEPS, LANES, SHAPE, STACK)
+    fresh.load(history.window(0).gather())
+    np.testing.assert_array_equal(fresh.window(0).gather(), expected)
+
+
+def test_a_rollout_of_pictures_takes_little_more_memory_than_its_bytes():
+    history = History(64, 8, Image(84, 84, 1), 3)
+    assert history.pictures.nbytes + history.sources.nbytes <= 1.1 * 64 * 8 * 84 * 84

@@ -144,7 +144,7 @@ def test_what_is_wrong_with_a_layout_of_another_package_is_said_in_a_sentence(na
 
 
 def test_the_layout_in_the_page_about_layouts_is_what_the_text_says():
-    page = (Path(__file__).parents[1] / "trainer" / "LAYOUTS.md").read_text()
+    page = (Path(__file__).parents[1] / "docs" / "layouts.md").read_text()
     (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names: dict[str, Any] = {}
     exec(program, names)  # it is ours

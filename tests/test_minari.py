@@ -40,7 +40,7 @@ def rows(role, game, demonstrations):
     actor = Actor(role, game.behaviors[role.behavior], CONFIG, 0)
     learned, _ = targets(actor, demonstrations, Config(game="any", layout="hybrid"))
     assert learned is not None
-    parts = [learned.observations, learned.continuous, learned.discrete, learned.masks]
+    parts = [learned.observations.numbers, learned.continuous, learned.discrete, learned.masks]
     table = np.hstack([part.flatten(1).double().numpy() for part in parts if part is not None])
     return table[np.lexsort(table.T)]
 
@@ -246,7 +246,7 @@ def test_a_dataset_of_cartpole_fits_the_game_cartpole(tmp_path):
     learned, remark = targets(actor, [load_demonstration(file, game)], Config(game="any", layout="hybrid"))
     assert learned is not None
     assert f"{sum(len(acts) for _, acts in episodes)} decisions of 5 episodes are cloned" in remark
-    np.testing.assert_array_equal(learned.discrete[:, 0], learned.observations[:, 2] > 0)
+    np.testing.assert_array_equal(learned.discrete[:, 0], learned.observations.numbers[:, 2] > 0)
 
 
 def test_masks_who_decides_and_what_is_demonstrated_are_read(tmp_path):

@@ -74,7 +74,7 @@ def test_a_key_of_ml_agents_without_one_of_ours_is_refused_by_name(old, new, tex
 
 
 def test_every_key_of_ml_agents_is_documented_and_leads_to_a_key_of_ours():
-    page = (Path(__file__).parents[1] / "docs/from_ml_agents.md").read_text()
+    page = (Path(__file__).parents[1] / "docs/from-ml-agents.md").read_text()
     assert "\n".join(table()) in page
     keys = {key.name.removeprefix("policy.") for key in all_keys()}
     assert {entry.ours.removeprefix("policy.") for entry in (BEHAVIOR | RUN).values() if entry.ours} <= keys

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from joybridge.contract.codec import ActArrays
+from joybridge.contract.spec import choose_options
 from joybridge.games.archer.game import Archer
 from joybridge.games.beastly_rivals.game import BeastlyRivals
+from joybridge.games.beastly_rivals_full.game import BeastlyRivalsFull
 from joybridge.games.shooting_birds.game import ShootingBirds
 from joybridge.simulator import BatchedGame, draw_parameters, parameter
 from joybridge.simulator.catalog import Catalog
@@ -75,12 +77,12 @@ def test_a_value_does_not_depend_on_which_other_parameters_are_drawn():
 
 # --------------------------------------------------------------------------------------------------------- the games
 
+MATCH = {option.name: option.default_choice for option in BeastlyRivalsFull.options} | {"lives": "0"}
+AXES = {"locomotion": "axes"}
 GAMES: dict[str, tuple[type[BatchedGame], dict[str, str], str]] = {
-    "shooting_birds": (ShootingBirds, {"rules": "original", "locomotion": "axes", "level": "random"}, "bird_speed"),
-    "beastly_rivals": (
-        BeastlyRivals, {"rules": "original", "locomotion": "axes", "slow_character": "on", "clock": "together"},
-        "beast_speed",
-    ),
+    "shooting_birds": (ShootingBirds, choose_options(ShootingBirds.options, AXES, "shooting_birds"), "bird_speed"),
+    "beastly_rivals": (BeastlyRivals, choose_options(BeastlyRivals.options, AXES, "beastly_rivals"), "beast_speed"),
+    "beastly_rivals_full": (BeastlyRivalsFull, {**MATCH, "pauses": "short", "rivals": "flee"}, "ball_speed"),
     "archer": (batched(Archer), {}, "size"),
 }  # fmt: skip
 

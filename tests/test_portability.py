@@ -45,6 +45,16 @@ GUARDED = {  # where another function has made sure
         "socket.AF_UNIX",
         "socket.MSG_DONTWAIT",
     },  # a client asks for it if it has both
+    "simulator/joybridge/adapters/pygame_programs/inside/__main__.py": {
+        "signal.SIGALRM",
+        "signal.SIGCHLD",
+        "signal.setitimer",
+    },  # `adapt` refuses before, here and in the next five
+    "simulator/joybridge/adapters/pygame_programs/inside/fences.py": {"resource", "/proc/self/fd/"},
+    "simulator/joybridge/adapters/pygame_programs/inside/player.py": {"signal.setitimer"},
+    "simulator/joybridge/adapters/pygame_programs/inside/stem.py": {"os.fork"},
+    "simulator/joybridge/adapters/pygame_programs/processes.py": {"socket.AF_UNIX"},
+    "simulator/joybridge/adapters/pygame_programs/wire.py": {"/proc/self/fd/", "socket.AF_UNIX"},
     "simulator/joybridge/simulator/local_socket.py": {"socket.AF_UNIX"},  # `offer` returns None before
     "simulator/joybridge/simulator/workers/process.py": {"subprocess.pass_fds"},  # `load_games` refuses workers
     "simulator/joybridge/simulator/workers/worker.py": {"signal.SIGKILL"},  # on Linux only

@@ -57,6 +57,7 @@ PROMISED = [
     "joybridge.gym.sb3",
     "joybridge.simulator",
     "joybridge.simulator.render",
+    "joybridge.simulator.sight",
     "joybridge.layouts",
     "joybridge.client.client",
 ]

@@ -1,8 +1,21 @@
 """Random streams: what a stream depends on, the order of its draws, and its snapshot."""
 
+import math
+
+import numpy as np
 import pytest
 
-from joybridge.simulator.randomness import BLOCK, integer, open_streams, reserve, restore_streams, save_streams, uniform
+from joybridge.simulator.randomness import (
+    BLOCK,
+    NORMAL_DRAWS,
+    integer,
+    normal,
+    open_streams,
+    reserve,
+    restore_streams,
+    save_streams,
+    uniform,
+)
 
 
 def test_a_stream_depends_on_seed_and_arena_number_and_not_on_the_batch():
@@ -48,3 +61,22 @@ def test_a_restored_stream_continues_where_it_was():
         wanted.cursor[:] = BLOCK
         reserve(wanted, 1)
     assert other.values[1].tobytes() == wanted.values[0].tobytes()
+
+
+def test_normal_numbers_have_the_moments_of_a_normal_distribution():
+    streams = open_streams(3, 0, 40)
+    drawn = []
+    for _ in range(2000):
+        reserve(streams, NORMAL_DRAWS)
+        drawn.append([normal(streams, arena) for arena in range(40)])
+    numbers = np.array(drawn)
+    moments = [(numbers**power).mean() for power in (1, 2, 3, 4)]
+    np.testing.assert_allclose(moments, [0.0, 1.0, 0.0, 3.0], atol=0.1)
+
+
+def test_a_normal_number_is_that_of_box_and_muller_to_1e_12():
+    streams = open_streams(3, 0, 1)
+    pairs = np.random.default_rng(0).random((BLOCK // 2, 2))
+    streams.values[0] = pairs.ravel()
+    expected = [math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v) for u, v in pairs]
+    np.testing.assert_allclose([normal(streams, 0) for _ in pairs], expected, rtol=0.0, atol=1e-12)

@@ -8,6 +8,7 @@ from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.ppo.distributions import FORBIDDEN
+from joybridge.ppo.observation import Observation
 from joybridge.ppo.rollout import RolloutBuffer
 
 LANES, STACK = 2, 3
@@ -16,7 +17,7 @@ LANES, STACK = 2, 3
 def make_rollout(steps: int = 4, groups: Sequence[slice] = (slice(0, LANES),)) -> RolloutBuffer:
     rollout = RolloutBuffer(steps, groups, STACK, ActionSpace(1, (2,)))
     for group, lanes in enumerate(groups):
-        rollout.begin(np.array([[1.0], [10.0]], np.float32)[lanes], None, group)
+        rollout.begin(Observation(np.array([[1.0], [10.0]], np.float32)[lanes]), None, group)
     return rollout
 
 
@@ -99,7 +100,7 @@ def test_a_decision_still_open_at_the_end_is_left_out_of_the_batch():
     np.testing.assert_array_equal(live, [[True, False], [True, False]])
     batch = rollout.batch(np.array([[1, 0], [3, 0]], np.float32), live)
     np.testing.assert_allclose(batch.advantages, [-1, 1])
-    np.testing.assert_array_equal(batch.observations, [[0, 0, 1], [0, 1, 2]])
+    np.testing.assert_array_equal(batch.observations.numbers, [[0, 0, 1], [0, 1, 2]])
 
 
 def test_the_next_rollout_begins_where_the_last_ended():

@@ -12,6 +12,7 @@ from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
 from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
 from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.sampling import sample_actions
 from joybridge.ppo.schedule import Coefficients
 from tests.support.own_layouts import ENTRY_POINTS, offer
@@ -65,7 +66,7 @@ def made(name: str, masked: bool):
         allowed = layout.masks(device_masks) if masked else [np.ones((LANES, size), bool) for size in space.branches]
         fill_masks(allowed, masks)
         noise = draw_noise(rng, (LANES, space.continuous), (LANES, len(space.branches)))
-        observations = torch.from_numpy(rng.normal(size=(LANES, 5)).astype(np.float32))
+        observations = Observations(torch.from_numpy(rng.normal(size=(LANES, 5)).astype(np.float32)))
         with torch.no_grad():
             outputs, values = network.heads(observations)
         action = empty(space)

@@ -31,18 +31,18 @@ def test_bounds_become_1_and_what_has_none_stays_as_it_is():
         sensor("place", [2], -9.0, [9.0, 0.0]), sensor("image", [2], dtype=np.uint8), sensor("free", [1]),
         sensor("huge", [1], -LARGEST, LARGEST), sensor("lamp", [1], dtype=bool),
     ]  # fmt: skip
-    scaling = make_scaling("player", "bounds", sensors, [])
+    scaling = make_scaling("player", "bounds", sensors)
     assert scaling is not None
     frames = np.array([[-9.0, 0.0, 51.0, 255.0, 7.0, -8.0, 1.0], [9.0, -4.5, 0.0, 102.0, 99.0, 0.0, 0.0]], np.float32)
     wanted = [[-1.0, 1.0, -0.6, 1.0, 7.0, -8.0, 1.0], [1.0, 0.0, -1.0, -0.2, 99.0, 0.0, -1.0]]
     np.testing.assert_allclose(scaling.apply(frames), wanted, atol=1e-6)
     assert scaling.apply(frames).dtype == np.float32
     with pytest.raises(ConfigError, match=r"but no sensor has any \(free\); set scale_observations=running"):
-        make_scaling("player", "bounds", [sensor("free", [1])], [])
+        make_scaling("player", "bounds", [sensor("free", [1])])
 
 
 def test_running_moments_count_from_the_next_rollout_only():
-    scaling = make_scaling("player", "running", [sensor("place", [1])], [])
+    scaling = make_scaling("player", "running", [sensor("place", [1])])
     assert scaling is not None
     rows = np.array([[2.0], [6.0]], np.float32)
     scaling.watch(rows)
@@ -93,7 +93,7 @@ def test_a_resumed_run_scales_to_the_same_bits_and_play_scales_as_training_did(s
         frames = player.actor.encoder.frames(step.observations)
         far = (frames - moments["mean"]) / np.sqrt(moments["squares"] / moments["count"] + 1e-8)
         np.testing.assert_allclose(
-            player.actor.frames(step.observations), far.clip(-LIMIT, LIMIT), rtol=1e-4, atol=1e-4
+            player.actor.see(step.observations).numbers, far.clip(-LIMIT, LIMIT), rtol=1e-4, atol=1e-4
         )
     other = run_of(4).model_copy(update={"weights_from": str(tmp_path / "whole")})
     with pytest.raises(CheckpointError, match="does not fit: scale_observations was running, now none"):

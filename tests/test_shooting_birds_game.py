@@ -13,12 +13,15 @@ from joybridge.contract.spec import check_spec
 from joybridge.contract.tensors import Array
 from joybridge.games.locomotion import LOCOMOTIONS
 from joybridge.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
+from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator.randomness import BLOCK
 from tests.support.measured import interpreted
 from tests.support.wire import pack_step
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
-DEFAULTS = {"rules": "original", "locomotion": "unit_circle", "level": "random"}
+DEFAULTS = {"rules": "original", "locomotion": "unit_circle", "level": "random"} | {
+    option.name: option.default_choice for option in SIGHT_OPTIONS
+}
 WEIGHTS = np.array([1, 1, 1, 1, 0, 0])
 NEAR = 1e-6  # of float32
 STILL = (0.0, 0.0)
@@ -81,7 +84,7 @@ def test_every_choice_of_options_has_a_well_formed_spec_that_its_game_keeps(loco
     by_name = {option.name: option for option in OPTIONS}
     assert list(by_name) == list(DEFAULTS) and {n: o.default_choice for n, o in by_name.items()} == DEFAULTS
     for rules, level in product(by_name["rules"].choices, by_name["level"].choices):
-        options = {"rules": rules, "locomotion": locomotion, "level": level}
+        options = {**DEFAULTS, "rules": rules, "locomotion": locomotion, "level": level}
         spec = ShootingBirds.describe(options)
         check_spec(spec)
         (behavior,) = spec.behaviors

@@ -13,7 +13,7 @@ from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.wire import SAVE, Player, Stream, reset, start
 
-PAPER = ["beastly_rivals", "shooting_birds"]  # the built-in games that save their state
+PAPER = ["beastly_rivals", "beastly_rivals_full", "shooting_birds"]  # the built-in games that save their state
 LARGEST_SEED = 2**64 - 1
 
 

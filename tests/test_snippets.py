@@ -31,7 +31,7 @@ from tests.test_docs import CODE, OF_THE_PAST, PATHS, ROOT
 from tools.docs.pages import filled
 
 BLOCK = re.compile(r"^( *)```(\S*)(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
-PAGES = [path for path in PATHS if path.name not in {"TUTORIAL.md", *OF_THE_PAST}]
+PAGES = [path for path in PATHS if path.name not in {"tutorial.md", *OF_THE_PAST}]
 SHOWN = {"text", "bibtex", "cpp", "ruby", "{raw}", "{toctree}"}  # they are not for the reader to run
 PROGRAMS = {
     "apt-get",
@@ -67,8 +67,12 @@ READERS = {
     "ppo.py",
     "reflection.proto",
     "Walker.yaml",
+    "catch.py",
+    "catch.yaml",
 }  # or of others
-CHECKOUT = re.compile(r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S")
+CHECKOUT = re.compile(
+    r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S|python trainer/"
+)
 
 
 def blocks(language):
@@ -212,11 +216,13 @@ def test_commands_are_understood(text, folder, monkeypatch):
 
 
 def check_tool(words):
-    """Fail if there is no such module, or if its sources do not know its options and commands."""
-    assert words[0] == "-m"
-    found = importlib.util.find_spec(words[1])
-    assert found is not None and found.origin is not None
-    path = Path(found.origin)
+    """Fail if there is no such module or file, or if its sources do not know its options and commands."""
+    if words[0] == "-m":
+        found = importlib.util.find_spec(words[1])
+        assert found is not None and found.origin is not None
+        path = Path(found.origin)
+    else:
+        path = ROOT / words[0]
     files = path.parent.glob("*.py") if path.name == "__init__.py" else [path]
     known = {
         node.value for file in files for node in ast.walk(ast.parse(file.read_text())) if type(node) is ast.Constant
@@ -267,7 +273,7 @@ def test_the_keys_and_defaults_in_the_table_for_those_who_come_from_other_librar
     defaults = {key.name: key.default for key in all_keys()}
     rows = [
         line.strip("| ").split(" | ")
-        for line in (ROOT / "docs/from_sb3_cleanrl.md").read_text().splitlines()
+        for line in (ROOT / "docs/from-sb3-cleanrl.md").read_text().splitlines()
         if line.startswith("| ")
     ]
     read = YAML(typ="safe").load
@@ -298,7 +304,7 @@ def test_source_files_that_pages_and_drawings_name_exist():
 )
 def test_what_needs_a_checkout_says_so(path):
     page = str(path.relative_to(ROOT))
-    if page in ("CONTRIBUTING.md", "README.md", "LEDGER.md", "results/README.md"):
+    if page in ("CONTRIBUTING.md", "README.md", "docs/faults.md", "results/README.md"):
         return  # for those who have one; its sections are tested where the site shows them; how it was made
     head, *sections = re.split(r"^##+ ", filled(page, path.read_text(encoding="utf-8")), flags=re.MULTILINE)
     for section in [head, *sections]:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from joybridge.contract.spec import choose_options
 from joybridge.games.shooting_birds.game import ShootingBirds
 from joybridge.games.shooting_birds.levels import OBSTACLES
 from tools.paper.behavior import Trace, triangles
@@ -187,7 +188,7 @@ def test_birds_out_of_reach_or_wholly_hidden_are_not_open_and_make_no_region_den
 
 
 def test_what_hides_a_bird_is_what_stops_a_shot_at_it():
-    game = ShootingBirds({"rules": "original", "locomotion": "unit_circle", "level": "0"}, {}, 1, 0, 0)
+    game = ShootingBirds(choose_options(ShootingBirds.options, {"level": "0"}, "shooting_birds"), {}, 1, 0, 0)
     birds, hidden = game.arenas.birds, np.zeros((1, 10))
     places = {(-12.33, 2.76): 0, (-10.27, -11.5): 0, (5.0, 0.0): 1, (9.4, -1.0): 2, (-1.0, 9.0): 3}
     birds["kind"], birds["z"] = 2, 1.85  # small ones are behind everything

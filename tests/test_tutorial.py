@@ -21,7 +21,8 @@ from joybridge.config.metrics import read_rows
 
 pytestmark = pytest.mark.slow
 
-PAGE = Path(__file__).parents[1] / "simulator" / "TUTORIAL.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "tutorial.md"
 SECONDS = 120.0  # the longest that a block may take
 LATE_SECONDS = 20.0  # the longest that its output may then be waited for
 NUMBER = r"-?\d[\d.,]*"
@@ -168,7 +169,10 @@ def test_everything_on_the_page_is_as_it_says(terminal):
     for run in ("first", "bucket"):  # both layouts learn
         rows = read_rows(folder / f"runs/{run}/metrics-player.csv")
         assert rows[-1]["reward"] > rows[0]["reward"] + 8, rows
-    shown, seen = imread(PAGE.parent / "joybridge/simulator/new_game/template/my_game.png"), imread(folder / "look.png")
+    shown, seen = (
+        imread(ROOT / "simulator/joybridge/simulator/new_game/template/my_game.png"),
+        imread(folder / "look.png"),
+    )
     assert shown.shape == seen.shape and np.abs(shown - seen).mean() < 0.01  # the fonts of machines differ
     assert imread(folder / "curve.png").std() > 0.05
     with av.open(str(folder / "my_game.mp4")) as video:

@@ -1,8 +1,9 @@
 """How fast it is on this machine: medians over windows, with their spread.
 
-python -m tools.bench [simulator | wire | learner | train | start | peers | all] [--json]
+python -m tools.bench [simulator | pictures | wire | learner | train | start | peers | all] [--json]
 
 simulator   a game alone, in this process, by number of arenas
+pictures    the images that agents observe, beside a bare write of as many bytes
 wire        simulator process and client with random actions, and the round trip of one arena beside a bare echo
 learner     sample passes of an update, beside the bare matrix products of the same shapes
 train       all of it: what `joybridge train` reaches
@@ -24,6 +25,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +37,12 @@ from joybridge.client.launch import simulator_process
 from joybridge.config.config import load_config
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
+from joybridge.games.pointer_game import PointerGame
 from joybridge.gym import BridgeEnv
 from joybridge.layouts import make_layouts
 from joybridge.ppo.loss import Batch
 from joybridge.ppo.networks import Network
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 from joybridge.ppo.threads import use_one_thread
 from joybridge.ppo.update import Learner, ppo_update
@@ -48,6 +52,13 @@ from joybridge.v1 import bridge_pb2 as pb
 
 WINDOWS = 7
 GAMES = ("shooting_birds", "beastly_rivals")
+IMAGES: list[dict[str, str]] = [  # options of both games
+    {"observation": "fovea"},
+    {"observation": "fovea", "fovea_reach": "16"},
+    {"observation": "screen", "screen_size": "48"},
+    {"observation": "screen", "screen_size": "64"},
+    {"observation": "screen", "screen_size": "84", "color": "rgb"},
+]
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 Figures = dict[str, dict[str, float]]  # what -> {"median", "low", "high"} per second, or seconds
 
@@ -90,6 +101,37 @@ def bench_simulator() -> Figures:
 
             figures[f"{name}, {arenas} arenas, agent-steps/s"] = measure(work)
     return figures
+
+
+def bench_pictures() -> Figures:
+    """Microseconds of an image that an agent observes, of 150 arenas that play on between, and of writing its bytes."""
+    figures, arenas, steps = {}, 150, 40
+    games = load_games()
+    for name, choices in product(GAMES, IMAGES):
+        options = choose_options(games[name].options, choices, name)
+        game = games[name](options, {}, arenas, 0, 0)
+        assert isinstance(game, PointerGame)
+        acts = random_acts(games[name].describe(options), arenas, np.random.default_rng(0))
+        (image,) = game.observations(game.arenas)
+        source, target = np.zeros_like(image), np.empty_like(image)
+        seen, bare = [], []
+        for step in range(2 * steps):
+            game.step(acts[step % len(acts)])
+            begin = time.perf_counter()
+            game.observations(game.arenas)
+            middle = time.perf_counter()
+            np.copyto(target, source)
+            bare.append((time.perf_counter() - middle) / arenas * 1e6)
+            seen.append((middle - begin) / arenas * 1e6)
+        size = "x".join(map(str, image.shape[1:]))
+        figures[f"{name}, {' '.join(choices.values())} {size}, µs (p50, p5, p95)"] = _spread(seen[steps:])
+        figures[f"{name}, {' '.join(choices.values())} {size}, bare write, µs"] = _spread(bare[steps:])
+    return figures
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    median, low, high = np.percentile(values, (50, 5, 95)).tolist()
+    return {"median": median, "low": low, "high": high}
 
 
 def bench_wire() -> Figures:
@@ -214,7 +256,7 @@ def bench_learner() -> Figures:
             for name, network in zip(ways, networks, strict=True)
         }  # fmt: skip
         batch = Batch(
-            torch.randn(rows, inputs), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
+            Observations(torch.randn(rows, inputs)), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
             torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
         )  # fmt: skip
 
@@ -407,6 +449,7 @@ def bench_peers() -> Figures:
 
 BENCHES = {
     "simulator": bench_simulator,
+    "pictures": bench_pictures,
     "wire": bench_wire,
     "learner": bench_learner,
     "train": bench_train,

@@ -2,7 +2,6 @@
 
 A line of a page may stand for a part that is written only once:
 
-    <!-- README: Train -->              the section of the README with this heading
     <!-- generated: keys -->            what a function of GENERATED returns
     <!-- generated: api MODULE … -->    the same, with arguments
 """
@@ -26,7 +25,7 @@ INSTEAD = {  # of a file, the page that shows it
     "configs": "docs/reference/configurations.md",
     "proto/joybridge/v1/bridge.proto": "docs/reference/contract.md",
 }
-PART = re.compile(r"^<!-- (README|generated): (.*?) -->$", re.MULTILINE)
+PART = re.compile(r"^<!-- generated: (.*?) -->$", re.MULTILINE)
 PROGRAM = re.compile(r"\.venv/bin/(?=joybridge|python |tensorboard)")  # readers of the site need no checkout
 SHELL = re.compile(r"(?<=^```sh\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
 COMMENTED = re.compile(r"^(.*\S)  +(# .*)$", re.MULTILINE)
@@ -40,21 +39,11 @@ def filled(page: str, text: str) -> str:
     """
 
     def part(match: re.Match[str]) -> str:
-        kind, what = match.groups()
-        if kind == "README":
-            return _moved(readme_sections()[what], "README.md", page)
-        name, *arguments = what.split()
+        name, *arguments = match[1].split()
         return GENERATED[name](*arguments)
 
-    text = PART.sub(part, _moved(text, page, page))
+    text = PART.sub(part, _moved(text, page))
     return text if page == "CONTRIBUTING.md" else SHELL.sub(_aligned, PROGRAM.sub("", text))
-
-
-def readme_sections() -> dict[str, str]:
-    """Return the text of every section of the README by its heading; that before the first one is "Joybridge"."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    parts = re.split(r"^##? (.*)\n", text, flags=re.MULTILINE)[1:]
-    return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
 def _aligned(block: re.Match[str]) -> str:
@@ -63,11 +52,11 @@ def _aligned(block: re.Match[str]) -> str:
     return COMMENTED.sub(lambda line: f"{line[1]:<{width}}  {line[2]}", block[0])
 
 
-def _moved(text: str, source: str, page: str) -> str:
-    """Return the text of a source with its relative links as they are on a page."""
+def _moved(text: str, page: str) -> str:
+    """Return the text of a page with links to the pages that the site shows instead of files."""
 
     def link(match: re.Match[str]) -> str:
-        target = posixpath.normpath(posixpath.join(posixpath.dirname(source), match[1]))
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(page), match[1]))
         return f"]({posixpath.relpath(INSTEAD.get(target, target), posixpath.dirname(page) or '.')}"
 
     return LINK.sub(link, text)

@@ -90,8 +90,8 @@ time. For comparison, the original's published bucket-11 network hits 157, 157, 
 levels 0 to 6."""
 SHORTER = """\
 The same of policies of 3 M timesteps, with the schedules and the settings of
-[action-spaces](EXPERIMENTS.md#action-spaces): other settings than those of the paper's layouts, and schedules that end
-after 3 M timesteps. *Early* and *late triangles* are of the first and the last third of the time limit."""
+[action-spaces](../docs/experiments.md#action-spaces): other settings than those of the paper's layouts, and schedules
+that end after 3 M timesteps. *Early* and *late triangles* are of the first and the last third of the time limit."""
 EXPERIMENTS = """\
 The last figures of all runs. An experiment has a row per length of its runs, over all runs that are at least that long.
 In square brackets is the 95 % bootstrap confidence interval of the mean; with two or three runs it is no more than the
@@ -101,7 +101,7 @@ BY_MARKS = """\
 The mean of our runs with their number in brackets, then the original's mean ± two standard deviations of a run.
 **Bold**: the two means differ significantly by Student's t test, which happens by chance in one of twenty cells. The
 first mark of Shooting Birds is lower with 75 arenas than with the original's 15 (record 36 of
-[DECISIONS](../DECISIONS.md))."""
+[decisions](../docs/decisions.md))."""
 
 
 def write_report(folder: Path) -> list[Path]:

@@ -19,6 +19,7 @@ from joybridge.simulator.doors import load_protection
 from joybridge.simulator.listing import listing
 from joybridge.simulator.new_game.starter import write_config
 from joybridge.simulator.new_game.write import NewGameError, write_game
+from joybridge.simulator.program_options import add_program_options, give_arguments, split_arguments
 from joybridge.simulator.running_server import ServerError, describe_all
 from joybridge.simulator.server import serve
 from joybridge.simulator.service import Limits
@@ -31,7 +32,10 @@ WORKER_SHARE = 0.9  # of the time for a step: what a worker does is then said be
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.simulator") -> int:
     """Run a command and return its exit status: 2 for an error that the user can fix."""
     open_streams()
-    options = _parser(prog).parse_args(arguments)
+    parser = _parser(prog)
+    words, own = split_arguments(sys.argv[1:] if arguments is None else arguments)
+    options = parser.parse_args(words)
+    give_arguments(parser, options, own)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
@@ -69,7 +73,7 @@ def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
         return [next(specs(game)) for game in load_games(options.game).values()]
     if options.game:
         raise ServerError(
-            "--game, --gym, --pettingzoo and --unity are not for a running simulator, which has its own games"
+            "--game, --gym, --pettingzoo, --pygame and --unity are not for a running simulator, which has its own games"
         )
     credentials = load_credentials(options.tls_ca, options.token_file)
     return describe_all(ProtectedAddress(options.simulator, credentials))
@@ -107,6 +111,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     for option, metavar, text in (
         ("gym", "ID", "add an environment of Gymnasium: its ID, or module:ID"),
         ("pettingzoo", "MODULE", "add an environment of PettingZoo: the module with its parallel_env or env"),
+        ("pygame", "PROGRAM", "add a program written with pygame: FILE, MODULE or PACKAGE:SCRIPT"),
         ("unity", "BUILD", "add a player of Unity ML-Agents: its executable file"),
         ("unity-port", "PORT", "add a player of Unity ML-Agents that is started by hand and connects to this port"),
     ):
@@ -118,6 +123,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             metavar=metavar,
             help=f"{text} (repeatable); arguments may follow, quoted, as in '{metavar} key=value'",
         )
+    add_program_options(games)
     server = commands.add_parser("serve", parents=[games], help="serve games over gRPC until interrupted")
     server.add_argument(
         "--address",

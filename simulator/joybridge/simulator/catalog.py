@@ -2,8 +2,8 @@
 
 A game's place is "MODULE:CLASS"; the class is a `Game` or a `BatchedGame`. Installed packages register their places
 in the entry point group "joybridge.games". The places of environments of other libraries, which `--gym`,
-`--pettingzoo`, `--unity` and `--unity-port` give, are "gym:ID", "pettingzoo:MODULE", "unity:BUILD" and
-"unity-port:PORT"; arguments may follow.
+`--pettingzoo`, `--pygame`, `--unity` and `--unity-port` give, are "gym:ID", "pettingzoo:MODULE", "pygame:PROGRAM",
+"unity:BUILD" and "unity-port:PORT"; arguments may follow.
 """
 
 import math
@@ -26,6 +26,7 @@ Catalog = dict[str, type[BatchedGame]]  # by name
 ADAPTERS = {  # the function that returns a game
     "gym": "joybridge.adapters.gymnasium:adapt",
     "pettingzoo": "joybridge.adapters.pettingzoo:adapt",
+    "pygame": "joybridge.adapters.pygame_programs.adapter:adapt",
     "unity": "joybridge.adapters.unity.adapter:adapt_build",
     "unity-port": "joybridge.adapters.unity.adapter:adapt_port",
 }

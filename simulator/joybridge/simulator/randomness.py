@@ -5,6 +5,7 @@ of arena a is a pure function of (seed, a, b). The state of a stream is therefor
 compiled code reads the numbers from plain arrays.
 """
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -13,8 +14,11 @@ import numpy as np
 from joybridge.contract.tensors import Array
 from joybridge.simulator.batched_game import check_range
 from joybridge.simulator.compiled import compiled
+from joybridge.simulator.trigonometry import cosine
 
 BLOCK = 512  # numbers per block
+LOG_2 = 0.69314718055994530942
+NORMAL_DRAWS = 2  # numbers that one call of `normal` takes
 
 
 class Streams(NamedTuple):
@@ -78,3 +82,23 @@ def uniform(streams: Streams, arena: int, low: float, high: float) -> float:
 def integer(streams: Streams, arena: int, count: int) -> int:
     """Return the next number of a stream as an integer, uniform in 0 .. count - 1."""
     return int(uniform(streams, arena, 0.0, count))
+
+
+@compiled
+def normal(streams: Streams, arena: int) -> float:
+    """Return a standard normal number, from the next two numbers of a stream (Box and Muller 1958)."""
+    radius = math.sqrt(-2.0 * _logarithm(1.0 - uniform(streams, arena, 0.0, 1.0)))
+    return float(radius * cosine(uniform(streams, arena, 0.0, 2.0 * np.pi)))
+
+
+@compiled
+def _logarithm(x: float) -> float:
+    """Return the natural logarithm of x > 0, with the same bits on every machine: see trigonometry.py."""
+    fraction, exponent = math.frexp(x)
+    if fraction < math.sqrt(0.5):
+        fraction, exponent = 2.0 * fraction, exponent - 1
+    t = (fraction - 1.0) / (fraction + 1.0)  # within 0.172; log(fraction) = 2 (t + t^3 / 3 + t^5 / 5 ...)
+    q, series = t * t, 0.0
+    for n in range(21, 0, -2):
+        series = 1.0 / n + q * series
+    return float(2.0 * t * series + exponent * LOG_2)

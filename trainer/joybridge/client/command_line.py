@@ -13,6 +13,8 @@ from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
 
+ENVIRONMENTS = {"gym": "ID", "pettingzoo": "MODULE", "pygame": "PROGRAM", "unity": "BUILD", "unity-port": "PORT"}
+
 
 def run_command(command: Callable[[argparse.Namespace], int | None], options: argparse.Namespace) -> int:
     """Run a command and return its exit status (None is 0). Errors and interrupts become a line on standard error."""
@@ -52,7 +54,7 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
         help="another game for the simulator that this command starts; the current folder is searched first; a run "
         "remembers its game",
     )  # fmt: skip
-    for option, metavar in (("gym", "ID"), ("pettingzoo", "MODULE"), ("unity", "BUILD"), ("unity-port", "PORT")):
+    for option, metavar in ENVIRONMENTS.items():
         parser.add_argument(
             f"--{option}", action="append", dest="game", type=f"{option}:{{}}".format, metavar=metavar,
             help="an environment for the simulator that this command starts, as in `joybridge serve`",
@@ -75,8 +77,8 @@ def check_simulator_options(parser: argparse.ArgumentParser, options: argparse.N
         options.overrides.append(f"timeout_seconds={options.timeout}")
     if options.simulator and options.game:
         parser.error(
-            "--game, --gym, --pettingzoo and --unity are for a simulator that this command starts; give them to the "
-            "running one"
+            "--game, --gym, --pettingzoo, --pygame and --unity are for a simulator that this command starts; give them "
+            "to the running one"
         )
     if (options.tls_ca or options.token_file) and not options.simulator:
         parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")

@@ -1,4 +1,4 @@
-"""Games of one's own: a class or "MODULE:CLASS", which a simulator in a child process imports."""
+"""Games of one's own: a class, "MODULE:CLASS" or "pygame:PROGRAM", which a simulator in a child process runs."""
 
 import sys
 from collections.abc import Sequence
@@ -6,6 +6,7 @@ from importlib import import_module
 
 from joybridge.client.client import list_games
 from joybridge.config.errors import ConfigError
+from joybridge.contract.places import PYGAME, program_name
 
 Game = str | type  # a game class, or "MODULE:CLASS"
 Games = Game | Sequence[Game]
@@ -46,6 +47,11 @@ def _place(game: Game) -> str:
 def _name(game: Game) -> str:
     """Return the name of the game in a class or at "MODULE:CLASS". Raises ConfigError."""
     found: object = game
+    if isinstance(game, str) and game.startswith(PYGAME):
+        try:
+            return program_name(game.removeprefix(PYGAME))
+        except ValueError as error:
+            raise ConfigError(f"game {game!r}: {error}") from error
     if isinstance(game, str):
         module, _, attribute = game.partition(":")
         try:

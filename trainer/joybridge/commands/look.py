@@ -1,4 +1,4 @@
-"""`joybridge look`: pictures of random play, each beside what was pressed.
+"""`joybridge look`: pictures of random play, each beside what was pressed, above the images that agents observe.
 
 They show in seconds whether a game draws what it does, for example that "up" is up. Needs neither torch nor pydantic.
 """
@@ -146,7 +146,19 @@ def random_play(session: Session, every: int, seed: int) -> Iterator[Tile]:
             for encoder, step, total in zip(encoders, after, rewards, strict=True):
                 total += encoder.rewards(step)
         lines = [Line(f"decision {decisions}"), *_describe(spec, acts, before, rewards)]
-        yield Tile(pictures[0], [*lines, Line("a new episode has begun")] if ended else lines)
+        shown = [*lines, Line("a new episode has begun")] if ended else lines
+        yield Tile(pictures[0], shown, observed_images(spec, after))
+
+
+def observed_images(spec: pb.GameSpec, steps: Sequence[StepArrays]) -> list[Array]:
+    """Return the images that all agents observe, uint8 [height, width] or [height, width, 1 or 3]."""
+    return [
+        image
+        for behavior, step in zip(spec.behaviors, steps, strict=True)
+        for sensor, values in zip(behavior.sensors, step.observations, strict=True)
+        if sensor.HasField("image")
+        for image in values
+    ]
 
 
 def press_at_random(device: pb.Device, act: ActArrays, rng: np.random.Generator) -> None:

@@ -66,9 +66,11 @@ class PolicyConfig(Checked):
         "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
     )
     scale_rewards: bool = Field(False, description="divide rewards by the deviation of the returns so far")
-    image_encoder: Literal["none", "simple", "nature", "impala"] = Field(
-        "none", description="convolutions over sensors that are images; none: their pixels are plain numbers"
-    )
+    image_encoder: Literal["auto", "none", "windows", "simple", "nature", "impala"] = Field(
+        "auto", description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
+        "are plain numbers"
+    )  # fmt: skip
+    shared_encoder: bool = Field(True, description="actor and critic share the convolutions")
     frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
@@ -114,7 +116,8 @@ class Config(Checked):
         "HIGH]} or {choice: [VALUE, …]}: drawn at each episode"
     )  # fmt: skip
     curriculum: Lessons = Field(
-        [], description="lessons, one after the other: `parameters`, and `until` when, see Curricula in TRAINING.md"
+        [],
+        description="lessons, one after the other: `parameters`, and `until` when, see Curricula in docs/training.md",
     )
     layout: str = Field(
         "hybrid",

@@ -15,10 +15,12 @@ from joybridge.demonstrations.recorded import Demonstration
 from joybridge.layouts import Layout
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
-from joybridge.policy.encoder import FrameStack
+from joybridge.policy.encoder import Stacks
 from joybridge.policy.policy import Policy
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.loss import Actions
+from joybridge.ppo.observation import Observation, join
+from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -52,11 +54,12 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
     found = [part for demonstration in shown for part in _decisions(actor, demonstration)]
     if not found:
         return None, f"{actor.name}: no decision of a finished episode is demonstrated"
-    observations, axes, choices = (np.concatenate([part[i] for part in found]) for i in range(3))
+    observations = join([part[0] for part in found])
+    axes, choices = (np.concatenate([part[i] for part in found]) for i in (1, 2))
     masks = None
     if any(part[3] is not None for part in found):
         device = shown[0].spec.behaviors[actor.behavior].device
-        masks = [_join_masks([part[3] for part in found], [len(part[0]) for part in found], i, len(branch.choices))
+        masks = [_join_masks([part[3] for part in found], [len(part[1]) for part in found], i, len(branch.choices))
                  for i, branch in enumerate(device.branches)]  # fmt: skip
     act, layout = ActArrays(axes, choices), actor.layout
     continuous, discrete = layout.read(act)
@@ -77,31 +80,32 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
             f"average, {moved[said].max():.1%} at most"
         )
     additions = _additions(layout, masks, discrete)
-    own = [torch.from_numpy(np.ascontiguousarray(part[said])) for part in (observations, continuous, discrete)]
+    own = [torch.from_numpy(np.ascontiguousarray(part[said])) for part in (continuous, discrete)]
+    seen = to_tensors(observations.rows(said), actor.accelerator)
     masked = None if additions is None else torch.from_numpy(additions[said])
-    learned = Actions(observations=own[0], continuous=own[1], discrete=own[2], masks=masked)
+    learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked)
     return learned.to(actor.accelerator), remark
 
 
 def _decisions(
     actor: Actor, demonstration: Demonstration
-) -> Iterator[tuple[Array, Array, Array, Sequence[Array] | None]]:
+) -> Iterator[tuple[Observation, Array, Array, Sequence[Array] | None]]:
     """Yield observations, axes, choices and masks of all lanes that a decision is demonstrated in."""
     index = actor.behavior
     for stretch in demonstration.stretches:
         ends, first = stretch.ends(index), stretch.steps[0][index]
         if not len(ends):  # a dataset is of another behavior
             continue
-        stack = FrameStack(len(ends), actor.encoder.size, actor.config.frame_stack)
-        stack.begin(actor.frames(first.observations))
+        stack = Stacks(actor.encoder, len(ends), actor.config.frame_stack)
+        stack.begin(actor.see(first.observations))
         for number, act in enumerate(stretch.acts):
             lanes = stretch.demonstrated(number, index) & (number <= ends)
             if lanes.any():
                 masks = stretch.steps[number][index].masks
                 own = None if masks is None else [mask[lanes] for mask in masks]
-                yield stack.now[lanes], act[index].axes[lanes], act[index].choices[lanes], own
+                yield stack.now.rows(lanes), act[index].axes[lanes], act[index].choices[lanes], own
             after = stretch.steps[number + 1][index]
-            stack.push(actor.frames(after.observations), after)
+            stack.push(actor.see(after.observations), after)
 
 
 def _join_masks(parts: Sequence[Sequence[Array] | None], rows: Sequence[int], branch: int, choices: int) -> Array:

@@ -14,7 +14,7 @@ The paper compares such mappings. Each works on the device of any spec, knows no
 
 A button is a branch of two choices. `mixed.py` gives single axes, branches and behaviors a layout of their own,
 and `find.py` takes layouts from other packages. A layout is a `Layout`: parts that say what each continuous action
-and each branch of a policy does. trainer/LAYOUTS.md shows how to write one.
+and each branch of a policy does. docs/layouts.md shows how to write one.
 """
 
 from joybridge.config.errors import DeviceError, SettingError

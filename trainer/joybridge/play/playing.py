@@ -22,11 +22,12 @@ from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.config_fit import fitting_spec
-from joybridge.policy.encoder import FrameStack
+from joybridge.policy.encoder import Stacks
 from joybridge.policy.hand import make_hands
 from joybridge.policy.stratify import balanced_options
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.fast.kernels import Action, draw_noise
+from joybridge.ppo.observation import Observation
 from joybridge.ppo.rollout import Decision
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import play_config
@@ -60,7 +61,7 @@ class Player:
         """Begin in so many lanes. deterministic: always the likeliest action. `seed` fixes the samples."""
         self.actor, self.deterministic = actor, deterministic
         self.lanes = lanes
-        self._stack = FrameStack(lanes, actor.encoder.size, actor.config.frame_stack)
+        self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
         self._rng = np.random.default_rng([seed, actor.seed])
         space = actor.layout.space
         branches = len(space.branches)
@@ -71,13 +72,13 @@ class Player:
         )  # fmt: skip
 
     @property
-    def observations(self) -> Array:
-        """Return what the policy observes now, [lanes, observation]."""
+    def observations(self) -> Observation:
+        """What the policy observes now."""
         return self._stack.now
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
-        self._stack.begin(self.actor.frames(step.observations))
+        self._stack.begin(self.actor.see(step.observations))
 
     def act(self, step: StepArrays, act: ActArrays) -> None:
         """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
@@ -90,7 +91,7 @@ class Player:
 
     def store(self, step: StepArrays) -> Array:
         """Take what followed the action; return the rewards [lanes]."""
-        self._stack.push(self.actor.frames(step.observations), step)
+        self._stack.push(self.actor.see(step.observations), step)
         return self.actor.encoder.rewards(step)
 
 

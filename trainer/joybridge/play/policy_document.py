@@ -1,7 +1,7 @@
 """An exported policy as plain data: everything that plays one behavior, and nothing that learns.
 
 `onnx_model.py` builds an ONNX model from it. A JSON file is this document as it is, with each array as
-`{"shape": [...], "float32": BASE64}`, little-endian and row-major. proto/examples/POLICIES.md documents it.
+`{"shape": [...], "float32": BASE64}`, little-endian and row-major. docs/exported-policies.md documents it.
 """
 
 import base64
@@ -72,7 +72,7 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
-    if actor.network.actor.images is not None:
+    if actor.network.encoders:
         raise ExportError(
             f"{actor.name}: networks with convolutions cannot be exported; train it with image_encoder=none, or play "
             "it with the trainer"

@@ -10,6 +10,7 @@ from joybridge.contract.codec import StepArrays
 from joybridge.layouts import CLIP, AxisTable, JointTable
 from joybridge.play.playing import Player
 from joybridge.ppo.distributions import fill_masks
+from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.v1 import bridge_pb2 as pb
 
 MOST = 12  # choices of a branch whose probabilities are shown, the likeliest
@@ -19,7 +20,7 @@ MOST = 12  # choices of a branch whose probabilities are shown, the likeliest
 def opinion(player: Player, spec: pb.GameSpec, steps: Sequence[StepArrays]) -> dict[str, Any]:
     """Return what a policy thinks of the present observations: a value and probabilities per lane, for people."""
     actor = player.actor
-    outputs = actor.network(torch.from_numpy(player.observations))
+    outputs = actor.network(to_tensors(player.observations, actor.accelerator))
     device = spec.behaviors[actor.behavior].device
     tables = [_labels(table, device) for table in actor.layout.discrete]
     masks = np.zeros(outputs.logits.shape, np.float32)

@@ -1,7 +1,7 @@
 """What plays: the observation encoder, the network and the layout of one policy, without anything that learns."""
 
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -20,8 +20,9 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS
 from joybridge.ppo.fast.towers import Form, form, heads
-from joybridge.ppo.images import find_images
 from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.observation import Observation
+from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.ppo.rollout import Decision
 from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
@@ -38,28 +39,31 @@ class Actor:
         """Make an actor with an untrained network, which `seed` fixes. Raises ConfigError."""
         self.name, self.behavior, self.layout = role.name, role.behavior, role.layout
         self.config, self.seed = config, seed
-        self.encoder = ObservationEncoder(role.name, behavior, config.sensors, config.reward_weights)
-        images = find_images(role.name, config.image_encoder, self.encoder.sensors)
-        self.scaling = make_scaling(role.name, config.scale_observations, self.encoder.sensors, images)
+        self.encoder = ObservationEncoder(
+            role.name, behavior, config.sensors, config.reward_weights, config.image_encoder
+        )
+        self.scaling = make_scaling(role.name, config.scale_observations, self.encoder.numbers)
         self.metrics = [metric.name for metric in behavior.metrics]
         self.branches, self.gaussians = role.layout.names(behavior.device)
         space = role.layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
-        make_images = partial(
-            ImageEncoder, config.image_encoder, images, self.encoder.size, config.frame_stack, config.activation
-        )
-        network = Network(
-            self.observation_size, space, config.hidden_sizes, shared, seed, config.activation,
-            make_images if images else None,
-        )  # fmt: skip
+        pictures = [*self.encoder.images.values()]
+        count = 0 if not pictures else 1 if shared or config.shared_encoder else 2
+        encoders = [
+            ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
+            for _ in range(count)
+        ]
+        network = Network(self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders)
         self.network = network.to(self.accelerator)
 
-    def frames(self, observations: Sequence[Array]) -> Array:
-        """Return frames as the network gets them, float32 [rows, frame]: the sensors side by side, scaled."""
+    def see(self, observations: Sequence[Array]) -> Observation:
+        """Return one frame as the network gets it: the sensors side by side, scaled, and one picture of each image."""
         frames = self.encoder.frames(observations)
-        return frames if self.scaling is None else self.scaling.apply(frames)
+        if self.scaling is not None:
+            frames = self.scaling.apply(frames)
+        return Observation(frames, self.encoder.pictures(observations))
 
     def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
         """Sample actions and values into `decision`, and write the actions into the policy's part of `act`.
@@ -75,25 +79,25 @@ class Actor:
                 sample_actions(self.network, outputs, masks, noise, action, deterministic=deterministic)
         else:
             allowed = NO_MASKS if masks is None else masks
-            decide(*self._compiled, observations, allowed, noise, deterministic, action, values)
+            decide(*self._compiled, observations.numbers, allowed, noise, deterministic, action, values)
         self.layout.write(action.continuous, action.discrete, act, step.masks)
 
-    def values(self, observations: Array) -> Array:
-        """Return the values, float32 [rows], of observations, float32 [rows, observation]."""
+    def values(self, observations: Observation) -> Array:
+        """Return the values, float32 [rows], of observations."""
         return self._heads(observations)[1].numpy(force=True)
 
     @torch.inference_mode()
-    def _heads(self, observations: Array) -> tuple[torch.Tensor, torch.Tensor]:
+    def _heads(self, observations: Observation) -> tuple[torch.Tensor, torch.Tensor]:
         """Return what `Network.heads` does."""
         if self._compiled is None:
-            return self.network.heads(torch.from_numpy(observations).to(self.accelerator))
-        outputs, values = heads(*self._compiled, observations)
+            return self.network.heads(to_tensors(observations, self.accelerator))
+        outputs, values = heads(*self._compiled, observations.numbers)
         return torch.from_numpy(outputs), torch.from_numpy(values)
 
     @cached_property
     def _compiled(self) -> tuple[Array, Form] | None:
         """The parameters as compiled functions take them, None where PyTorch computes the network."""
-        if self.network.actor.images is not None or self.accelerator.type != "cpu":
+        if self.network.encoders or self.accelerator.type != "cpu":
             return None
         return flatten_parameters(self.network).detach().numpy(), form(self.network)
 

@@ -12,7 +12,6 @@ from joybridge.layouts import Role, list_roles
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.policy.scaling import make_scaling
 from joybridge.policy.stratify import balanced_options
-from joybridge.ppo.images import find_images
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -39,9 +38,9 @@ def check_fit(config: Config, spec: pb.GameSpec) -> None:
     balanced_options(config, spec)
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]
-        encoder = ObservationEncoder(role.name, behavior, policy.sensors, policy.reward_weights)
-        images = find_images(role.name, policy.image_encoder, encoder.sensors)
-        make_scaling(role.name, policy.scale_observations, encoder.sensors, images)
+        weights, images = policy.reward_weights, policy.image_encoder
+        encoder = ObservationEncoder(role.name, behavior, policy.sensors, weights, images)
+        make_scaling(role.name, policy.scale_observations, encoder.numbers)
 
 
 def check_curriculum(config: Config, spec: pb.GameSpec) -> None:

@@ -1,10 +1,11 @@
 """Observations and rewards as a policy gets them: sensors side by side, frames stacked, channels weighted.
 
-Training, playing and the Gymnasium environments use this code, so a policy sees the same numbers everywhere. A frame
-is the chosen sensors side by side, float32. An observation is the last `frame_stack` frames, oldest first, zeros
-before the first frame of an episode. Frames of lanes that wait are not pushed.
+Training, playing and the Gymnasium environments use this code, so a policy sees the same everywhere. A frame is the
+chosen sensors but images side by side, float32; images keep their form. An observation is the last `frame_stack` frames
+and pictures, oldest first, zeros before the first of an episode. Those of lanes that wait are not pushed.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -14,6 +15,8 @@ from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
+from joybridge.ppo.images import find_images
+from joybridge.ppo.observation import Observation
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -21,11 +24,13 @@ class ObservationEncoder:
     """Turns the step of a behavior into the frames and rewards of one policy."""
 
     def __init__(
-        self, name: str, behavior: pb.Behavior, sensors: Sequence[str] | None, reward_weights: Mapping[str, float]
-    ) -> None:
+        self, name: str, behavior: pb.Behavior, sensors: Sequence[str] | None, reward_weights: Mapping[str, float],
+        image_encoder: str = "none",
+    ) -> None:  # fmt: skip
         """Choose sensors (None: all) and the weights of reward channels where they differ from the defaults.
 
-        name: of the policy, for errors. Raises ConfigError for a sensor or channel that the game does not have.
+        name: of the policy, for errors. image_encoder: see `find_images`; with "none", images are plain numbers. Raises
+        ConfigError for a sensor or channel that the game does not have.
         """
         known = [sensor.name for sensor in behavior.sensors]
         channels = [channel.name for channel in behavior.channels]
@@ -33,15 +38,24 @@ class ObservationEncoder:
         _require_known(f"{name}: sensors", chosen, known)
         _require_known(f"{name}: reward_weights", reward_weights, channels)
         self.sensors = [behavior.sensors[known.index(sensor)] for sensor in chosen]
-        self.size = sum(element_count(sensor) for sensor in self.sensors)
-        self._columns = [known.index(sensor) for sensor in chosen]
+        self.images = find_images(name, image_encoder, self.sensors)
+        self.numbers = [sensor for sensor in self.sensors if sensor.name not in self.images]
+        self.size = sum(element_count(sensor) for sensor in self.numbers)
+        self._columns = [known.index(sensor.name) for sensor in self.numbers]
+        self._pictures = [(known.index(name), image) for name, image in self.images.items()]
         weights = {channel.name: channel.default_weight for channel in behavior.channels} | dict(reward_weights)
         self._weights = np.array([weights[channel] for channel in channels], np.float32)
 
     def frames(self, observations: Sequence[Array]) -> Array:
-        """Return the chosen sensors side by side, float32 [rows, size]."""
+        """Return the chosen sensors but images side by side, float32 [rows, size]."""
         rows = len(observations[0])
+        if not self._columns:
+            return np.zeros((rows, 0), np.float32)
         return np.concatenate([observations[i].reshape(rows, -1) for i in self._columns], axis=1, dtype=np.float32)
+
+    def pictures(self, observations: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the images, uint8 [rows, height, width, channels] each."""
+        return tuple(observations[column].reshape(-1, *image) for column, image in self._pictures)
 
     def rewards(self, step: StepArrays) -> Array:
         """Return the weighted sum of the reward channels, float32 [lanes]."""
@@ -54,9 +68,10 @@ def push_frames(now: Array, frames: Array, step: StepArrays, after: Array) -> No
     frames [lanes, frame]: the newest, which for lanes that have ended is the first of the next episode.
     """
     size = frames.shape[1]
-    after[:, :-size] = now[:, size:]
-    after[:, -size:] = frames
-    after[step.ended, :-size] = 0.0
+    old = now.shape[1] - size
+    after[:, :old] = now[:, size:]
+    after[:, old:] = frames
+    after[step.ended, :old] = 0
     if step.deciding is not None:
         waiting = ~(step.deciding | step.terminated | step.truncated)
         after[waiting] = now[waiting]
@@ -81,13 +96,41 @@ class FrameStack:
 
     def begin(self, frames: Array) -> None:
         """Begin new episodes in all lanes with their first frames [lanes, frame]."""
-        self.now[:, : -self._frame] = 0.0
-        self.now[:, -self._frame :] = frames
+        self.now[:, : self.now.shape[1] - self._frame] = 0
+        self.now[:, self.now.shape[1] - self._frame :] = frames
 
     def push(self, frames: Array, step: StepArrays) -> None:
         """Push the newest frames [lanes, frame]."""
         push_frames(self.now, frames, step, self._spare)
         self.now, self._spare = self._spare, self.now
+
+
+class Stacks:
+    """The present observations of some lanes while a policy plays: numbers, and the last pictures of each image."""
+
+    def __init__(self, encoder: ObservationEncoder, lanes: int, frame_stack: int) -> None:
+        """Begin with zeros."""
+        self._numbers = FrameStack(lanes, encoder.size, frame_stack)
+        self._shapes = [(frame_stack, *image) for image in encoder.images.values()]
+        self._images = [FrameStack(lanes, math.prod(shape[1:]), frame_stack, np.uint8) for shape in self._shapes]
+
+    @property
+    def now(self) -> Observation:
+        """The observations that the next decisions are based on."""
+        images = (one.now.reshape(-1, *shape) for one, shape in zip(self._images, self._shapes, strict=True))
+        return Observation(self._numbers.now, tuple(images))
+
+    def begin(self, seen: Observation) -> None:
+        """Begin new episodes in all lanes with what they see first: frames, and one picture of each image."""
+        self._numbers.begin(seen.numbers)
+        for stack, pictures in zip(self._images, seen.images, strict=True):
+            stack.begin(pictures.reshape(len(pictures), -1))
+
+    def push(self, seen: Observation, step: StepArrays) -> None:
+        """Push what lanes see now."""
+        self._numbers.push(seen.numbers, step)
+        for stack, pictures in zip(self._images, seen.images, strict=True):
+            stack.push(pictures.reshape(len(pictures), -1), step)
 
 
 def _require_known(where: str, names: Iterable[str], known: Sequence[str]) -> None:

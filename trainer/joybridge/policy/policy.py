@@ -13,6 +13,7 @@ from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
 from joybridge.ppo.cloning import Cloning, minibatches
 from joybridge.ppo.loss import Actions
+from joybridge.ppo.observation import Observation
 from joybridge.ppo.return_scale import ReturnScale
 from joybridge.ppo.rollout import RolloutBuffer
 from joybridge.ppo.update import Learner
@@ -43,7 +44,10 @@ class Policy:
         bounds = [lane_count(behavior, arena) for arena in arenas]
         self.lanes = bounds[-1]
         groups = [slice(first, end) for first, end in pairwise(bounds)]
-        self.rollout = RolloutBuffer(self.config.rollout_steps, groups, actor.observation_size, actor.layout.space)
+        self.rollout = RolloutBuffer(
+            self.config.rollout_steps, groups, actor.observation_size, actor.layout.space,
+            [*actor.encoder.images.values()], self.config.frame_stack,
+        )  # fmt: skip
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
         self.learner = Learner(
@@ -76,23 +80,32 @@ class Policy:
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
-        frames, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
-        now, after = rollout.observations[rollout.rows[group] : rollout.rows[group] + 2, rollout.groups[group]]
+        seen, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
+        t, lanes = rollout.rows[group], rollout.groups[group]
+        now, after = rollout.observations[t : t + 2, lanes]
         if step.truncated.any() and step.final_observations is not None:
-            last_frames = actor.frames(step.final_observations)
-            final_values = actor.values(final_observations(now, last_frames, step))
-        push_frames(now, frames, step, after)
+            last, before = actor.see(step.final_observations), rollout.observation(t, lanes).images
+            stacks = (
+                np.concatenate([stack[step.ended, 1:], pictures[:, None]], axis=1)
+                for stack, pictures in zip(before, last.images, strict=True)
+            )
+            final_values = actor.values(Observation(final_observations(now, last.numbers, step), tuple(stacks)))
+        push_frames(now, seen.numbers, step, after)
+        for history, pictures in zip(rollout.histories, seen.images, strict=True):
+            sources, next_sources, new = history.push(t, lanes, pictures)
+            push_frames(sources, new, step, next_sources)
         rollout.store(step, rewards, final_values, group)
-        self.episodes.add(step, rewards, rollout.groups[group])
+        self.episodes.add(step, rewards, lanes)
 
-    def _watch(self, step: StepArrays) -> Array:
-        """Return the frames of a step as the network gets them; those that are pushed count for their scaling."""
-        frames, scaling = self.actor.encoder.frames(step.observations), self.actor.scaling
-        if scaling is None:
-            return frames
-        pushed = None if step.deciding is None else step.deciding | step.terminated | step.truncated
-        scaling.watch(frames if pushed is None else frames[pushed])
-        return scaling.apply(frames)
+    def _watch(self, step: StepArrays) -> Observation:
+        """Return what a step shows as the network gets it; frames that are pushed count for their scaling."""
+        encoder, scaling = self.actor.encoder, self.actor.scaling
+        frames = encoder.frames(step.observations)
+        if scaling is not None:
+            pushed = None if step.deciding is None else step.deciding | step.terminated | step.truncated
+            scaling.watch(frames if pushed is None else frames[pushed])
+            frames = scaling.apply(frames)
+        return Observation(frames, encoder.pictures(step.observations))
 
     def rewards(self, decided: Array) -> Array:
         """Return the rewards of the full rollout as the critic learns them, [steps, lanes]; once per rollout."""
@@ -103,7 +116,7 @@ class Policy:
 
     def next_values(self) -> Array:
         """Return the values of the observations that follow the full rollout, [lanes]."""
-        return self.actor.values(self.rollout.observations[-1])
+        return self.actor.values(self.rollout.observation(-1))
 
     def shuffles(self) -> np.random.Generator:
         """Return the generator that shuffles the present rollout."""
@@ -138,6 +151,7 @@ class Policy:
             "updates": np.array(self.updates),
             "observations": self.rollout.observations[0].copy(),
             "deciding": self.rollout.deciding[0].copy(),
+            **{f"images.{i}": history.window(0).gather() for i, history in enumerate(self.rollout.histories)},
         }
 
     def load(self, state: dict[str, Array]) -> None:
@@ -150,4 +164,6 @@ class Policy:
         self.updates = int(state["updates"])
         self.rollout.observations[0] = state["observations"]
         self.rollout.deciding[0] = state["deciding"]
+        for i, history in enumerate(self.rollout.histories):
+            history.load(state[f"images.{i}"])
         self.rollout.draw_noise(self._rng(SAMPLES))

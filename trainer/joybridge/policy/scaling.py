@@ -10,7 +10,6 @@ import numpy as np
 from joybridge.config.errors import ConfigError
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
-from joybridge.ppo.images import Image
 from joybridge.ppo.moments import Moments
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -54,24 +53,19 @@ class Scaling:
             self.refresh()
 
 
-def make_scaling(policy: str, kind: str, sensors: Sequence[pb.Sensor], images: Sequence[Image]) -> Scaling | None:
-    """Return how to scale the sensors of a policy, None if there is nothing to do.
+def make_scaling(policy: str, kind: str, sensors: Sequence[pb.Sensor]) -> Scaling | None:
+    """Return how to scale the sensors of a policy that are no images, None if there is nothing to do.
 
-    images: of `find_images`. Their pixels are scaled from 0..255 to 0..1 if they are uint8, and not at all otherwise.
     Raises ConfigError for "bounds" if no sensor has any.
     """
+    if kind == "none" or not sensors:
+        return None
     size = sum(element_count(sensor) for sensor in sensors)
-    shift, scale, numbers = np.zeros(size, np.float32), np.ones(size, np.float32), np.ones(size, bool)
-    uint8 = np.repeat([sensor.dtype == pb.DTYPE_UINT8 for sensor in sensors], [*map(element_count, sensors)])
-    for image in images:
-        numbers[image.begin : image.end] = False
-    scale[uint8 & ~numbers] = 1 / 255
-    if kind == "none":
-        return Scaling(shift, scale) if (scale != 1).any() else None
+    shift, scale = np.zeros(size, np.float32), np.ones(size, np.float32)
     if kind == "running":
-        return Scaling(shift, scale, np.flatnonzero(numbers))
+        return Scaling(shift, scale, np.arange(size))
     low, high = (np.concatenate(part) for part in zip(*map(_bounds, sensors), strict=True))
-    known = (np.abs(low) < NO_BOUND) & (np.abs(high) < NO_BOUND) & (low < high) & numbers
+    known = (np.abs(low) < NO_BOUND) & (np.abs(high) < NO_BOUND) & (low < high)
     if not known.any():
         names = ", ".join(sensor.name for sensor in sensors)
         raise ConfigError(

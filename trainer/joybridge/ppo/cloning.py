@@ -26,7 +26,7 @@ def minibatches(actions: Actions, size: int, rng: np.random.Generator) -> Iterat
     """Yield shuffled minibatches without end; each pass takes as many whole ones as there are."""
     size = min(size, len(actions))
     while True:
-        order = torch.from_numpy(rng.permutation(len(actions))).to(actions.observations.device)
+        order = torch.from_numpy(rng.permutation(len(actions))).to(actions.discrete.device)
         for start in range(0, len(actions) - size + 1, size):
             yield actions.rows(order[start : start + size])
 
@@ -35,6 +35,6 @@ def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> flo
     """Add the gradient of the loss, times `coef`, to that of the network; return the loss."""
     outputs = network(actions.observations)
     spread = network.log_variance if network.distributions else network.log_variance.clamp(min=MIN_LOG_VARIANCE)
-    loss = -joint_log_probs(outputs, spread, actions, network.distributions)[0].mean()
+    loss = -joint_log_probs(outputs, spread, actions, network.distributions, network.counting)[0].mean()
     (coef * loss).backward()  # type: ignore[no-untyped-call]
     return float(loss.detach())

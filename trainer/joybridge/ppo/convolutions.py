@@ -1,4 +1,4 @@
-"""Convolutions over the images of observations; all other numbers pass by. Differentiated by autograd."""
+"""Encoders of images: from bytes to features, beside which all numbers pass by. Differentiated by autograd."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,45 +6,46 @@ import torch
 from torch import Tensor, nn
 
 from joybridge.ppo.activations import ACTIVATIONS
-from joybridge.ppo.images import Image
+from joybridge.ppo.images import Image, encoder_kind
+from joybridge.ppo.observation_tensors import Observations
+
+FEATURES = 128  # of an image, with the encoder of windows
 
 
 class ImageEncoder(nn.Module):
-    """Turns flat observations into features: the other numbers of all frames, then the features of each image.
+    """Turns observations into features: the numbers, then the features of each image.
 
-    The frames of a stack are channels of one image, oldest first. Every image sensor has convolutions of its own.
+    The pictures of a stack are channels of one image, oldest first. Every image sensor has convolutions of its own.
+    Nothing is averaged over an image, because a pointer needs positions.
     """
 
-    others: Tensor
-
-    def __init__(self, kind: str, images: Sequence[Image], frame: int, frame_stack: int, activation: str) -> None:
-        """Encode the images of frames of `frame` numbers. kind: simple, nature or impala."""
+    def __init__(self, kind: str, images: Sequence[Image], numbers: int, frame_stack: int, activation: str) -> None:
+        """Encode stacks of so many pictures beside `numbers` numbers. kind: see `PolicyConfig.image_encoder`."""
         super().__init__()
-        self.images, self.frame_stack = images, frame_stack
-        others = torch.ones(frame, dtype=torch.bool)
+        builders = {"windows": _windows, "simple": _simple, "nature": _nature, "impala": _impala}
+        self.convolutions = nn.ModuleList()
+        self.features = numbers
         for image in images:
-            others[image.begin : image.end] = False
-        self.register_buffer("others", others.nonzero().squeeze(1), persistent=False)
-        build = {"simple": _simple, "nature": _nature, "impala": _impala}[kind]
-        self.convolutions = nn.ModuleList(build(image.channels * frame_stack, activation) for image in images)
-        with torch.no_grad():
-            self.features = self(torch.zeros(1, frame * frame_stack)).shape[1]  # numbers per observation
+            channels = image.channels * frame_stack
+            body = builders[encoder_kind(kind, image)](channels, activation)
+            with torch.no_grad():
+                size = body(torch.zeros(1, channels, image.height, image.width)).numel()
+            if encoder_kind(kind, image) == "windows":
+                body = nn.Sequential(body, nn.Flatten(), nn.Linear(size, FEATURES), Activate(activation))
+                size = FEATURES
+            self.convolutions.append(body)
+            self.features += size
 
-    def forward(self, observations: Tensor) -> Tensor:
-        """Return features [n, features] of observations [n, frame_stack x frame]."""
-        rows = len(observations)
-        frames = observations.view(rows, self.frame_stack, -1)
-        parts = [frames[:, :, self.others].flatten(1)]
-        for image, convolutions in zip(self.images, self.convolutions, strict=True):
-            shape = (rows, self.frame_stack, image.height, image.width, image.channels)
-            pixels = frames[:, :, image.begin : image.end].reshape(shape).permute(0, 1, 4, 2, 3)
-            parts.append(convolutions(pixels.reshape(rows, -1, image.height, image.width)).flatten(1))
+    def forward(self, observations: Observations) -> Tensor:
+        """Return features [n, features]."""
+        parts = [observations.numbers]
+        for stacks, convolutions in zip(observations.images, self.convolutions, strict=True):
+            assert isinstance(stacks, Tensor)
+            n, frames, height, width, channels = stacks.shape
+            # Bytes become numbers in the order of memory in which convolutions are fastest: channels last.
+            pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / 255
+            parts.append(convolutions(pixels.permute(0, 3, 1, 2)).flatten(1))
         return torch.cat(parts, dim=1)
-
-    @property
-    def layers(self) -> list[nn.Conv2d]:
-        """Return all convolutions."""
-        return [module for module in self.modules() if isinstance(module, nn.Conv2d)]
 
 
 class Activate(nn.Module):
@@ -74,6 +75,14 @@ class Residual(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """Return the input and what is added to it."""
         return values + self.layers(values)  # type: ignore[no-any-return]
+
+
+def _windows(channels: int, activation: str) -> nn.Module:
+    """Return two convolutions over windows that overlap by half, which cost a processor little."""
+    return nn.Sequential(
+        nn.Conv2d(channels, 16, 8, stride=4), Activate(activation),
+        nn.Conv2d(16, 32, 4, stride=2), Activate(activation),
+    )  # fmt: skip
 
 
 def _simple(channels: int, activation: str) -> nn.Module:

@@ -30,6 +30,27 @@ def branch_entropies(log_p: Tensor) -> Tensor:
     return -(log_p.exp() * log_p).sum(-1)
 
 
+def counting_actions(counting: Tensor, discrete: Tensor) -> Tensor | None:
+    """Return which continuous actions count with the choices of each row, bool [n, continuous]; None: all do.
+
+    counting: see `ActionSpace.counting`. discrete int64 [n, branches].
+    """
+    if not len(counting):
+        return None
+    branches = torch.arange(discrete.shape[1], device=discrete.device)
+    return counting[:, branches, discrete].all(-1).t()
+
+
+def mean_entropy(entropies: Tensor, counts: Tensor | None) -> Tensor:
+    """Return the mean over rows of the mean entropy of the continuous actions that count in each, 0 if none does.
+
+    entropies [n or 1, continuous]; counts: see `counting_actions`.
+    """
+    if counts is None:
+        return entropies.mean()
+    return (entropies * counts / counts.sum(1, keepdim=True).clamp(min=1)).sum(1).mean()
+
+
 def fill_masks(allowed: Sequence[Array] | None, masks: Array) -> None:
     """Write what to add to the logits into `masks` [lanes, branches, widest]: 0 or FORBIDDEN.
 
@@ -40,12 +61,18 @@ def fill_masks(allowed: Sequence[Array] | None, masks: Array) -> None:
         masks[:, branch, : mask.shape[1]] = np.where(mask, 0.0, FORBIDDEN)
 
 
-def gaussian_log_probs(mean: Tensor, log_variance: Tensor, continuous: Tensor) -> tuple[Tensor, Tensor]:
+def gaussian_log_probs(
+    mean: Tensor, log_variance: Tensor, continuous: Tensor, counts: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
     """Return the log-probability of the samples, summed over dimensions, [lanes], and the entropy, a number.
 
-    mean and continuous [lanes, dimensions], log_variance [dimensions]. As in the original, the entropy is
-    the mean over dimensions, not the sum, and does not depend on the state.
+    mean and continuous [lanes, dimensions], log_variance [dimensions]. counts: see `counting_actions`; the others
+    have log-probability and entropy 0. As in the original, the entropy is the mean over dimensions, not the sum, and
+    does not depend on the state.
     """
     squares = (continuous - mean).square() * torch.exp(-log_variance)
-    log_probs = -0.5 * (squares + log_variance + math.log(2 * math.pi)).sum(-1)
-    return log_probs, 0.5 * (math.log(2 * math.pi * math.e) + log_variance).mean()
+    log_probs = squares + log_variance + math.log(2 * math.pi)
+    if counts is not None:
+        log_probs = log_probs.where(counts, 0.0)
+    entropies = math.log(2 * math.pi * math.e) + log_variance
+    return -0.5 * log_probs.sum(-1), 0.5 * mean_entropy(entropies[None], counts)

@@ -1,51 +1,54 @@
-"""Which sensors of a policy are images. Needs no torch."""
+"""Which sensors of a policy are images, and their shapes. Needs no torch."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from joybridge.config.errors import ConfigError
-from joybridge.contract.limits import element_count
 from joybridge.v1 import bridge_pb2 as pb
 
-SMALLEST = {"simple": 1, "nature": 36, "impala": 1}  # pixels of each side that an encoder needs
+MIN_PIXELS = {"windows": 16, "simple": 1, "nature": 36, "impala": 1}  # of each side, that an encoder needs
 
 
 class Image(NamedTuple):
-    """An image within a frame: its numbers are row-major [height, width, channels], from `begin` on."""
+    """The shape of one picture: uint8 [height, width, channels]."""
 
-    begin: int
     height: int
     width: int
     channels: int
 
-    @property
-    def end(self) -> int:
-        """Return where the numbers after the image begin."""
-        return self.begin + self.height * self.width * self.channels
 
+def find_images(policy: str, encoder: str, sensors: Sequence[pb.Sensor]) -> dict[str, Image]:
+    """Return the images among the sensors of a policy by name. Raises ConfigError.
 
-def find_images(policy: str, encoder: str, sensors: Sequence[pb.Sensor]) -> list[Image]:
-    """Return the images in the frames of a policy; none for the encoder "none". Raises ConfigError.
-
-    Sensors of shape [height, width, channels] are images, and those of type uint8 and shape [height, width].
+    With the encoder "auto", they are those that the spec calls images. With "none", there are none: pixels are plain
+    numbers. Other encoders take all sensors of type uint8 and of shape [height, width, channels] or [height, width].
     """
     if encoder == "none":
-        return []
-    images, begin, smallest = [], 0, SMALLEST[encoder]
-    for sensor in sensors:
-        if len(sensor.shape) == 3 or (len(sensor.shape) == 2 and sensor.dtype == pb.DTYPE_UINT8):
-            height, width, channels = (*sensor.shape, 1)[:3]
-            if min(height, width) < smallest:
-                raise ConfigError(
-                    f"{policy}: image_encoder is {encoder}, which needs {smallest} x {smallest} pixels, but sensor "
-                    f"{sensor.name!r} has {height} x {width}; set image_encoder=simple"
-                )
-            images.append(Image(begin, height, width, channels))
-        begin += element_count(sensor)
-    if not images:
+        return {}
+    chosen = [s for s in sensors if (s.HasField("image") if encoder == "auto" else _is_picture(s))]
+    images = {sensor.name: Image(*(*sensor.shape, 1)[:3]) for sensor in chosen}
+    for name, image in images.items():
+        kind = encoder_kind(encoder, image)
+        if min(image.height, image.width) < MIN_PIXELS[kind]:
+            raise ConfigError(
+                f"{policy}: image_encoder is {encoder}, which needs {MIN_PIXELS[kind]} x {MIN_PIXELS[kind]} pixels, "
+                f"but sensor {name!r} has {image.height} x {image.width}; set image_encoder=simple"
+            )
+    if not images and encoder != "auto":
         shapes = ", ".join(f"{sensor.name} {list(sensor.shape)}" for sensor in sensors)
         raise ConfigError(
-            f"{policy}: image_encoder is {encoder}, but no sensor is an image of shape [height, width, channels] "
-            f"({shapes}); set image_encoder=none"
+            f"{policy}: image_encoder is {encoder}, but no sensor is an image of type uint8 and shape [height, width, "
+            f"channels] ({shapes}); leave image_encoder out"
         )
     return images
+
+
+def encoder_kind(encoder: str, image: Image) -> str:
+    """Return which convolutions an image gets: by default overlapping windows, or simple ones if it is small."""
+    if encoder != "auto":
+        return encoder
+    return "windows" if min(image.height, image.width) >= MIN_PIXELS["windows"] else "simple"
+
+
+def _is_picture(sensor: pb.Sensor) -> bool:
+    return sensor.dtype == pb.DTYPE_UINT8 and len(sensor.shape) in (2, 3)

@@ -13,8 +13,15 @@ from torch import Tensor
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.continuous import Distribution, entropies_of_each, log_probs_of_each
-from joybridge.ppo.distributions import branch_entropies, chosen_log_probs, gaussian_log_probs
+from joybridge.ppo.distributions import (
+    branch_entropies,
+    chosen_log_probs,
+    counting_actions,
+    gaussian_log_probs,
+    mean_entropy,
+)
 from joybridge.ppo.networks import Network, Outputs
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 
 
@@ -22,7 +29,7 @@ from joybridge.ppo.schedule import Coefficients
 class Actions:
     """Observations, and what was done; every tensor has one row per timestep."""
 
-    observations: Tensor  # [n, observation]
+    observations: Observations
     continuous: Tensor  # [n, continuous]: samples before clipping
     discrete: Tensor  # int64 [n, branches]
     masks: Tensor | None  # [n, branches, widest]: 0 or FORBIDDEN, added to the logits
@@ -39,7 +46,7 @@ class Actions:
         """Return the timesteps start .. end - 1 without copying them."""
         return self._each(lambda field: field[start:end])
 
-    def _each(self, function: Callable[[Tensor], Tensor]) -> Self:
+    def _each(self, function: Callable[[Any], Any]) -> Self:
         fields: dict[str, Any] = {name: None if f is None else function(f) for name, f in vars(self).items()}
         return type(self)(**fields)
 
@@ -63,12 +70,18 @@ LossGradient = Callable[[Batch, Tensor, Coefficients], Array]
 
 
 def joint_log_probs(
-    outputs: Outputs, log_variance: Tensor, batch: Actions, distributions: Sequence[Distribution] = ()
+    outputs: Outputs,
+    log_variance: Tensor,
+    batch: Actions,
+    distributions: Sequence[Distribution] = (),
+    counting: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return the joint log-probability of the actions [n], their mean entropy, and the entropies of the parts.
 
     Those are one per branch, and one per continuous action if these have other distributions than Gaussians.
+    counting: see `ActionSpace.counting`; None: all continuous actions always count.
     """
+    counts = None if counting is None else counting_actions(counting, batch.discrete)
     log_probs = torch.zeros_like(outputs.value)
     entropy = torch.zeros(())
     entropies = torch.zeros(0)
@@ -79,12 +92,12 @@ def joint_log_probs(
         entropies = branch_entropies(log_p).mean(0)
         entropy = entropies.sum()
     if distributions:
-        log_probs = log_probs + log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous)
+        log_probs = log_probs + log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous, counts)
         parts = entropies_of_each(distributions, outputs.mean, log_variance)
-        entropy = entropy + parts.mean()  # over the actions, as that of Gaussians
-        entropies = torch.cat([entropies.to(parts), parts])
+        entropy = entropy + mean_entropy(parts.t(), counts)  # over the actions, as that of Gaussians
+        entropies = torch.cat([entropies.to(parts), parts.mean(1)])
     elif batch.continuous.shape[1]:
-        gaussian, gaussian_entropy = gaussian_log_probs(outputs.mean, log_variance, batch.continuous)
+        gaussian, gaussian_entropy = gaussian_log_probs(outputs.mean, log_variance, batch.continuous, counts)
         log_probs = log_probs + gaussian
         entropy = entropy + gaussian_entropy
     return log_probs, entropy, entropies
@@ -99,7 +112,9 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     """
     clip = coefficients.clip_range
     outputs = network(batch.observations)
-    log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch, network.distributions)
+    log_probs, entropy, entropies = joint_log_probs(
+        outputs, network.log_variance, batch, network.distributions, network.counting
+    )
     log_ratio = log_probs - batch.log_probs
     ratio = torch.exp(log_ratio)
     surrogate = torch.min(ratio * batch.advantages, ratio.clamp(1 - clip, 1 + clip) * batch.advantages)

@@ -1,7 +1,7 @@
-"""The network of one policy: bodies of dense layers under linear heads for branches, means and the value."""
+"""The network of one policy: encoders of images and dense layers, with heads for branches, means and the value."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from joybridge.ppo.activations import ACTIVATIONS
 from joybridge.ppo.continuous import load_distributions
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
+from joybridge.ppo.observation_tensors import Observations
 
 
 class Outputs(NamedTuple):
@@ -26,12 +27,9 @@ class Outputs(NamedTuple):
 class Tower(nn.Module):
     """Hidden layers and a linear head without bias."""
 
-    def __init__(self, sizes: list[int], outputs: int, activation: str, images: ImageEncoder | None = None) -> None:
-        """Make layers between the given sizes, input first, and a head of `outputs`. images: what comes before."""
+    def __init__(self, sizes: list[int], outputs: int, activation: str) -> None:
+        """Make layers between the given sizes, input first, and a head of `outputs`."""
         super().__init__()
-        self.images = images
-        if images is not None:
-            sizes = [images.features, *sizes[1:]]
         self.activation = ACTIVATIONS[activation]
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
         self.head = nn.Linear(sizes[-1], outputs, bias=False)
@@ -43,15 +41,13 @@ class Tower(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """Return the head's outputs [lanes, outputs]."""
-        if self.images is not None:
-            features = self.images(features)
         for layer in self.hidden:
             features = self.activation(layer(features))
         return self.head(features)  # type: ignore[no-any-return]
 
 
 class Network(nn.Module):
-    """Actor and critic over flat observations: one tower for both, or one each.
+    """Actor and critic: one tower for both, or one each, over numbers and the features of images.
 
     The actor's outputs are the logits of all branches, each padded to the widest, then the means; the value
     comes last, or alone from the critic's tower. Only means and value have a bias. Initialized as the
@@ -64,23 +60,26 @@ class Network(nn.Module):
     """
 
     pad: Tensor
+    counting: Tensor  # see `ActionSpace.counting`
     sums: Tensor | None
 
     def __init__(
         self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int,
-        activation: str = "swish", images: Callable[[], ImageEncoder] | None = None,
+        activation: str = "swish", encoders: Sequence[ImageEncoder] = (),
     ) -> None:  # fmt: skip
         """Make a network for observations of `observation` numbers; `shared`: one tower for both.
 
-        images: makes what comes before the layers of each tower, if observations contain images.
+        encoders: what comes before the towers, if observations contain images: one for both, or one each.
         """
         super().__init__()
+        self.encoders = nn.ModuleList(encoders)
         self.space = space
         pad = torch.zeros(len(space.branches), space.widest)
         for branch, size in enumerate(space.branches):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
-        sizes = [observation, *hidden]
+        self.register_buffer("counting", torch.from_numpy(space.counting()), persistent=False)
+        sizes = [encoders[0].features if encoders else observation, *hidden]
         self.distributions = load_distributions(space.distributions)
         self._continuous, free = space.continuous, space.continuous  # outputs and parameters of continuous actions
         if self.distributions:
@@ -88,8 +87,8 @@ class Network(nn.Module):
             free = sum(each.parameters for each in self.distributions)
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
-        self.actor = Tower(sizes, columns, activation, images() if images else None)
-        self.critic = None if shared else Tower(sizes, 1, activation, images() if images else None)
+        self.actor = Tower(sizes, columns, activation)
+        self.critic = None if shared else Tower(sizes, 1, activation)
         self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
         self.log_variance = nn.Parameter(torch.zeros(free))
@@ -97,28 +96,28 @@ class Network(nn.Module):
         self._initialize(torch.Generator().manual_seed(seed))
 
     def _initialize(self, generator: torch.Generator) -> None:
-        for tower in (self.actor, self.critic):
-            layers: list[nn.Linear | nn.Conv2d] = []
-            if tower is not None:
-                layers = [*(tower.images.layers if tower.images is not None else ()), *tower.layers]
-            for layer in layers:
-                _variance_scaling(layer.weight.flatten(1), 1.0, generator)
-                if layer.bias is not None:
-                    nn.init.zeros_(layer.bias)
+        encoded = [module for encoder in self.encoders for module in encoder.modules()]
+        layers = [module for module in encoded if isinstance(module, nn.Conv2d | nn.Linear)]
+        layers += [layer for tower in (self.actor, self.critic) if tower is not None for layer in tower.layers]
+        for layer in layers:
+            _variance_scaling(layer.weight.flatten(1), 1.0, generator)
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
         policy = self.actor.head.weight[: self.pad.numel() + self._continuous]
         _variance_scaling(policy, 0.01, generator)
         value = (self.critic or self.actor).head.weight[-1:]
         nn.init.xavier_uniform_(value, generator=generator)
 
-    def heads(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+    def heads(self, observations: Observations) -> tuple[Tensor, Tensor]:
         """Return the actor's outputs [lanes, columns], without mask and bias, and the values [lanes]."""
-        outputs = self.actor(observations)
-        value = outputs if self.critic is None else self.critic(observations)
+        features = [encoder(observations) for encoder in self.encoders] or [observations.numbers]
+        outputs = self.actor(features[0])
+        value = outputs if self.critic is None else self.critic(features[-1])
         if self.sums is not None:
             outputs = outputs @ self.sums
         return outputs, value[:, -1] + self.value_bias
 
-    def forward(self, observations: Tensor) -> Outputs:
+    def forward(self, observations: Observations) -> Outputs:
         """Return what `heads` does, taken apart."""
         outputs, value = self.heads(observations)
         logits = outputs[:, : self.pad.numel()].view(len(outputs), *self.pad.shape) + self.pad
@@ -127,10 +126,6 @@ class Network(nn.Module):
     def continuous(self, outputs: Tensor) -> Tensor:
         """Return the means, or what other distributions get, from the outputs of `heads`."""
         return outputs[:, self.pad.numel() : self.pad.numel() + self._continuous] + self.mean_bias
-
-    def value(self, observations: Tensor) -> Tensor:
-        """Return the values [lanes] alone."""
-        return (self.critic or self.actor)(observations)[:, -1] + self.value_bias  # type: ignore[no-any-return]
 
 
 def ordinal_sums(space: ActionSpace, columns: int) -> Tensor | None:

@@ -11,13 +11,17 @@ from joybridge.contract.tensors import Array
 from joybridge.layouts import ActionSpace
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
+from joybridge.ppo.history import History
+from joybridge.ppo.images import Image
 from joybridge.ppo.loss import Batch
+from joybridge.ppo.observation import Observation
+from joybridge.ppo.observation_tensors import Observations
 
 
 class Decision(NamedTuple):
     """One decision of a group: what it is based on, and where its action and its values belong."""
 
-    observations: Array  # [lanes, observation]
+    observations: Observation
     masks: Array | None  # [lanes, branches, widest], added to the logits; None: all choices are allowed
     noise: Noise
     action: Action
@@ -30,13 +34,20 @@ class RolloutBuffer:
     Groups of lanes are filled one after the other; each has a row of its own, the next one to be filled.
     """
 
-    def __init__(self, steps: int, groups: Sequence[slice], observation: int, space: ActionSpace) -> None:
-        """Preallocate. groups: the lanes of each group, in order. observation: numbers per observation."""
+    def __init__(
+        self, steps: int, groups: Sequence[slice], observation: int, space: ActionSpace,
+        images: Sequence[Image] = (), frame_stack: int = 1,
+    ) -> None:  # fmt: skip
+        """Preallocate. groups: the lanes of each group, in order. observation: numbers per observation.
+
+        images: those of an observation, beside its numbers, in stacks of `frame_stack` pictures.
+        """
         lanes = groups[-1].stop
         self.groups = groups
         self.rows = [0] * len(groups)
         self.space = space
         self.observations = np.zeros((steps + 1, lanes, observation), np.float32)
+        self.histories = [History(steps, lanes, image, frame_stack) for image in images]
         self.continuous = np.zeros((steps, lanes, space.continuous), np.float32)
         self.discrete = np.zeros((steps, lanes, len(space.branches)), np.int64)
         self.masks: Array | None = None  # [steps, lanes, branches, widest], made when a game first forbids a choice
@@ -55,11 +66,13 @@ class RolloutBuffer:
         """Return whether an update is due."""
         return all(row == len(self.rewards) for row in self.rows)
 
-    def begin(self, frames: Array, deciding: Array | None, group: int = 0) -> None:
-        """Put the first frames [lanes of the group, frame] of new episodes."""
+    def begin(self, seen: Observation, deciding: Array | None, group: int = 0) -> None:
+        """Put what the lanes of a group see first in new episodes: frames, and one picture of each image."""
         lanes = self.groups[group]
         self.observations[0, lanes] = 0.0
-        self.observations[0, lanes, -frames.shape[1] :] = frames
+        self.observations[0, lanes, self.observations.shape[2] - seen.numbers.shape[1] :] = seen.numbers
+        for history, pictures in zip(self.histories, seen.images, strict=True):
+            history.begin(pictures, lanes)
         self.deciding[0, lanes] = True if deciding is None else deciding
 
     def draw_noise(self, rng: np.random.Generator) -> None:
@@ -73,12 +86,17 @@ class RolloutBuffer:
         """
         t, lanes = self.rows[group], self.groups[group]
         return Decision(
-            self.observations[t, lanes],
+            self.observation(t, lanes),
             self._set_masks(allowed, t, lanes),
             Noise(self.noise.normal[t, lanes], self.noise.uniform[t, lanes]),
             Action(self.continuous[t, lanes], self.discrete[t, lanes], self.log_probs[t, lanes]),
             self.values[t, lanes],
         )
+
+    def observation(self, t: int, lanes: slice = slice(None)) -> Observation:
+        """Return what decision t sees in some lanes; -1: what follows the last one."""
+        images = tuple(history.window(t, lanes).gather() for history in self.histories)
+        return Observation(self.observations[t, lanes], images)
 
     def _set_masks(self, allowed: Sequence[Array] | None, t: int, lanes: slice) -> Array | None:
         """Store which choices a decision allows; return what to add to the logits, None where all are allowed."""
@@ -138,7 +156,9 @@ class RolloutBuffer:
 
         chosen = flat(advantages).numpy()
         return Batch(
-            observations=flat(self.observations[:-1]),
+            observations=Observations(
+                flat(self.observations[:-1]), tuple(history.decided(decided) for history in self.histories)
+            ),
             continuous=flat(self.continuous),
             discrete=flat(self.discrete),
             masks=None if self.masks is None else flat(self.masks),
@@ -151,6 +171,8 @@ class RolloutBuffer:
     def restart(self) -> None:
         """Begin the next rollout where this one ended."""
         self.observations[0] = self.observations[-1]
+        for history in self.histories:
+            history.restart()
         self.deciding[0] = self.deciding[-1]
         self.pending[:] = -1
         self.rows = [0] * len(self.groups)

@@ -35,7 +35,7 @@ class Learner:
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
-        processor, dense layers alone, and Gaussians or choices. threads: of the closed form.
+        processor, no images, and Gaussians or choices. threads: of the closed form.
         """
         self.name, self.network, self.gaussians = name, network, gaussians
         self.weights = flatten_parameters(network)
@@ -44,7 +44,7 @@ class Learner:
             "exp_avg": torch.zeros_like(self.weights, requires_grad=False),
             "exp_avg_sq": torch.zeros_like(self.weights, requires_grad=False),
         }
-        self.closed = not autograd and not network.distributions and network.actor.images is None
+        self.closed = not autograd and not network.distributions and not network.encoders
         self.gradient: LossGradient = (
             ClosedFormGradient(network, threads) if self.closed else partial(autograd_gradient, network)
         )

@@ -55,7 +55,7 @@ class Adviser:
     def _far_sensors(self) -> Iterator[tuple[str, float]]:
         """Yield the sensors with numbers beyond FAR, and the largest size of one."""
         encoder, begin = self._policy.actor.encoder, -self._policy.actor.encoder.size  # of the newest frame
-        for sensor in encoder.sensors:
+        for sensor in encoder.numbers:
             end = begin + element_count(sensor)
             numbers = self._policy.rollout.observations[:, :, begin : end or None]
             peak = max(float(numbers.max()), -float(numbers.min()))

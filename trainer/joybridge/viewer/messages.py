@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # it needs torch
     from joybridge.viewer.rival import Rival
 
 LONGEST = 1 << 20  # bytes of a message from a page
-QUALITY = 90  # of pictures: as fast as lower ones, see DECISIONS.md
+QUALITY = 90  # of the JPEG pictures; lower values are not drawn faster
 MOST_SEED = 2**64 - 1
 
 

@@ -6,9 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from joybridge.games.beastly_rivals import picture
 from joybridge.games.beastly_rivals import rules as r
 from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
+from joybridge.games.pictures import Eye
 from joybridge.games.pointer_game import PointerGame
+from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator import (
     ActArrays,
     Array,
@@ -50,6 +53,7 @@ OPTIONS = [
         description="together: the clocks of all arenas begin at 0, as in the original; spread: each arena's clock "
         "begins at another time, so an update sees all phases of the game, and an arena's first episodes are shorter",
     ),
+    *SIGHT_OPTIONS,
 ]
 
 PARAMETERS = [
@@ -60,7 +64,7 @@ MOTION = ["x", "z", "velocity x", "velocity z"]
 
 # Cursor, character and sphere may be slightly outside the pitch's boundary when they are observed. The beast is not
 # confined; its bounds are several times the values that it reaches.
-SENSORS = [
+NUMBERS = [
     sensor("blink", [2], 0.0, 1.0, "the character's blink", elements=["cooldown", "ready"]),
     sensor("cursor", [4], -1.1, 1.1, "position and velocity of the cursor", elements=MOTION),
     sensor("character", [4], -1.1, 1.1, "position and velocity of the character", elements=MOTION),
@@ -104,16 +108,16 @@ class BeastlyRivals(PointerGame):
     version = "1"
     options = OPTIONS
     arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
-    parameters, sensors, channels = PARAMETERS, SENSORS, CHANNELS
+    parameters, numbers, channels, field = PARAMETERS, NUMBERS, CHANNELS, picture.FIELD
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec. The option `locomotion` changes the device; `steer` adds a sensor."""
+        """Return the spec. The option `locomotion` changes the device, `observation` the sensors."""
         locomotion = LOCOMOTIONS[options["locomotion"]]
         survivor = behavior(
             "survivor",
             description="the cursor, and the character that it leads; the ground is x-z, so the pointer's y is z",
-            sensors=[*SENSORS, *locomotion.sensors],
+            sensors=cls.sensors(options),
             axes=locomotion.axes,
             branches=[
                 *locomotion.branches,
@@ -175,7 +179,7 @@ class BeastlyRivals(PointerGame):
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.decide(arenas, self.streams, self.rules, velocity, move, blink, rewards)
-        observations = self.observations()
+        observations = self.observations(arenas)
         terminated = self.fields["dead"].copy()
         truncated = (self.fields["clock"] >= r.CLOCK_TICKS) & ~terminated
         step = StepArrays(observations, rewards.astype(np.float32), terminated, truncated)
@@ -187,12 +191,18 @@ class BeastlyRivals(PointerGame):
             step.parameters = self.played_parameters(step.ended)
             self.draw_parameters(step.ended)
             self._begin_episodes(ends)
-            step.observations = self.observations()
+            first = self.observations(arenas[ends])
+            for values, new in zip(observations, first, strict=True):
+                values[ends] = new
         return [step]
 
-    def write_sensors(self, *values: Array) -> None:
-        """Write the values of every sensor."""
-        _observe(self.arenas, *values)
+    def write_numbers(self, arenas: Array, *values: Array) -> None:
+        """Write the values of every sensor of numbers."""
+        _observe(arenas, *values)
+
+    def paint(self, arenas: Array, eye: Eye, cursor: bool, images: Array) -> None:
+        """Paint what the agents see."""
+        picture.paint(arenas, eye, cursor, images)
 
     def _metrics(self) -> Array:
         arenas = self.arenas

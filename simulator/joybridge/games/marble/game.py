@@ -14,6 +14,8 @@ from joybridge.simulator import (
     TimeStep,
     axis,
     behavior,
+    image,
+    option,
     sensor,
     spec,
     termination,
@@ -28,7 +30,24 @@ RING, MARBLE = 0.22, 0.08  # radii; the board reaches from -1 to 1
 PULL = 0.02  # speed that full tilt adds per decision
 ROLLS = 0.95  # fraction of its speed that the marble keeps per decision
 FASTEST = PULL / (1 - ROLLS)  # the speed at constant full tilt
-SIZE = 280
+SIZE, VIEW = 280, 1.25  # of the picture: pixels; what it shows to each side of the middle
+OBSERVATIONS = {
+    "state": ("state",),
+    "screen": ("screen",),
+    "fovea": ("fovea",),
+    "screen+fovea": ("screen", "fovea"),
+    "all": ("state", "screen", "fovea"),
+}
+PIXELS, REACH = 48, 56  # width and height of images; pixels of the picture from the marble to the edge of the fovea
+SENSORS = {
+    "state": [
+        sensor("marble", [2], -1, 1, "x, y"),
+        sensor("speed", [2], -1, 1, "x, y, as a fraction of the highest"),
+        sensor("ring", [2], -2, 2, "x, y from the marble"),
+    ],
+    "screen": [image("screen", PIXELS, PIXELS, "the board", channels=3)],
+    "fovea": [image("fovea", PIXELS, PIXELS, "a square around the marble", channels=3, centered=True)],
+}
 
 
 class Marble(Game):
@@ -38,6 +57,14 @@ class Marble(Game):
     description = "Tilt the board until the marble lies in the ring: two axes."
     version = "1"
     in_event_loop = True
+    options = (
+        option(
+            "observation",
+            list(OBSERVATIONS),
+            description="what the hand observes. state: numbers; screen: an image of the board; fovea: one of a square "
+            "around the marble; all: everything. An image shows no speed",
+        ),
+    )
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
@@ -45,11 +72,7 @@ class Marble(Game):
         hand = behavior(
             "hand",
             description="rewarded for being near the middle of the ring, at most 1 per decision",
-            sensors=[
-                sensor("marble", [2], -1, 1, "x, y"),
-                sensor("speed", [2], -1, 1, "x, y, as a fraction of the highest"),
-                sensor("ring", [2], -2, 2, "x, y from the marble"),
-            ],
+            sensors=[one for part in OBSERVATIONS[options["observation"]] for one in SENSORS[part]],
             axes=[axis("tilt_x"), axis("tilt_y")],
             metrics=["inside", "lost"],
         )
@@ -84,7 +107,21 @@ class Marble(Game):
         self.ring = self.rng.uniform(-0.75, 0.75, 2)
 
     def _observe(self) -> dict[str, Array]:
-        return {"marble": self.place, "speed": self.speed / FASTEST, "ring": self.ring - self.place}
+        seen: dict[str, Array] = {}
+        wanted = OBSERVATIONS[self.option["observation"]]
+        if "state" in wanted:
+            seen |= {"marble": self.place, "speed": self.speed / FASTEST, "ring": self.ring - self.place}
+        if wanted == ("state",):
+            return seen
+        from joybridge.simulator.sight import fovea, shrink
+
+        picture = self.draw()
+        if "screen" in wanted:
+            seen["screen"] = shrink(picture, PIXELS, PIXELS, 3)
+        if "fovea" in wanted:
+            x, y = SIZE / 2 + self.place * (SIZE / 2 / VIEW) * (1, -1)
+            seen["fovea"] = fovea(picture, x, y, REACH, PIXELS, 3)
+        return seen
 
     def draw(self) -> Array:
         """Return a picture: the tilted board from above, with the ring and the marble."""
@@ -93,7 +130,7 @@ class Marble(Game):
         from joybridge.simulator.render import FINE, disc, fade, fit, picture
 
         canvas = pygame.Surface((SIZE * FINE, SIZE * FINE))
-        frame = fit(*canvas.get_size(), 1.25, 1.25)
+        frame = fit(*canvas.get_size(), VIEW, VIEW)
         fade(canvas, canvas.get_rect(), (74, 90, 112), (46, 56, 74))
         for layer in range(16):  # its shadow, then from its foot to its top
             x, y = self.tilt * (layer - 15) / 160

@@ -6,10 +6,13 @@ from typing import ClassVar
 import numpy as np
 
 from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
+from joybridge.games.pictures import Eye
 from joybridge.games.pointer_game import PointerGame
+from joybridge.games.shooting_birds import picture
 from joybridge.games.shooting_birds import rules as r
 from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES
 from joybridge.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
+from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator import (
     ActArrays,
     Array,
@@ -44,11 +47,12 @@ OPTIONS = [
         ["random", *map(str, range(LEVELS))],
         description="the obstacles: a random level in each episode, or always the same",
     ),
+    *SIGHT_OPTIONS,
 ]
 
 PARAMETERS = [parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds")]
 
-SENSORS = [
+NUMBERS = [
     sensor("gun", [2], 0.0, 2.0, "the gun", elements=["loaded", "ammo"]),
     sensor(
         "crosshair", [5], -2.0, 2.0, "position and velocity of the crosshair",
@@ -89,16 +93,16 @@ class ShootingBirds(PointerGame):
     version = "1"
     options = OPTIONS
     arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
-    parameters, sensors, channels = PARAMETERS, SENSORS, CHANNELS
+    parameters, numbers, channels, field = PARAMETERS, NUMBERS, CHANNELS, picture.FIELD
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec. The option `locomotion` changes the device; `steer` adds a sensor."""
+        """Return the spec. The option `locomotion` changes the device, `observation` the sensors."""
         locomotion = LOCOMOTIONS[options["locomotion"]]
         hunter = behavior(
             "hunter",
             description="the crosshair and the gun",
-            sensors=[*SENSORS, *locomotion.sensors],
+            sensors=cls.sensors(options),
             axes=locomotion.axes,
             branches=[
                 *locomotion.branches,
@@ -146,7 +150,7 @@ class ShootingBirds(PointerGame):
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         reserve(self.streams, r.MOST_DRAWS)
         r.tick(arenas, self.streams, self.rules, OBSTACLES, velocity, shoot, reload, rewards)
-        observations = self.observations()
+        observations = self.observations(arenas)
         truncated = self.fields["tick"] >= r.EPISODE_TICKS
         step = StepArrays(observations, rewards.astype(np.float32), np.zeros(len(arenas), bool), truncated)
         if truncated.any():  # then all are: the arenas' episodes have the same tick
@@ -156,12 +160,16 @@ class ShootingBirds(PointerGame):
             step.parameters = self.played_parameters(step.ended)
             self.draw_parameters(step.ended)
             r.begin_episodes(arenas, self.streams)
-            step.observations = self.observations()
+            step.observations = self.observations(arenas)
         return [step]
 
-    def write_sensors(self, *values: Array) -> None:
-        """Write the values of every sensor."""
-        _observe(self.arenas, self.rules, OBSTACLES, *values)
+    def write_numbers(self, arenas: Array, *values: Array) -> None:
+        """Write the values of every sensor of numbers."""
+        _observe(arenas, self.rules, OBSTACLES, *values)
+
+    def paint(self, arenas: Array, eye: Eye, cursor: bool, images: Array) -> None:
+        """Paint what the agents see."""
+        picture.paint(arenas, eye, cursor, images)
 
     def _metrics(self) -> Array:
         shots, hits, reloads = self.arenas.shots, self.arenas.hits, self.arenas.reloads

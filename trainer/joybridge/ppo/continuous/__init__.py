@@ -57,17 +57,25 @@ def sample_each(distributions: Sequence[Distribution], outputs: Tensor, paramete
 
 
 def log_probs_of_each(
-    distributions: Sequence[Distribution], outputs: Tensor, parameters: Tensor, samples: Tensor
+    distributions: Sequence[Distribution],
+    outputs: Tensor,
+    parameters: Tensor,
+    samples: Tensor,
+    counts: Tensor | None = None,
 ) -> Tensor:
-    """Return the log-densities of samples [n, actions], summed over the actions, [n]."""
+    """Return the log-densities of samples [n, actions], summed over the actions that count, [n].
+
+    counts: bool [n, actions]; None: all do.
+    """
     parts = _parts(distributions, outputs, parameters)
-    return torch.stack([each.log_prob(rows, own, samples[:, i]) for i, (each, rows, own) in enumerate(parts)]).sum(0)
+    each_own = torch.stack([each.log_prob(rows, own, samples[:, i]) for i, (each, rows, own) in enumerate(parts)])
+    return each_own.sum(0) if counts is None else each_own.where(counts.t(), 0.0).sum(0)
 
 
 def entropies_of_each(distributions: Sequence[Distribution], outputs: Tensor, parameters: Tensor) -> Tensor:
-    """Return the mean entropy of each action, [actions]."""
+    """Return the entropies of each action, [actions, n]."""
     parts = _parts(distributions, outputs, parameters)
-    return torch.stack([each.entropy(rows, own).mean() for each, rows, own in parts])
+    return torch.stack([each.entropy(rows, own) for each, rows, own in parts])
 
 
 def _parts(

@@ -45,7 +45,7 @@ class ClosedFormGradient:
     def __call__(self, batch: Batch, rows: Tensor, coefficients: Coefficients) -> Array:
         """Set the gradient of the loss on some rows of `batch`; return the statistics that `ppo_loss` returns."""
         timesteps = Rows(
-            batch.observations.numpy(), batch.continuous.numpy(), batch.discrete.numpy(),
+            batch.observations.numbers.numpy(), batch.continuous.numpy(), batch.discrete.numpy(),
             NO_MASKS if batch.masks is None else batch.masks.numpy(),
             batch.log_probs.numpy(), batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy(),
         )  # fmt: skip

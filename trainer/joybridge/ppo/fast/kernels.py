@@ -41,6 +41,7 @@ class Head(NamedTuple):
     mean_bias: Array  # [continuous]
     log_variance: Array  # [continuous]
     sizes: Array  # int64 [branches]: choices of each branch
+    counting: Array  # bool [continuous, branches, widest]; see `ActionSpace.counting`
 
 
 class Noise(NamedTuple):
@@ -138,12 +139,39 @@ def softmax(
 
 
 @compiled
+def counts(counting: Array, action: int, discrete: Array, row: int) -> bool:
+    """Return whether a continuous action counts with the choices of a row."""
+    if len(counting):
+        for b in range(counting.shape[1]):
+            if not counting[action, b, discrete[row, b]]:
+                return False
+    return True
+
+
+@compiled
+def shares_of_entropy(counting: Array, discrete: Array, dimensions: int) -> Array:
+    """Return the sum over rows of the share of each continuous action in the mean entropy of those that count."""
+    shares = np.zeros(dimensions)
+    if not len(counting):
+        shares[:] = len(discrete) / max(dimensions, 1)
+        return shares
+    for i in range(len(discrete)):
+        used = 0
+        for k in range(dimensions):
+            used += counts(counting, k, discrete, i)
+        for k in range(dimensions):
+            if counts(counting, k, discrete, i):
+                shares[k] += 1.0 / used
+    return shares
+
+
+@compiled
 def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bool, action: Action) -> None:
     """Sample an action per row and write it into `action`; likeliest: take the likeliest action instead.
 
     masks: see `softmax`.
     """
-    mean_bias, log_variance, sizes = head
+    mean_bias, log_variance, sizes, counting = head
     continuous, discrete, log_probs = action
     branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
@@ -168,7 +196,8 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
             deviation = 0.0 if likeliest else noise.normal[i, k]
             mean = outputs[i, branches * widest + k] + mean_bias[k]
             continuous[i, k] = mean + math.exp(0.5 * log_variance[k]) * deviation
-            log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
+            if counts(counting, k, discrete, i):
+                log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
         log_probs[i] = log_prob
 
 
@@ -190,7 +219,7 @@ def loss_gradient(
 
     Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
     """
-    mean_bias, log_variance, sizes = head
+    mean_bias, log_variance, sizes, counting = head
     continuous, discrete, n = rows.continuous, rows.discrete, total
     branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
@@ -208,6 +237,8 @@ def loss_gradient(
             statistics[COUNT + b] += entropies[b]
             log_prob += log_p[b, discrete[i, b]]
         for k in range(dimensions):
+            if not counts(counting, k, discrete, i):
+                continue
             deviation = continuous[i, k] - (outputs[i, branches * widest + k] + mean_bias[k])
             log_prob -= 0.5 * (deviation * deviation * precision[k] + log_variance[k] + LOG_2_PI)
 
@@ -227,6 +258,9 @@ def loss_gradient(
             gradient.outputs[i, b * widest + discrete[i, b]] += d_log_prob
         for k in range(dimensions):
             column = branches * widest + k
+            if not counts(counting, k, discrete, i):
+                gradient.outputs[i, column] = 0.0
+                continue
             deviation = continuous[i, k] - (outputs[i, column] + mean_bias[k])
             gradient.outputs[i, column] = d_log_prob * deviation * precision[k]
             gradient.mean_bias[k] += gradient.outputs[i, column]
@@ -240,10 +274,11 @@ def loss_gradient(
         gradient.values[i] = error / n if free else 0.0
 
     entropy /= n
-    share = len(outputs) / n
+    shares = shares_of_entropy(counting, discrete, dimensions)
     for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row; the mean over them counts
-        entropy += share * 0.5 * (LOG_2_PI + 1.0 + log_variance[k]) / dimensions
-        gradient.log_variance[k] -= share * 0.5 * entropy_coef / dimensions
+        share = shares[k] / n
+        entropy += share * 0.5 * (LOG_2_PI + 1.0 + log_variance[k])
+        gradient.log_variance[k] -= share * 0.5 * entropy_coef
     statistics[COUNT:] /= n
     statistics[0], statistics[1], statistics[2] = policy_loss / n, value_loss / n, entropy
     statistics[3], statistics[4] = kl / n, clipped_rows / n

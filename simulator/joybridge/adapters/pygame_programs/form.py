@@ -1,0 +1,149 @@
+"""What of a program an agent sees and controls: sensors, axes and branches, under given options."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from joybridge.adapters.pygame_programs.settings import PygameSettings
+from joybridge.adapters.settings import AdapterError
+from joybridge.simulator import axis, branch, button, channel, option, sensor
+from joybridge.v1 import bridge_pb2 as pb
+
+MAX_KEYS = 32  # that are buttons
+LEFT_RIGHT = ("left", "middle", "right")  # buttons of a mouse
+
+
+class Look(NamedTuple):
+    """What the first look at the program has shown."""
+
+    width: int  # of the display, in pixels
+    height: int
+    keys: dict[str, int]  # pygame's numbers by their names
+    pointer: bool
+    buttons: list[str]
+    wheel: bool
+    channels: list[str]
+    states: int  # numbers of the hook's sensor
+    metrics: list[str]
+
+    def reward_channels(self) -> list[pb.RewardChannel]:
+        """Return the reward channels."""
+        return [channel(name) for name in self.channels]
+
+
+def make_look(settings: PygameSettings, shown: Mapping[str, Any]) -> Look:
+    """Return the look at a program, with what the settings say instead. Raises AdapterError."""
+    numbers: Mapping[str, int] = shown["numbers"]
+    keys: Sequence[str] = settings.names.get("keys", shown["keys"])
+    if unknown := [key for key in keys if key not in numbers]:
+        raise AdapterError(f"got the key {unknown[0]!r}, expected a name of pygame without K_, as in LEFT, SPACE or a")
+    if len(keys) > MAX_KEYS:
+        raise AdapterError(
+            f"the program reads {len(keys)} keys, more than {MAX_KEYS}; choose with keys=LEFT,RIGHT,SPACE"
+        )
+    pointer = settings.flags.get("mouse", bool(shown["pointer"] or not keys))
+    buttons = settings.names.get("buttons", (shown["buttons"] or ["left"]) if pointer else [])
+    if unknown := [name for name in buttons if name not in LEFT_RIGHT]:
+        raise AdapterError(f"got the button {unknown[0]!r}, expected {', '.join(LEFT_RIGHT)}")
+    wheel = settings.flags.get("wheel", bool(shown["wheel"]))
+    if not (pointer or buttons or keys or wheel):
+        raise AdapterError("nothing is left to control; set keys=, mouse=true or buttons=left")
+    width, height = shown["size"]
+    chosen = {key: numbers[key] for key in keys}
+    return Look(
+        width, height, chosen, pointer, list(buttons), wheel, shown["channels"], shown["state"], shown["metrics"]
+    )
+
+
+def options_of(look: Look) -> list[pb.Option]:
+    """Return the options of a program."""
+    options = [option("decision_interval", ["4", "1", "2", "8"], description="Frames of the program per decision.")]
+    sizes = ["64", "48", "84", "128", *(["none"] if look.states else [])]
+    options += [
+        option("screen", sizes, description="The sensor `screen` has as many pixels as a square with this side."),
+        option("colors", ["rgb", "gray"], description="Of the pictures that are sensors."),
+    ]
+    if look.pointer:
+        options += [
+            option("pointer", ["position", "velocity"], description="What the two axes of the pointer set."),
+            option("fovea", ["none", "32", "64"], description="The sensor `fovea`: pixels around the pointer."),
+        ]
+    return options
+
+
+class Form(NamedTuple):
+    """Sensors, axes and branches under some options."""
+
+    interval: int  # frames per decision
+    pointer: str  # "position", "velocity", or "" for none
+    screen: list[int]  # height and width of the sensor, empty for none
+    fovea: int  # side of the sensor, 0 for none
+    gray: bool
+    look: Look
+
+    @property
+    def channels(self) -> int:
+        """Return the number of colors."""
+        return 1 if self.gray else 3
+
+    def sensors(self) -> list[pb.Sensor]:
+        """Return the sensors, in the order in which the program's process sends them."""
+        sensors = []
+        shapes = {"screen": self.screen, "fovea": [self.fovea] * 2 if self.fovea else []}
+        texts = {
+            "screen": "The whole display.",
+            "fovea": "The pixels around the pointer; black outside of the display.",
+        }
+        for name, shape in shapes.items():
+            if shape:
+                sensors.append(sensor(name, [*shape, self.channels], 0, 255, texts[name], dtype=np.uint8))
+        if self.look.states:
+            sensors.append(sensor("state", [self.look.states], description="What the hook returns."))
+        return sensors
+
+    def axes(self) -> list[pb.Axis]:
+        """Return the axes."""
+        if not self.pointer:
+            return []
+        stem = "pointer" if self.pointer == "position" else "pointer_velocity"
+        text = "Of the pointer: -1 is the {}, 1 the {} of the display."
+        if self.pointer == "velocity":
+            text = "Of the pointer, in 4 % of the display's width per frame; positive is {1}."
+        return [
+            axis(f"{stem}_x", description=text.format("left edge", "right edge")),
+            axis(f"{stem}_y", description=text.format("lower edge", "upper edge")),
+        ]
+
+    def branches(self) -> list[pb.Branch]:
+        """Return the branches: buttons of the mouse, keys, and the wheel."""
+        look = self.look
+        branches = [button(f"mouse_{name}", f"The {name} button of the mouse.") for name in look.buttons]
+        branches += [button(f"key_{name}", f"pygame.K_{name}") for name in look.keys]
+        if look.wheel:
+            branches.append(branch("wheel", ["none", "up", "down"], "The wheel of the mouse."))
+        return branches
+
+    def inside(self, seconds: float) -> dict[str, Any]:
+        """Return what the program's process needs to know. seconds: for a decision."""
+        return {
+            "interval": self.interval, "pointer": self.pointer, "screen": self.screen, "fovea": self.fovea,
+            "gray": self.gray, "buttons": self.look.buttons, "keys": list(self.look.keys.values()),
+            "wheel": self.look.wheel, "seconds": seconds,
+            "act_bytes": 4 * (len(self.axes()) + len(self.branches())),
+        }  # fmt: skip
+
+
+def make_form(look: Look, options: Mapping[str, str]) -> Form:
+    """Return the form of a program under its options."""
+    side = options["screen"]
+    screen: list[int] = []
+    if side != "none":
+        ratio = math.sqrt(look.height / look.width)
+        screen = [max(1, round(int(side) * ratio)), max(1, round(int(side) / ratio))]
+    fovea = options.get("fovea", "none")
+    return Form(
+        int(options["decision_interval"]), options.get("pointer", ""), screen, 0 if fovea == "none" else int(fovea),
+        options["colors"] == "gray", look,
+    )  # fmt: skip

@@ -1,0 +1,73 @@
+"""The process of a program: python -m joybridge.adapters.pygame_programs.inside FOLDER.
+
+FOLDER has the server's door, and in `settings.json` which program is to be run, and how.
+"""
+
+import faulthandler
+import json
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from joybridge.adapters.pygame_programs.inside.display import Refused
+from joybridge.adapters.pygame_programs.inside.player import Player
+from joybridge.adapters.pygame_programs.inside.program import ProgramError, find_program
+from joybridge.adapters.pygame_programs.inside.stage import Stage, own_folder
+from joybridge.adapters.pygame_programs.inside.stem import copy_beside
+from joybridge.adapters.pygame_programs.wire import knock
+
+OURS = str(Path(__file__).parent)
+
+
+def main() -> None:
+    """Run the program until the server has no use for this process."""
+    base = Path(sys.argv[1])
+    settings = json.loads((base / "settings.json").read_text())
+    faulthandler.enable()
+    faulthandler.register(signal.SIGALRM, chain=True)  # a frame that takes too long: its stack, and the end
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for forks
+    sys.dont_write_bytecode = True
+    signal.setitimer(signal.ITIMER_REAL, settings["start"])
+    player = Player(knock(str(base), 0))
+    folders = own_folder(base)
+    folders.enter(folders.own)
+    os.chdir(folders.own / "work")
+    player.stage = Stage(settings, folders, player.on_frame)
+    _run(player, settings)
+
+
+def _run(player: Player, settings: Mapping[str, Any]) -> None:
+    """Run the program to its end, however it comes."""
+    os._exit = sys.exit
+    fences = player.stage.fences
+    try:
+        player.stage.keep_score()
+        fences.raise_up(settings["memory"])
+        program = find_program(settings["place"], settings["arguments"])
+        player.root = program.root
+        if program.beside is not None:
+            with fences.trusting():
+                copy_beside(program.beside, Path.cwd())
+        program.run()
+    except SystemExit:
+        pass
+    except (Refused, ProgramError) as error:
+        player.fail(str(error))
+    except BaseException as error:
+        player.fail(f"{type(error).__name__}: {error}{_place(error.__traceback__)}", traceback.format_exc())
+    player.end()
+
+
+def _place(where: TracebackType | None) -> str:
+    """Return in which line of the program an error was raised."""
+    lines = [one for one in traceback.extract_tb(where) if OURS not in one.filename and "frozen" not in one.filename]
+    return f" (line {lines[-1].lineno} of {lines[-1].filename})" if lines else ""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""Chance that depends on the seed of the episode alone, in whatever way the program asks for it.
+
+What Python orders by address differs between a process and its fork. Sets of the program's own objects are the case
+that occurs, so objects whose class has no hash of its own are hashed by a serial number.
+"""
+
+import builtins
+import dataclasses
+import os
+import random
+from hashlib import blake2b
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+FIRST_SEED = 0  # of what the program does before the episodes part
+
+
+class Chance:
+    """All generators of the process."""
+
+    def __init__(self) -> None:
+        """Take the place of all sources of chance that are not seeded by the program."""
+        self.seed, self._drawn = FIRST_SEED, 0
+        reseed, make_numpy = random.Random.seed, np.random.default_rng
+
+        def seed(generator: random.Random, a: Any = None, version: int = 2) -> None:
+            reseed(generator, self.number() if a is None else a, version)
+
+        def default_rng(seed: Any = None) -> np.random.Generator:
+            return make_numpy(self.number() if seed is None else seed)
+
+        random.Random.seed = seed
+        random.seed = random._inst.seed
+        np.random.default_rng = default_rng
+        os.urandom = random._urandom = self.bytes
+        _hash_by_serial_numbers()
+        self.begin(FIRST_SEED)
+
+    def begin(self, seed: int) -> None:
+        """Seed every generator that the process shares."""
+        self.seed, self._drawn = seed, 0
+        random.seed(self.number())
+        np.random.seed(self.number() % 2**32)
+
+    def number(self) -> int:
+        """Return the next number below 2**64, for a generator that the program does not seed."""
+        return int.from_bytes(self.bytes(8), "little")
+
+    def bytes(self, size: int) -> bytes:
+        """Return the next bytes."""
+        self._drawn += 1
+        blocks = range(-(-size // 64))
+        data = [blake2b(b"%d %d %d" % (self.seed, self._drawn, block)).digest() for block in blocks]
+        return b"".join(data)[:size]
+
+
+_SERIAL = "_serial_number_of_object"
+_serials = count()
+
+
+def _serial_hash(one: object) -> int:
+    fields = one.__dict__
+    number = fields.get(_SERIAL)
+    if number is None:
+        number = fields[_SERIAL] = next(_serials)
+    return int(number)
+
+
+def _hash_by_serial_numbers() -> None:
+    build, process = builtins.__build_class__, dataclasses._process_class
+
+    own: tuple[Any, Any] = (object.__hash__, object.__eq__)
+
+    def number(kind: Any) -> Any:
+        plain = type(kind) is type and (kind.__hash__, kind.__eq__) == own
+        if plain and kind.__dictoffset__ and not issubclass(kind, type):
+            kind.__hash__ = _serial_hash
+        return kind
+
+    def build_class(*arguments: Any, **options: Any) -> Any:
+        return number(build(*arguments, **options))
+
+    def process_class(kind: Any, *arguments: Any, **options: Any) -> Any:
+        if kind.__dict__.get("__hash__") is _serial_hash:  # a dataclass may get a hash by its fields
+            del kind.__hash__
+        return number(process(kind, *arguments, **options))
+
+    builtins.__build_class__ = build_class
+    dataclasses._process_class = process_class

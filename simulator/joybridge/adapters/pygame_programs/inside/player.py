@@ -1,0 +1,178 @@
+"""What happens at the ends of frames: the program is given input, and the server is told what is to be seen."""
+
+import json
+import signal
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pygame
+
+from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
+from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, scale
+from joybridge.adapters.pygame_programs.inside.scan import scan
+from joybridge.adapters.pygame_programs.inside.stage import Stage
+from joybridge.adapters.pygame_programs.inside.stem import fork, leave, serve
+from joybridge.adapters.pygame_programs.wire import (
+    ACT,
+    BRANCH,
+    DONE,
+    DRAW,
+    FAULT,
+    FIRST,
+    PICTURE,
+    REPLAY,
+    STEP,
+    STEP_HEADER,
+    as_json,
+)
+from joybridge.contract.tensors import Array
+from joybridge.simulator.workers.link import Link
+
+SPEED = 0.04  # of a pointer that is moved: widths of the display per frame, at most
+
+
+class Player:
+    """The program as the server sees it: first a stem, from which players are forked."""
+
+    stage: Stage  # which calls on_frame
+    root: Path  # see Program
+
+    def __init__(self, link: Link) -> None:
+        """link: of the first process."""
+        self.link = link
+        self.playing = False
+        self._form: Mapping[str, Any] = {}
+        self._frames_left = 0
+        self._acts: list[bytes] = []  # that are still to be replayed
+        self._place = np.zeros(2)  # of the pointer, as parts of the display
+        self._speed = np.zeros(2)  # the same, per frame
+        self._seen = b""  # the last observation
+
+    def on_frame(self) -> None:
+        """Go on with the decision, or answer and wait for the next one."""
+        if not self.playing:
+            if self.stage.frames.ready:
+                self._become_stem(FIRST, as_json(self._first_look()))
+            return
+        self._frames_left -= 1
+        self.stage.score.after_frame()
+        if self.stage.score.over:
+            self._acts.clear()
+            self._answer(over=True)
+        elif self._frames_left > 0:
+            self._move()
+        elif self._acts:
+            self._act(self._acts.pop(0))
+        else:
+            self._answer(over=False)
+
+    def end(self) -> None:
+        """Tell the server that the program has ended, and with it the episode."""
+        if not self.playing:
+            refused = self.stage.fences.refused
+            why = f"; before that, {refused}" if refused else ""
+            self.fail(f"the program ended before it had drawn a frame and asked for input{why}")
+        self._acts.clear()
+        self._answer(over=True)
+
+    def fail(self, text: str, traceback: str = "") -> NoReturn:
+        """Tell the server why the program cannot go on, and end with the link."""
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        with self.stage.fences.trusting():
+            try:
+                self.link.send(FAULT, as_json({"text": text, "traceback": traceback}))
+                self.link.receive()
+            except (OSError, EOFError):
+                pass
+            leave(self.stage.folders, self.stage.fences)
+
+    def _first_look(self) -> dict[str, Any]:
+        if len(threads := threading.enumerate()) > 1:
+            names = ", ".join(thread.name for thread in threads[1:])
+            self.fail(f"the program has started threads ({names}), which no copy of it would have")
+        return {"size": self.stage.size(), **self.stage.score.look(), "numbers": KEYS, **scan(self.root)._asdict()}
+
+    def _become_stem(self, kind: bytes, message: bytes) -> None:
+        """Stand still, and go on as a player in each fork."""
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        self.link.send(kind, message)
+        stage = self.stage
+        self.link, told = serve(self.link, stage.folders, stage.fences)
+        if not self.playing:
+            self.playing, self._form = True, told["form"]
+            stage.chance.begin(told["seed"])
+            stage.score.begin()
+            self._place = np.full(2, 0.5)
+        self._answer(over=False)
+
+    def _answer(self, *, over: bool) -> None:
+        """Tell the server what is to be seen, and wait for the next decision."""
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        score = self.stage.score
+        if pygame.display.get_surface() is not None or not self._seen:  # else the program has closed its display
+            self._seen = self._observe()
+        numbers = np.array([*score.take(), *score.metrics()], np.float32)
+        header = STEP_HEADER.pack(over, self.stage.clock.now)
+        self.link.send(STEP, header + numbers.tobytes() + self._seen)
+        while True:
+            try:
+                kind, message = self.link.receive()
+            except (OSError, EOFError):
+                leave(self.stage.folders, self.stage.fences)
+            if kind == ACT:
+                return self._act(message)
+            if kind == REPLAY:
+                size = self._form["act_bytes"]
+                self._acts = [message[at : at + size] for at in range(0, len(message), size)]
+                return self._act(self._acts.pop(0))
+            if kind == DRAW:
+                self.link.send(PICTURE, scale(self.stage.display.pixels(), *json.loads(message)).tobytes())
+            if kind == BRANCH:
+                own = fork(self.stage.folders, self.stage.fences, json.loads(message))
+                if own is not None:
+                    self.link.close()
+                    self.link = own
+                    return self._become_stem(DONE, b"")
+
+    def _act(self, act: bytes) -> None:
+        """Begin a decision: let the hands do what it says."""
+        form, hands = self._form, self.stage.hands
+        signal.setitimer(signal.ITIMER_REAL, form["seconds"])
+        self._frames_left = form["interval"]
+        if form["pointer"]:
+            axes = np.frombuffer(act, np.float32, 2) * (0.5, -0.5)
+            if form["pointer"] == "position":
+                self._place, self._speed = axes + 0.5, np.zeros(2)
+            else:
+                self._speed = axes * 2 * SPEED
+            self._move()
+        choices = np.frombuffer(act, np.int32, offset=8 if form["pointer"] else 0).tolist()
+        buttons, keys = len(form["buttons"]), len(form["keys"])
+        hands.press_buttons([BUTTONS[n] for n, held in zip(form["buttons"], choices, strict=False) if held])
+        hands.press_keys([n for n, held in zip(form["keys"], choices[buttons:], strict=False) if held])
+        if form["wheel"] and (ticks := (0, 1, -1)[choices[buttons + keys]]):
+            hands.turn_wheel(ticks)
+
+    def _move(self) -> None:
+        """Move the pointer for a frame."""
+        if not self._form["pointer"]:
+            return
+        width, height = self.stage.size()
+        speed = self._speed * (1.0, width / height)  # the same number of pixels in both directions
+        self._place = np.clip(self._place + speed, 0.0, 1.0)
+        x, y = self._place * (width - 1, height - 1)
+        self.stage.hands.move(float(x), float(y))
+
+    def _observe(self) -> bytes:
+        """Return the sensors, one after the other."""
+        form, pixels = self._form, self.stage.display.pixels()
+        pictures: list[Array] = []
+        if form["screen"]:
+            pictures.append(scale(pixels, *form["screen"]))
+        if form["fovea"]:
+            pictures.append(crop(pixels, self.stage.hands.position, form["fovea"]))
+        parts = [(gray(picture) if form["gray"] else picture).tobytes() for picture in pictures]
+        return b"".join([*parts, self.stage.score.state().tobytes()])

@@ -1,0 +1,172 @@
+r"""Rewards and ends of episodes without code: from the text that the program renders, its sounds, and its variables.
+
+Score: (\d+)         the difference of a number in rendered text
+sound:punch.wav      1 for each time that this sound begins
+attr:main.score      the difference of a variable of a module, an object in it, or of a function that runs
+"""
+
+import io
+import re
+import sys
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pygame
+import pygame.freetype
+import pygame.ftfont
+
+from joybridge.adapters.pygame_programs.inside.sounds import Sounds
+
+DEFAULT_SIZE = 20  # of pygame's fonts
+DEFAULT_SCALE = 0.6875  # by which pygame makes its own font smaller
+MAX_CHARS = 1000  # of a rendered text that is searched
+
+
+class Texts:
+    """Searches all text that the program renders."""
+
+    def __init__(self) -> None:
+        """Take the place of the classes that render text."""
+        self._readers: list[Callable[[str], None]] = []
+        texts = self
+
+        class Font(pygame.font.Font):
+            def __init__(self, name: Any = None, size: int = DEFAULT_SIZE) -> None:
+                if name is None:
+                    size = max(1, int(size * DEFAULT_SCALE))
+                super().__init__(_in_memory(name, pygame.font), size)
+
+            def render(self, text: Any, *arguments: Any, **options: Any) -> Any:
+                texts._read(text)
+                return super().render(text, *arguments, **options)
+
+        class FreetypeFont(pygame.freetype.Font):
+            def __init__(self, file: Any = None, *arguments: Any, **options: Any) -> None:
+                super().__init__(_in_memory(file, pygame.freetype), *arguments, **options)
+
+            def render(self, text: Any, *arguments: Any, **options: Any) -> Any:
+                texts._read(text)
+                return super().render(text, *arguments, **options)
+
+            def render_to(self, surf: Any, dest: Any, text: Any, *arguments: Any, **options: Any) -> Any:
+                texts._read(text)
+                return super().render_to(surf, dest, text, *arguments, **options)
+
+        pygame.font.Font = pygame.font.FontType = pygame.sysfont.Font = Font
+        pygame.freetype.Font = FreetypeFont
+
+    def search(self, pattern: str, found: Callable[["re.Match[str]"], None]) -> None:
+        """Call `found` for every rendered text with a match. Raises ValueError."""
+        search = lru_cache(maxsize=1024)(_compiled(pattern).search)
+
+        def read(text: str) -> None:
+            if (match := search(text)) is not None:
+                found(match)
+
+        self._readers.append(read)
+
+    def _read(self, text: Any) -> None:
+        if self._readers and text:
+            text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+            for read in self._readers:
+                read(text[:MAX_CHARS])
+
+
+def _in_memory(font: Any, module: Any) -> Any:
+    """Return a font's file in memory: forks that read an open file would move each other's place in it."""
+    if font is None or font == module.get_default_font():
+        font = Path(pygame.__file__).parent / module.get_default_font()
+    return io.BytesIO(Path(font).read_bytes()) if isinstance(font, str | Path) else font
+
+
+class Difference:
+    """How much a number has grown since it was last asked for; one that is not seen has not changed."""
+
+    def __init__(self) -> None:
+        self.value: float | None = None
+        self._growth = 0.0
+
+    def see(self, value: float) -> None:
+        """Note the present value."""
+        if self.value is not None:
+            self._growth += value - self.value
+        self.value = value
+
+    def take(self) -> float:
+        """Return the growth, and begin anew."""
+        growth, self._growth = self._growth, 0.0
+        return growth
+
+
+def reward_of(source: str, texts: Texts, sounds: Sounds) -> Callable[[], float]:
+    """Return a function that returns the reward since its last call. Raises ValueError for a wrong pattern."""
+    kind, _, name = source.partition(":")
+    difference = Difference()
+    if kind == "sound" and name:
+        return lambda: _take(difference, float(sum(n for file, n in sounds.played.items() if _is_sound(file, name))))
+    if kind == "attr" and name:
+        return lambda: _take(difference, look_up(name))
+    pattern = _compiled(source)
+    if pattern.groups != 1:
+        raise ValueError(f"reward {source!r} has {pattern.groups} groups, expected one for the number: Score: (\\d+)")
+    texts.search(source, lambda match: _see(difference, match[1]))
+    return difference.take
+
+
+def look_up(path: str) -> float | None:
+    """Return the number at a dotted path, None where there is none at present.
+
+    It begins with a module, a variable of the program's main module, or the name of a function that runs.
+    """
+    parts = path.split(".")
+    for end in range(len(parts) - 1, 0, -1):
+        module = sys.modules.get(".".join(parts[:end]))
+        if module is not None:
+            return _number(vars(module), parts[end:])
+    main = vars(sys.modules["__main__"])
+    if parts[0] in main and (len(parts) == 1 or not callable(main[parts[0]]) or isinstance(main[parts[0]], type)):
+        return _number(main, parts)
+    frame: FrameType | None = sys._getframe()
+    while frame is not None and len(parts) > 1:
+        if frame.f_code.co_name == parts[0]:
+            return _number(frame.f_locals, parts[1:])
+        frame = frame.f_back
+    return None
+
+
+def _number(names: Mapping[str, Any], parts: list[str]) -> float | None:
+    found: Any = names.get(parts[0])
+    for part in parts[1:]:
+        found = found.get(part) if isinstance(found, Mapping) else getattr(found, part, None)
+    try:
+        return float(len(found)) if isinstance(found, list | dict | set | tuple) else float(found)
+    except (TypeError, ValueError):
+        return None
+
+
+def _take(difference: Difference, value: float | None) -> float:
+    if value is not None:
+        difference.see(value)
+    return difference.take()
+
+
+def _see(difference: Difference, text: str) -> None:
+    number = re.sub(r"[\s,'_]", "", text)
+    try:
+        difference.see(float(number))
+    except ValueError:  # what the pattern has found is no number
+        return
+
+
+def _is_sound(file: str, name: str) -> bool:
+    return name in (file, file.rpartition(".")[0])
+
+
+def _compiled(pattern: str) -> "re.Pattern[str]":
+    try:
+        return re.compile(pattern)
+    except re.error as error:
+        raise ValueError(f"{pattern!r} is no regular expression: {error}") from error

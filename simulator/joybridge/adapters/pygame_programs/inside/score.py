@@ -1,0 +1,95 @@
+"""What an episode pays, when it is over, and what a hook adds: rewards, sensors and metrics.
+
+A hook is a Python file with any of these functions; each is given the program's main module:
+
+    state(program)    numbers, which become the sensor "state"
+    reward(program)   after each frame: a number, or a dictionary of reward channels
+    done(program)     after each frame: whether the episode is over
+    metrics(program)  at the end of an episode: a dictionary of numbers
+"""
+
+import runpy
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from joybridge.adapters.pygame_programs.inside.rewards import Texts, reward_of
+from joybridge.adapters.pygame_programs.inside.sounds import Sounds
+from joybridge.contract.tensors import Array
+
+FUNCTIONS = ("state", "reward", "done", "metrics")
+
+
+class Score:
+    """The reward channels, sensors and metrics of the program."""
+
+    def __init__(
+        self, texts: Texts, sounds: Sounds, rewards: Mapping[str, str], done: Sequence[str], hook: str
+    ) -> None:
+        """rewards: by channel, see rewards.py. done: patterns of text. hook: a file, "" for none. Raises ValueError."""
+        self.over = False
+        self._sources = {name: reward_of(source, texts, sounds) for name, source in rewards.items()}
+        for pattern in done:
+            texts.search(pattern, lambda match: self._end())
+        self._hook: dict[str, Callable[[Any], Any]] = {}
+        if hook:
+            found = runpy.run_path(hook)
+            self._hook = {name: found[name] for name in FUNCTIONS if name in found}
+            if not self._hook:
+                raise ValueError(f"{hook} has none of the functions {', '.join(FUNCTIONS)}")
+        self._earned = dict.fromkeys(rewards, 0.0)
+        self._sizes: dict[str, Any] = {}
+
+    def look(self) -> dict[str, Any]:
+        """Return the channels, the number of states and the metrics, after a first look at the program."""
+        if "reward" in self._hook:
+            self._earned |= dict.fromkeys(self._hook_rewards(), 0.0)
+        if not self._earned:
+            self._earned = {"reward": 0.0}
+        metrics = self._call("metrics", {})
+        self._sizes = {"state": len(self.state()), "metrics": list(metrics)}
+        return {"channels": list(self._earned), **self._sizes}
+
+    def begin(self) -> None:
+        """Begin an episode: what happened before is not paid."""
+        self.take()
+        self.over = False
+
+    def after_frame(self) -> None:
+        """Look at the program at the end of a frame."""
+        if "reward" in self._hook:
+            for name, value in self._hook_rewards().items():
+                if name not in self._earned:
+                    raise KeyError(f"the hook's reward has the channel {name!r}, which its first result had not")
+                self._earned[name] += value
+        if "done" in self._hook and self._call("done", False):
+            self._end()
+
+    def take(self) -> list[float]:
+        """Return the rewards since the last call, by channel."""
+        for name, source in self._sources.items():
+            self._earned[name] += source()
+        earned = list(self._earned.values())
+        self._earned = dict.fromkeys(self._earned, 0.0)
+        return earned
+
+    def state(self) -> Array:
+        """Return the numbers of the sensor "state", float32."""
+        return np.array(self._call("state", []), np.float32).ravel()
+
+    def metrics(self) -> list[float]:
+        """Return the values of the metrics."""
+        values = self._call("metrics", {})
+        return [float(values.get(name, 0.0)) for name in self._sizes["metrics"]]
+
+    def _end(self) -> None:
+        self.over = True
+
+    def _hook_rewards(self) -> dict[str, float]:
+        paid = self._call("reward", 0.0)
+        return {name: float(value) for name, value in (paid if isinstance(paid, Mapping) else {"reward": paid}).items()}
+
+    def _call(self, name: str, default: Any) -> Any:
+        return self._hook[name](sys.modules["__main__"]) if name in self._hook else default

@@ -1,0 +1,126 @@
+"""The processes in which the arenas of a session are played, as the server sees them."""
+
+import json
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from joybridge.adapters.pygame_programs.form import Form
+from joybridge.adapters.pygame_programs.processes import ProgramFault, ProgramProcesses
+from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, as_json
+from joybridge.contract.tensors import NUMPY_TYPES, Array
+from joybridge.simulator.batched_game import ArenaError
+from joybridge.simulator.workers.link import Link
+from joybridge.v1 import bridge_pb2 as pb
+
+SPARE_SECONDS = 1.0  # after which a process that is too slow should have ended by itself
+
+
+class Played(NamedTuple):
+    """What came of a decision in one arena."""
+
+    over: bool  # whether the episode is
+    nanoseconds: int  # virtual time
+    rewards: Array  # float32 [channels]
+    metrics: Array  # float32 [metrics]
+    sensors: list[Array]  # one per sensor
+
+
+class Players:
+    """A process per arena. Every wait for one has a limit; one that is too slow, ends or fails raises ArenaError."""
+
+    def __init__(
+        self, processes: ProgramProcesses, form: Form, player: pb.Behavior, seconds: float, arenas: int
+    ) -> None:
+        """form, player: what the processes do and send. seconds: for a decision."""
+        self._processes, self._seconds = processes, seconds
+        self._told = form.inside(seconds)
+        self._links: list[Link | None] = [None] * arenas
+        self._numbers = (len(player.channels), len(player.metrics))
+        self._sensors = [(NUMPY_TYPES[sensor.dtype], tuple(sensor.shape)) for sensor in player.sensors]
+
+    def begin(self, arenas: Sequence[int], seeds: Sequence[int]) -> list[Played]:
+        """Begin an episode in some arenas, and return what is seen there first."""
+        self.end(arenas)
+        links = self._processes.fork([{"seed": seed, "form": self._told} for seed in seeds])
+        for arena, link in zip(arenas, links, strict=True):
+            self._links[arena] = link
+        return [self.receive(arena) for arena in arenas]
+
+    def act(self, arena: int, act: bytes) -> None:
+        """Let an arena play a decision; `receive` returns what comes of it."""
+        self._send(arena, ACT, act)
+
+    def replay(self, arena: int, acts: bytes, decisions: int) -> Played:
+        """Play many decisions, and return what comes of the last."""
+        self._send(arena, REPLAY, acts)
+        return self.receive(arena, decisions)
+
+    def receive(self, arena: int, decisions: int = 1) -> Played:
+        """Return what came of so many decisions."""
+        message = self._receive(arena, decisions)
+        over, nanoseconds = STEP_HEADER.unpack_from(message)
+        at, parts = STEP_HEADER.size, []
+        for dtype, shape in [(np.dtype(np.float32), (count,)) for count in self._numbers] + self._sensors:
+            count = int(np.prod(shape))
+            parts.append(np.frombuffer(message, dtype, count, at).reshape(shape))
+            at += parts[-1].nbytes
+        return Played(bool(over), nanoseconds, parts[0], parts[1], parts[2:])
+
+    def branch(self, arena: int, name: bytes) -> None:
+        """Keep the state of an arena under a name, as long as there is memory for it."""
+        self._processes.branch(self._link(arena), name)
+
+    def restore(self, arena: int, name: bytes) -> Played | None:
+        """Go on from a state that was kept, and return what is seen there; None if it is no longer kept."""
+        link = self._processes.fork_branch(name)
+        if link is None:
+            return None
+        self.end([arena])
+        self._links[arena] = link
+        return self.receive(arena)
+
+    def draw(self, arena: int, width: int, height: int) -> Array:
+        """Return a picture of an arena, uint8 [height, width, 3]."""
+        self._send(arena, DRAW, as_json([height, width]))
+        return np.frombuffer(self._receive(arena), np.uint8).reshape(height, width, 3)
+
+    def end(self, arenas: Sequence[int]) -> None:
+        """End the processes of some arenas."""
+        for arena in arenas:
+            link, self._links[arena] = self._links[arena], None
+            if link is not None:
+                link.close()
+
+    def _link(self, arena: int) -> Link:
+        link = self._links[arena]
+        assert link is not None
+        return link
+
+    def _send(self, arena: int, kind: bytes, message: bytes) -> None:
+        try:
+            self._link(arena).send(kind, message)
+        except OSError as error:
+            raise self._ended(arena) from error
+
+    def _receive(self, arena: int, decisions: int = 1) -> bytes:
+        try:
+            kind, message = self._link(arena).receive(decisions * self._seconds + SPARE_SECONDS)
+        except TimeoutError as error:
+            raise self._too_slow(arena) from error
+        except (EOFError, OSError) as error:
+            raise self._ended(arena) from error
+        if kind == FAULT:
+            fault = json.loads(message)
+            raise ArenaError(arena, f"the program has failed: {fault['text']}") from ProgramFault(fault["traceback"])
+        return message
+
+    def _ended(self, arena: int) -> ArenaError:
+        return ArenaError(
+            arena, f"the process of the program has ended: it has crashed, it was killed, or it drew no frame in "
+            f"{self._seconds:g} s; the server's log has its stack",
+        )  # fmt: skip
+
+    def _too_slow(self, arena: int) -> ArenaError:
+        return ArenaError(arena, f"the program drew no frame in {self._seconds:g} s; seconds=60 allows it more")

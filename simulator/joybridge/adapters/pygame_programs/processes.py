@@ -1,0 +1,175 @@
+"""The processes of a program: the first, which is started here, and its forks, which connect to the server's door."""
+
+import atexit
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from collections import OrderedDict
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from select import select
+from threading import RLock
+from typing import Any
+
+from joybridge.adapters.pygame_programs.settings import PygameSettings
+from joybridge.adapters.pygame_programs.wire import BRANCH, DONE, DOOR, FIRST, FORK, OWN_FOLDER, as_json
+from joybridge.adapters.settings import AdapterError
+from joybridge.simulator.batched_game import GameError
+from joybridge.simulator.workers.link import Link
+
+MODULE = "joybridge.adapters.pygame_programs.inside"
+FORK_SECONDS = 10.0  # for a fork to connect
+MAX_BRANCHES = 256  # stems of snapshots that are kept; those not used for longest end first
+
+
+class ProgramFault(Exception):
+    """Where an error was raised in a program, for the server's log."""
+
+
+class ProgramProcesses:
+    """The first process of a program, and the stems that have branched off. Sessions in several threads share them."""
+
+    def __init__(self, settings: PygameSettings) -> None:
+        """Start nothing yet."""
+        self.settings = settings
+        self._lock = RLock()
+        self.folder = Path()  # in which every process has its own
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stem: Link | None = None
+        self._branches: OrderedDict[bytes, Link] = OrderedDict()
+        self._number = 0  # of the last fork
+        self._came: dict[int, Link] = {}  # forks that have connected and are not yet taken
+
+    def start(self) -> dict[str, Any]:
+        """Start the program anew, and return what its first look has shown. Raises AdapterError."""
+        with self._lock:
+            self.end()
+            self.folder = Path(tempfile.mkdtemp(prefix="joybridge-"))
+            (self.folder / "settings.json").write_bytes(as_json(self.settings.inside()))
+            self._door = socket.socket(socket.AF_UNIX)
+            self._door.bind(str(self.folder / DOOR))
+            self._door.listen(1024)
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-u", "-m", MODULE, str(self.folder)], stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL, env=_environment(), start_new_session=True,  # Ctrl-C is for the server
+            )  # fmt: skip
+            atexit.register(self.end)
+            seconds = self.settings.number("start")
+            try:
+                self._stem = self._accept(0, seconds)
+                kind, message = self._stem.receive(seconds)
+            except (OSError, EOFError, GameError) as error:
+                if not isinstance(error, TimeoutError):
+                    with suppress(subprocess.TimeoutExpired):
+                        self._process.wait(FORK_SECONDS)
+                status = self._process.poll()
+                fate = f"no frame came in {seconds:g} s" if status is None else f"the process has ended with {status}"
+                self.end()
+                raise AdapterError(f"{fate}; its stack may be in the server's log") from error
+            shown: dict[str, Any] = json.loads(message)
+            if kind != FIRST:
+                self.end()
+                raise AdapterError(shown["text"]) from ProgramFault(shown["traceback"])
+            return shown
+
+    def fork(self, told: list[Mapping[str, Any]]) -> list[Link]:
+        """Return a new player for each of what is told to them: form and seed. Raises GameError."""
+        with self._lock:
+            if self._process is None or self._process.poll() is not None:
+                try:
+                    self.start()
+                except AdapterError as error:
+                    raise GameError(f"the program cannot be started again: {error}") from error
+            assert self._stem is not None
+            return self._fork_from(self._stem, told)
+
+    def fork_branch(self, name: bytes) -> Link | None:
+        """Return a player that goes on from a branch, None if there is no such branch any more."""
+        with self._lock:
+            stem = self._branches.get(name)
+            if stem is None:
+                return None
+            self._branches.move_to_end(name)
+            try:
+                return self._fork_from(stem, [{}])[0]
+            except GameError:  # it has ended, as for lack of memory
+                self._branches.pop(name).close()
+                return None
+
+    def branch(self, player: Link, name: bytes) -> None:
+        """Let a player leave a stem behind that stands where it stands, if there is none of that name."""
+        with self._lock:
+            if name in self._branches:
+                return
+            self._number += 1
+            try:
+                player.send(BRANCH, as_json(self._number))
+                stem = self._accept(self._number, FORK_SECONDS)
+                kind, _ = stem.receive(FORK_SECONDS)
+            except (OSError, EOFError) as error:
+                raise GameError("the program could not be forked for a snapshot") from error
+            assert kind == DONE, kind
+            self._branches[name] = stem
+            while len(self._branches) > MAX_BRANCHES:
+                self._branches.popitem(last=False)[1].close()
+
+    def forget_branches(self) -> None:
+        """End the stems of all snapshots, which are then played again from the beginning of their episodes."""
+        with self._lock:
+            for link in self._branches.values():
+                link.close()
+            self._branches.clear()
+
+    def end(self) -> None:
+        """End all processes: each does so when its link closes."""
+        with self._lock:
+            self.forget_branches()
+            for link in self._came.values():
+                link.close()
+            self._came.clear()
+            if self._process is not None:
+                self._process.kill()
+                self._process.wait()
+                self._process = None
+                self._door.close()
+                if self._stem is not None:
+                    self._stem.close()
+                shutil.rmtree(self.folder, ignore_errors=True)
+                atexit.unregister(self.end)
+
+    def _fork_from(self, stem: Link, told: list[Mapping[str, Any]]) -> list[Link]:
+        numbers = range(self._number + 1, self._number + 1 + len(told))
+        self._number += len(told)
+        try:
+            for number, each in zip(numbers, told, strict=True):
+                stem.send(FORK, as_json({"number": number, **each}))
+            return [self._accept(number, FORK_SECONDS) for number in numbers]
+        except (OSError, EOFError) as error:
+            raise GameError("the program could not be forked; see the server's log") from error
+
+    def _accept(self, number: int, seconds: float) -> Link:
+        """Return the link of a process. Raises GameError if it does not connect."""
+        while number not in self._came:
+            ready, _, _ = select([self._door], [], [], seconds)
+            if not ready:
+                raise GameError(f"a process of the program did not connect in {seconds:g} s")
+            link = Link(self._door.accept()[0])
+            _, hello = link.receive(seconds)
+            self._came[json.loads(hello)] = link
+        return self._came.pop(number)
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of the program: neither display nor sound card, its own home, hashes without chance."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
+    return kept | {
+        "PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path),  # it imports from where this does
+        "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1", "PYGAME_HIDE_SUPPORT_PROMPT": "1",
+        "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "HOME": f"{OWN_FOLDER}/home",
+        "TMPDIR": f"{OWN_FOLDER}/tmp", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no threads before a fork
+    }  # fmt: skip

@@ -1,0 +1,107 @@
+r"""What stands behind `--pygame`: a program, settings for it, and after `--` its own arguments.
+
+chimp.py keys=SPACE,LEFT 'reward=Score: (\d+)' reward=sound:punch.wav 'done=Game over' -- --level 3
+"""
+
+import re
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from joybridge.adapters.settings import AdapterError
+from joybridge.contract.places import program_name
+
+REPEATED = {"reward", "done"}
+NUMBERS = {  # the default of each, and its range
+    "fps": (60.0, 1.0, 1000.0), "seconds": (10.0, 0.1, 3600.0), "start": (20.0, 0.1, 3600.0),
+    "memory": (2048, 128, 1 << 20), "max_decisions": (1024, 1, 100_000),
+}  # fmt: skip
+NAMES = {"keys", "buttons"}  # with commas between them
+TEXTS = {"name", "hook"}
+FLAGS = {"mouse", "wheel"}
+
+
+@dataclass(frozen=True)
+class PygameSettings:
+    """A program, and how it is run."""
+
+    name: str  # of the game
+    place: str  # FILE, MODULE or PACKAGE:SCRIPT
+    arguments: list[str] = field(default_factory=list)
+    rewards: dict[str, str] = field(default_factory=dict)  # by channel; see inside/rewards.py
+    done: list[str] = field(default_factory=list)  # patterns of text
+    numbers: dict[str, float] = field(default_factory=dict)
+    names: dict[str, list[str]] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
+    flags: dict[str, bool] = field(default_factory=dict)
+
+    def number(self, name: str) -> float:
+        """Return a number, its default if it is not set."""
+        return self.numbers.get(name, NUMBERS[name][0])
+
+    def inside(self) -> dict[str, object]:
+        """Return what the process of the program needs to know."""
+        return {
+            "place": str(Path(self.place).resolve()) if self.place.endswith(".py") else self.place,
+            "arguments": self.arguments, "rewards": self.rewards, "done": self.done,
+            "hook": str(Path(self.texts["hook"]).resolve()) if "hook" in self.texts else "",
+            "fps": self.number("fps"), "memory": int(self.number("memory")), "start": self.number("start"),
+        }  # fmt: skip
+
+
+def read_pygame_settings(text: str) -> PygameSettings:
+    """Return the settings in "PROGRAM KEY=VALUE … -- ARGUMENTS". Raises AdapterError."""
+    try:
+        words, name = shlex.split(text), program_name(text)
+    except ValueError as error:
+        raise AdapterError(f"got {text!r}: {error}") from error
+    words, arguments = (words[: words.index("--")], words[words.index("--") + 1 :]) if "--" in words else (words, [])
+    settings = PygameSettings(name, words[0], arguments)
+    for word in words[1:]:
+        key, equals, value = word.partition("=")
+        if not equals:
+            raise AdapterError(f"got the argument {word!r}, expected KEY=VALUE; the program's own arguments follow --")
+        _read(settings, key, value)
+    return settings
+
+
+def _read(settings: PygameSettings, key: str, value: str) -> None:
+    if key == "reward":
+        settings.rewards[_channel(value, settings.rewards)] = value
+    elif key == "done":
+        settings.done.append(value)
+    elif key in NUMBERS:
+        settings.numbers[key] = _number(key, value)
+    elif key in NAMES:
+        settings.names[key] = [name for name in value.split(",") if name]
+    elif key in TEXTS:
+        settings.texts[key] = value
+    elif key in FLAGS and value in ("true", "false"):
+        settings.flags[key] = value == "true"
+    else:
+        known = ", ".join(sorted([*REPEATED, *NUMBERS, *NAMES, *TEXTS, *FLAGS]))
+        raise AdapterError(f"got {key}={value}, expected one of {known}; {', '.join(sorted(FLAGS))} are true or false")
+
+
+def _number(key: str, value: str) -> float:
+    default, low, high = NUMBERS[key]
+    try:
+        number = type(default)(value)
+    except ValueError:
+        number = low - 1
+    if not low <= number <= high:
+        raise AdapterError(f"got {key}={value}, expected a number in {low:g}..{high:g}")
+    return number
+
+
+def _channel(source: str, known: dict[str, str]) -> str:
+    """Return a name for the channel of a reward: the last word of a variable or sound, the first of a pattern."""
+    kind, _, place = source.partition(":")
+    if kind == "sound":
+        name = Path(place).stem
+    elif kind == "attr":
+        name = place.rpartition(".")[2]
+    else:
+        name = next(iter(re.findall(r"[A-Za-z]{2,}", source)), "reward").lower()
+    number = sum(re.fullmatch(rf"{re.escape(name)}(_\d+)?", one) is not None for one in known)
+    return f"{name}_{number + 1}" if number else name

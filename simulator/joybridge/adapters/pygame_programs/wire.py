@@ -1,0 +1,35 @@
+"""What the server and the processes of a program say to each other, over links of `simulator/workers`.
+
+Each process connects to the server's door, a Unix socket, and says which number it was given: the number of the fork
+that was asked for, or 0 for the process that was started.
+"""
+
+import json
+import socket
+import struct
+from typing import Any
+
+from joybridge.simulator.workers.link import Link
+
+# To a stem: JSON. To a player: an act as float32 axes and int32 choices; JSON for DRAW and BRANCH; REPLAY: many acts.
+FORK, ACT, DRAW, BRANCH, REPLAY = b"K", b"A", b"D", b"B", b"R"
+HELLO, FIRST, STEP, PICTURE, DONE, FAULT = b"H", b"1", b"T", b"P", b"N", b"F"  # from them
+
+STEP_HEADER = struct.Struct("<Bq")  # whether the episode is over, and the virtual time in nanoseconds
+OWN_FOLDER_DESCRIPTOR = 100  # of the folder of a process, in the process
+OWN_FOLDER = f"/proc/self/fd/{OWN_FOLDER_DESCRIPTOR}"  # its path, the same in all of them
+DOOR = "door"  # the name of the socket in the folder of a program
+
+
+def knock(folder: str, number: int) -> Link:
+    """Connect to the door in a folder, and say which process this is."""
+    connection = socket.socket(socket.AF_UNIX)
+    connection.connect(f"{folder}/{DOOR}")
+    link = Link(connection)
+    link.send(HELLO, as_json(number))
+    return link
+
+
+def as_json(value: Any) -> bytes:
+    """Return a message in JSON."""
+    return json.dumps(value).encode()

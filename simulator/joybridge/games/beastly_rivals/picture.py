@@ -1,0 +1,67 @@
+"""What agents see of Beastly Rivals, from above: the beast kills when its disc touches that of the character."""
+
+import numpy as np
+
+from joybridge.contract.tensors import Array
+from joybridge.games.beastly_rivals.rules import (
+    BOX_AHEAD,
+    BOX_HALF,
+    CHARACTER_RADIUS,
+    COOLDOWN_TICKS,
+    PITCH_RADIUS,
+    SPEED_LIMIT,
+    SPHERE_RADIUS,
+)
+from joybridge.games.pictures import Field, Palette, copy_background, paint_bar, paint_disc, paint_ring
+from joybridge.simulator.compiled import compiled
+
+HALF = 8.3  # of the screen: a little more than the pitch
+
+GRASS, FOREST = range(2)  # kinds of ground
+GROUND_GRAYS = [0, 20]
+GROUND_COLORS = [(24, 58, 24), (12, 20, 20)]
+
+SPHERE, GOAL, CHARACTER, BEAST, FAR_BEAST, CURSOR, COOLING, READY, ANGER = range(9)  # things
+GRAYS = [120, 100, 200, 250, 160, 110, 90, 200, 150]
+COLORS = [
+    (146, 124, 250), (250, 190, 70), (70, 140, 255), (255, 60, 40), (160, 40, 30), (255, 255, 255),
+    (60, 110, 120), (92, 225, 240), (232, 60, 50),
+]  # fmt: skip
+BEAST_RADIUS = BOX_AHEAD + BOX_HALF
+GOAL_RADIUS, FAR_RADIUS = 0.2, 0.4
+CURSOR_RADIUS, CURSOR_OPACITY = 0.8, 160  # wider than character and beast, so that none is hidden in it
+TRANSLUCENT, OPAQUE = 85, 256
+
+
+def ground(level: int, x: Array, y: Array) -> Array:
+    """Return grass or forest at places x [w], y [h], uint8 [h, w]."""
+    return np.where(x * x + (y * y)[:, None] <= PITCH_RADIUS * PITCH_RADIUS, GRASS, FOREST).astype(np.uint8)
+
+
+HIDES = np.zeros((1, 2), bool)  # everything is on the ground
+FIELD = Field(HALF, HALF, 1, ground, HIDES, Palette(GROUND_GRAYS, GRAYS), Palette(GROUND_COLORS, COLORS))
+
+
+@compiled
+def paint(arenas, eye, cursor, canvases):
+    """Paint what every arena's agent sees into `canvases`, uint8 [arenas, height, width, channels]."""
+    for i in range(len(arenas)):
+        arena, canvas = arenas[i], canvases[i]
+        pointer, sphere, beast = arena.cursor, arena.sphere, arena.beast
+        window = copy_background(eye, 0, pointer.x, pointer.z, canvas)
+        paint_disc(eye, window, 0, sphere.x, sphere.z, SPHERE_RADIUS, SPHERE, TRANSLUCENT, canvas)
+        if arena.moving:
+            paint_disc(eye, window, 0, arena.goal_x, arena.goal_z, GOAL_RADIUS, GOAL, OPAQUE, canvas)
+        body = arena.character
+        paint_disc(eye, window, 0, body.x, body.z, CHARACTER_RADIUS, CHARACTER, OPAQUE, canvas)
+        paint_disc(eye, window, 0, beast.x, beast.z, BEAST_RADIUS, BEAST, OPAQUE, canvas)
+        far = max(abs(beast.x), abs(beast.z))
+        if not eye.centered and far > HALF + BEAST_RADIUS:  # it is outside the picture: mark its direction at the edge
+            near = (HALF - FAR_RADIUS) / far
+            paint_disc(eye, window, 0, beast.x * near, beast.z * near, FAR_RADIUS, FAR_BEAST, OPAQUE, canvas)
+        if cursor:
+            paint_ring(eye, window, pointer.x, pointer.z, CURSOR_RADIUS, CURSOR, CURSOR_OPACITY, canvas)
+        middle, ready = canvas.shape[1] // 2, arena.cooldown == 0
+        color = READY if ready else COOLING
+        paint_bar(eye, 0, middle, 1.0 - arena.cooldown / COOLDOWN_TICKS, color, canvas)
+        paint_bar(eye, middle, canvas.shape[1], min(arena.speed / SPEED_LIMIT, 1.0), ANGER, canvas)

@@ -1,0 +1,108 @@
+"""`RecordGame`: what games share whose arenas are records, advanced by compiled rules.
+
+This class holds the arenas, their random streams and the parameters, resets them, and saves and restores snapshots.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from joybridge.simulator import Array, BatchedGame, check_range
+from joybridge.simulator.distributions import draw_parameters
+from joybridge.simulator.randomness import Streams, open_streams, restore_streams, save_streams
+from joybridge.v1 import bridge_pb2 as pb
+
+
+class RecordGame(BatchedGame):
+    """Many arenas of one game, one record each.
+
+    The record has a field for every parameter of the game, of the same name. What begins an episode calls
+    `draw_parameters` before.
+    """
+
+    in_event_loop: ClassVar[bool] = True
+    arena_dtype: ClassVar[np.dtype[Any]]  # of the record of one arena
+    parameters: ClassVar[list[pb.Parameter]]
+
+    streams: Streams
+
+    def __init__(
+        self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
+    ) -> None:
+        """Begin a first episode in every arena."""
+        self.first_arena = first_arena
+        self.arenas = np.zeros(arenas, self.arena_dtype).view(np.recarray)
+        self.fields = self.arenas.view(np.ndarray)  # the same memory; attributes of a recarray are slow to look up
+        self.episodes = np.zeros(arenas, np.int64)  # that have begun in each arena since the seed was set
+        defaults = {parameter.name: parameter.default_value for parameter in self.parameters}
+        self.reset(seed, defaults | dict(parameters))
+
+    def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
+        """Begin a new episode in every arena; see BatchedGame."""
+        for name, value in parameters.items():
+            self.fields[name] = value
+        every = np.arange(len(self.arenas))
+        if seed is None:
+            self.draw_parameters(every)
+            self.begin_episodes()
+            return
+        self.streams = open_streams(seed, self.first_arena, len(self.arenas))
+        self.episodes[:] = 0
+        kept = {parameter.name: self.fields[parameter.name].copy() for parameter in self.parameters}
+        self.fields[:] = np.zeros((), self.arena_dtype)
+        for name, values in kept.items():
+            self.fields[name] = values
+        self.draw_parameters(every)
+        self.begin()
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Fill all arenas, which are zeros but for the parameters, as at the start of the program."""
+
+    @abstractmethod
+    def begin_episodes(self) -> None:
+        """Begin a new episode in every arena of a running program. The parameters are those of the new ones."""
+
+    def draw_parameters(self, arenas: Array) -> None:
+        """Draw the parameters of the episodes that begin next in some arenas, given by their indices."""
+        if self.distributions:
+            for arena in arenas:
+                key, episode = self.streams.key[arena], int(self.episodes[arena])
+                for name, value in draw_parameters(self.distributions, self.parameters, key, episode).items():
+                    self.fields[name][arena] = value
+        self.episodes[arenas] += 1
+
+    def played_parameters(self, arenas: Array) -> Array | None:
+        """Return the parameters of episodes that end, float32 [ended, parameters]; None if none of them is drawn.
+
+        arenas: indices of the ended ones. Call it before `draw_parameters`.
+        """
+        if not self.distributions:
+            return None
+        columns = [self.fields[parameter.name][arenas] for parameter in self.parameters]
+        return np.stack(columns, axis=1).astype(np.float32)
+
+    def save(self) -> dict[str, Array]:
+        """Return arenas, with their parameters, and random streams."""
+        return {
+            "arenas": np.frombuffer(self.arenas.tobytes(), np.uint8).reshape(len(self.arenas), -1),
+            **save_streams(self.streams),
+            "episodes": self.episodes.copy(),
+        }
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Restore what `save` returned. Raises ValueError for a state that the game cannot be in."""
+        arenas = np.frombuffer(state["arenas"].tobytes(), self.arena_dtype)
+        self.check_arenas(arenas)
+        for parameter in self.parameters:
+            check_range(parameter.name, arenas[parameter.name], parameter.low, parameter.high)
+        check_range("episodes", state["episodes"], 1, 2**62)
+        restore_streams(self.streams, state)
+        self.arenas[:] = arenas
+        self.episodes[:] = state["episodes"]
+
+    @abstractmethod
+    def check_arenas(self, arenas: Array) -> None:
+        """Raise ValueError if arenas of a snapshot, records of `arena_dtype`, are in a state that cannot occur."""

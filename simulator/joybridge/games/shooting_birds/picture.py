@@ -1,0 +1,71 @@
+"""What agents see of Shooting Birds: bright birds; what hides one from the gun hides it here."""
+
+import numpy as np
+
+from joybridge.contract.tensors import Array
+from joybridge.games.pictures import Field, Palette, copy_background, paint_bar, paint_disc, paint_ring
+from joybridge.games.shooting_birds.levels import BARN_DEPTH, LEVELS, OBSTACLES, TREE_DEPTH
+from joybridge.games.shooting_birds.rules import BIRDS, MAGAZINE, WALL_X, WALL_Y
+from joybridge.games.shooting_birds.sensing import BIRD_RADIUS
+from joybridge.simulator.compiled import compiled
+
+HALF_WIDTH, HALF_HEIGHT = 19.2, 12.0  # of the screen: a little more than the walls enclose
+
+SKY, TREE, BARN, WALL = range(4)  # kinds of ground
+GROUND_GRAYS = [0, 36, 44, 20]
+GROUND_COLORS = [(16, 34, 66), (20, 62, 28), (84, 30, 22), (20, 20, 20)]
+# Large birds fly in front of everything, medium ones behind barns, small ones behind barns and trees.
+HIDES = np.array([[0, 0, 0, 1], [0, 0, 1, 1], [0, 1, 1, 1]], bool)
+
+CURSOR, AMMO = 3, 4  # things, after the birds by size
+GRAYS = [200, 225, 250, 110, 150]
+COLORS = [(90, 160, 255), (255, 190, 60), (255, 110, 190), (255, 255, 255), (226, 184, 84)]
+CURSOR_RADIUS, CURSOR_OPACITY = 2.2, 160  # wider than any bird, so that none is hidden in it
+OPAQUE = 256
+
+
+def ground(level: int, x: Array, y: Array) -> Array:
+    """Return what is nearest to the viewer at places x [w], y [h] of a level, uint8 [h, w]."""
+    kinds = np.full((len(y), len(x)), SKY, np.uint8)
+    boxes = OBSTACLES.boxes[level, : OBSTACLES.box_count[level]]
+    discs = OBSTACLES.discs[level, : OBSTACLES.disc_count[level]]
+    for depth, kind in ((TREE_DEPTH, TREE), (BARN_DEPTH, BARN)):
+        for left, bottom, right, top, _ in boxes[boxes[:, 4] == depth]:
+            kinds[np.ix_((y >= bottom) & (y <= top), (x >= left) & (x <= right))] = kind
+        for center_x, center_y, radius, _ in discs[discs[:, 3] == depth]:
+            kinds[(x - center_x) ** 2 + ((y - center_y) ** 2)[:, None] <= radius * radius] = kind
+    kinds[:, np.abs(x) > WALL_X] = WALL
+    kinds[np.abs(y) > WALL_Y] = WALL
+    return kinds
+
+
+FIELD = Field(
+    HALF_WIDTH, HALF_HEIGHT, LEVELS, ground, HIDES, Palette(GROUND_GRAYS, GRAYS), Palette(GROUND_COLORS, COLORS)
+)
+
+
+@compiled
+def paint(arenas, eye, cursor, canvases):
+    """Paint what every arena's agent sees into `canvases`, uint8 [arenas, height, width, channels]."""
+    order = np.empty(BIRDS, np.int64)
+    for i in range(len(arenas)):
+        arena, canvas = arenas[i], canvases[i]
+        window = copy_background(eye, arena.level, arena.x, arena.y, canvas)
+        _sort_by_depth(arena.birds, order)
+        for j in order:
+            bird = arena.birds[j]
+            paint_disc(eye, window, bird.kind, bird.x, bird.y, BIRD_RADIUS[bird.kind], bird.kind, OPAQUE, canvas)
+        if cursor:
+            paint_ring(eye, window, arena.x, arena.y, CURSOR_RADIUS, CURSOR, CURSOR_OPACITY, canvas)
+        paint_bar(eye, 0, canvas.shape[1], arena.ammo / MAGAZINE, AMMO, canvas)
+
+
+@compiled
+def _sort_by_depth(birds, order):
+    """Write the indices of the birds into `order`, the farthest first."""
+    for j in range(len(birds)):
+        k = j
+        while k > 0 and birds[order[k - 1]].z < birds[j].z:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = j

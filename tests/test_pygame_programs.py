@@ -1,0 +1,306 @@
+"""Programs written with pygame as games: they run as they are, with exact seeds, snapshots, rewards and fences."""
+
+import hashlib
+import io
+from contextlib import closing, redirect_stderr
+from typing import Any
+
+import numpy as np
+import pytest
+
+from joybridge.client.client import Session
+from joybridge.client.own_games import choose_game
+from joybridge.config.errors import ConfigError
+from joybridge.contract.codec import ActArrays
+from joybridge.contract.spec import choose_options
+from joybridge.layouts import make_acts
+from joybridge.simulator.__main__ import main
+from joybridge.simulator.batched_game import GameError
+from joybridge.simulator.catalog import CatalogError, load_game
+from joybridge.simulator.listing import listing
+from tests.support.command_line import joybridge
+from tests.support.servers import ROOT, server
+
+CATCH = f"{ROOT / 'tests/support/pygame_programs/catch.py'} 'reward=Score: (\\d+)'"
+SPEC = r"""catch: .*
+  option decision_interval: 4 | 1 | 2 | 8 (default 4)
+  option screen: 64 | 48 | 84 | 128 (default 64)
+  option colors: rgb | gray (default rgb)
+  option pointer: position | velocity (default position)
+  option fovea: none | 32 | 64 (default none)
+  behavior player: 1 agent per arena
+    sensors: screen [55, 74, 3] uint8
+    axes: pointer_x -1..1, pointer_y -1..1
+    branches: mouse_left (released | pressed), key_LEFT (released | pressed), key_RIGHT (released | pressed)
+    rewards: score (weight 1)"""
+
+
+@pytest.fixture(scope="module")
+def catch():
+    game: Any = load_game(f"pygame:{CATCH}")
+    yield game
+    game.processes.end()
+
+
+def opened(game, arenas=1, seed=0, **options):
+    chosen = choose_options(game.options, options, game.name)
+    return closing(game(chosen, {}, arenas, 0, seed))
+
+
+def program(tmp_path, source, settings=""):
+    """Return the game of a program with this source."""
+    path = tmp_path / "program.py"
+    path.write_text(source)
+    return load_game(f"pygame:{path} {settings}")
+
+
+def random_act(game, rng, arenas=1):
+    device = game.describe(choose_options(game.options, {}, game.name)).behaviors[0].device
+    choices = [[rng.integers(len(branch.choices)) for branch in device.branches] for _ in range(arenas)]
+    axes = rng.uniform(-1, 1, (arenas, len(device.axes)))
+    return [ActArrays(axes.astype(np.float32), np.array(choices, np.int32).reshape(arenas, -1))]
+
+
+def played(playing, game, decisions, rng, arenas=1):
+    """Return a hash of everything that some random decisions give, and the reward."""
+    digest, reward = hashlib.sha256(), 0.0
+    for _ in range(decisions):
+        (step,) = playing.step(random_act(game, rng, arenas))
+        for array in (*step.observations, step.rewards, step.terminated, step.truncated):
+            digest.update(array.tobytes())
+        reward += step.rewards.sum()
+    digest.update(playing.draw(arenas - 1).tobytes())
+    return digest.hexdigest(), reward
+
+
+def test_the_spec_says_what_the_program_reads_and_shows(catch):
+    spec = catch.describe(choose_options(catch.options, {}, catch.name))
+    first, *rest = listing([spec]).splitlines()
+    assert first.startswith("catch: ") and rest == SPEC.splitlines()[1:]
+    assert spec.tick_seconds == pytest.approx(1 / 50)
+    assert (spec.picture.width, spec.picture.height) == (320, 240)
+
+
+def test_the_same_seed_and_decisions_give_the_same_bytes(catch):
+    hashes = []
+    for seed in (1, 1, 2):
+        with opened(catch, 2, seed) as playing:
+            hashes.append(played(playing, catch, 60, np.random.default_rng(0), 2))
+    assert hashes[0] == hashes[1] != hashes[2]
+    assert hashes[0][1] > 0  # something was caught, and its text was read
+
+
+def test_an_arena_is_the_same_alone_and_among_others(catch):
+    act = random_act(catch, np.random.default_rng(3))
+    with opened(catch, 3) as three:
+        (among,) = three.step([ActArrays(*(np.repeat(part, 3, 0) for part in (act[0].axes, act[0].choices)))])
+    for arena in range(3):
+        options = choose_options(catch.options, {}, catch.name)
+        with closing(catch(options, {}, 1, arena, 0)) as alone:
+            (step,) = alone.step(act)
+        assert np.array_equal(step.observations[0][0], among.observations[0][arena])
+
+
+def test_a_snapshot_continues_like_the_original_over_2000_frames(catch):
+    rng = np.random.default_rng(5)
+    with opened(catch) as original, opened(catch) as forked, opened(catch) as repeated:
+        played(original, catch, 40, rng)
+        state = original.save()
+        forked.restore(state)
+        catch.processes.forget_branches()
+        repeated.restore(state)
+        results = {played(one, catch, 500, np.random.default_rng(6)) for one in (original, forked, repeated)}
+    assert len(results) == 1
+
+
+HEAD = "import pygame\npygame.init()\nscreen = pygame.display.set_mode((64, 48))\nclock = pygame.time.Clock()\n"
+LOOP = "while True:\n    events = pygame.event.get()\n    pygame.mouse.get_pos()\n"
+SHOW = "    pygame.display.flip()\n    clock.tick(60)\n"
+
+
+def still(game):
+    """Return an act in which nothing is pressed and the pointer stays in the middle."""
+    device = game.describe(choose_options(game.options, {}, game.name)).behaviors[0].device
+    return [ActArrays(np.zeros((1, len(device.axes)), np.float32), np.zeros((1, len(device.branches)), np.int32))]
+
+
+def steps(game, count, **options):
+    with opened(game, **options) as playing:
+        return [playing.step(still(game))[0] for _ in range(count)]
+
+
+def test_sounds_variables_and_text_pay_each_in_its_own_channel(tmp_path):
+    body = "n = 0\ntone = pygame.mixer.Sound('tone.wav')\nfont = pygame.font.Font(None, 20)\n" + LOOP
+    body += "    n += 1\n    font.render(f'gold {2 * n}', True, 'white')\n    tone.play() if n % 2 else None\n"
+    (tmp_path / "tone.wav").write_bytes(bytes(1000))
+    game = program(
+        tmp_path, HEAD + body + SHOW, r"reward=sound:tone reward=attr:n 'reward=gold (\d+)' max_decisions=50"
+    )
+    first, second = steps(game, 2)
+    assert first.rewards.tolist() == second.rewards.tolist() == [[2.0, 4.0, 8.0]]
+
+
+def test_a_rendered_text_or_the_end_of_the_program_ends_the_episode(tmp_path):
+    body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
+    for line, settings in (
+        ("    if n == 6: font.render('Game over', True, 'white')\n", "'done=Game over'"),
+        ("    if n == 6: break\n", ""),
+        ("    if n == 6: pygame.quit(); raise SystemExit\n", ""),
+    ):
+        game = program(tmp_path, HEAD + body + "    n += 1\n" + line + SHOW, settings)
+        ends = [(step.terminated[0], step.truncated[0]) for step in steps(game, 3)]
+        assert ends == [(False, False), (True, False), (False, False)]
+
+
+def test_an_episode_is_truncated_at_its_longest(tmp_path):
+    ends = [bool(step.truncated[0]) for step in steps(program(tmp_path, HEAD + LOOP + SHOW, "max_decisions=2"), 4)]
+    assert ends == [False, True, False, True]
+
+
+def test_a_hook_adds_a_sensor_rewards_an_end_and_metrics(tmp_path):
+    hook = tmp_path / "hook.py"
+    hook.write_text(
+        "def state(program): return [program.n, 0.5]\ndef reward(program): return {'frames': 1.0}\n"
+        "def done(program): return program.n >= 8\ndef metrics(program): return {'last': program.n}\n"
+    )
+    game = program(tmp_path, HEAD + "n = 0\n" + LOOP + "    n += 1\n" + SHOW, f"hook={hook}")
+    first, second = steps(game, 2)
+    assert first.observations[1].tolist() == [[5.0, 0.5]] and first.rewards.tolist() == [[4.0]]
+    assert second.terminated[0] and second.metrics.tolist() == [[8.0]]
+
+
+def test_pointer_buttons_and_keys_come_as_events_and_as_states(tmp_path):
+    body = LOOP + (
+        "    for event in events:\n"
+        "        if event.type == pygame.MOUSEBUTTONDOWN: print(event.pos)\n"
+        "        if event.type == pygame.KEYDOWN and event.key == pygame.K_a: text = event.unicode\n"
+        "    held = pygame.key.get_pressed()[pygame.K_a], pygame.mouse.get_pressed()[0]\n"
+        "    seen = [*pygame.mouse.get_pos(), *held, len(text)]\n"
+    )
+    hook = tmp_path / "hook.py"
+    hook.write_text("def state(program): return program.seen\n")
+    game = program(tmp_path, HEAD + "text, seen = '', [0] * 5\n" + body + SHOW, f"hook={hook}")
+    with opened(game) as playing:
+        (step,) = playing.step([ActArrays(np.array([[1, 1]], np.float32), np.array([[1, 1]], np.int32))])
+    assert step.observations[1].tolist() == [[63.0, 0.0, 1.0, 1.0, 1.0]]
+
+
+def test_time_is_virtual_everywhere(tmp_path):
+    body = LOOP + "    seen = time.time(), pygame.time.get_ticks(), datetime.datetime.now().timestamp()\n"
+    body += "    late = pygame.time.get_ticks() + 100\n    while pygame.time.get_ticks() < late: pass\n"
+    hook = tmp_path / "hook.py"
+    hook.write_text("def state(program): return [program.seen[1], program.seen[0] % 86400, program.seen[2] % 86400]\n")
+    game = program(tmp_path, "import datetime, time\n" + HEAD + "seen = (0, 0, 0)\n" + body + SHOW, f"hook={hook}")
+    first, second = (step.observations[1][0] for step in steps(game, 2))
+    assert 400 <= second[0] - first[0] <= 500
+    assert second[1] == second[2] == pytest.approx(second[0] / 1000, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("open('/nowhere', 'w')", "may write in its home and its working directory only, not /nowhere"),
+        ("pygame.image.save(screen, '/nowhere.png')", "not /nowhere.png"),
+        ("import subprocess; subprocess.run(['true'])", "may not start or end processes"),
+        ("import socket; socket.create_connection(('127.0.0.1', 9))", "may not use the network"),
+        ("input()", "may not read standard input"),
+        ("pygame.display.set_mode((64, 48), pygame.OPENGL)", "draws with OpenGL"),
+        ("import moderngl", "moderngl needs OpenGL"),
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_what_a_program_may_not_do_is_said_in_a_sentence(tmp_path, line, what):
+    with pytest.raises(CatalogError, match=what):
+        program(tmp_path, HEAD + line + "\n" + LOOP + SHOW)
+
+
+def test_a_program_writes_below_its_home_and_beside_itself_without_a_trace(tmp_path):
+    write = "pathlib.Path('score.txt').write_text('9')\n(pathlib.Path.home() / 'high.txt').write_text('9')\n"
+    write += "(pathlib.Path.home() / 'a/b').mkdir(parents=True)\nshutil.rmtree(pathlib.Path.home() / 'a')\n"
+    game: Any = program(tmp_path, "import pathlib, shutil\n" + HEAD + write + LOOP + SHOW)
+    assert len(steps(game, 1)) == 1
+    folder = game.processes.folder
+    assert folder.exists()
+    game.processes.end()
+    assert not folder.exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["program.py"]
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("exec('while True: pass')", "drew no frame in 0.3 s"),
+        ("os.kill", "ended"),
+        ("1 / 0", "arena 0: the program has failed: ZeroDivisionError: division by zero .line 11 of .*program.py"),
+    ],
+)
+def test_a_program_that_hangs_or_fails_costs_its_session_a_sentence(tmp_path, line, what):
+    line = "ctypes.string_at(0)" if line == "os.kill" else line
+    body = "n = 0\n" + LOOP + f"    n += 1\n    if n > 200: {line}\n" + SHOW
+    game = program(tmp_path, "import ctypes\n" + HEAD + body, "seconds=0.3")
+    with pytest.raises(GameError, match=what):
+        steps(game, 100)
+    assert len(steps(game, 1)) == 1  # the program itself goes on
+
+
+@pytest.mark.parametrize(
+    ("settings", "what"),
+    [
+        ("keys=nothing", "got the key 'nothing'"),
+        ("buttons=fourth", "got the button 'fourth'"),
+        ("'reward=Score'", "has 0 groups"),
+        ("'done=('", "no regular expression"),
+        ("colour=red", "got colour=red, expected one of"),
+        ("seconds=never", "got seconds=never, expected a number"),
+    ],
+)
+def test_wrong_settings_are_refused(tmp_path, settings, what):
+    with pytest.raises(CatalogError, match=what):
+        program(tmp_path, HEAD + LOOP + SHOW, settings)
+
+
+def test_a_program_that_is_not_there_is_refused():
+    for place in ("nothing.py", "no_such_package"):
+        with pytest.raises(CatalogError, match=f"there is no file.*{place}"):
+            load_game(f"pygame:{place}")
+
+
+def test_a_server_gives_its_program_rewards_keys_and_arguments(tmp_path):
+    path = tmp_path / "program.py"
+    path.write_text("import sys\nassert sys.argv[1:] == ['--level']\n" + HEAD + LOOP + SHOW)
+    words = ["--pygame", str(path), "--reward", r"Score: (\d+)", "--keys", "UP,a", "--", "--level"]
+    listed = joybridge("list", *words)
+    assert "rewards: score (weight 1)" in listed.output
+    assert "key_UP (released | pressed), key_a (released | pressed)" in " ".join(listed.output.split())
+    with server(*words) as process, Session(process.address, "program", arenas=2, seed=1) as session:
+        (step,) = session.step(make_acts(session.spec, 2))
+        process.kill()  # then the processes of the program end by themselves
+    assert step.observations[0].shape == (2, 55, 74, 3)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--reward", "Score"], "--reward is for the program in a --pygame before it"),
+        (["--gym", "CartPole-v1", "--done", "over"], "--done is for the program in a --pygame before it"),
+        (["--", "--level", "3"], "got '--level' after --"),
+    ],
+)
+def test_options_of_a_program_without_one_are_refused(words, what):
+    errors = io.StringIO()
+    with redirect_stderr(errors), pytest.raises(SystemExit):
+        main(["list", *words])
+    assert what in errors.getvalue()
+
+
+def test_commands_name_a_program_by_its_place(tmp_path):
+    done = joybridge("look", f"pygame:{CATCH} name=fruit", str(tmp_path / "look.png"), "--pictures", "2")
+    assert done == (0, f"{tmp_path / 'look.png'}: 2 pictures of fruit, one every 4 decisions\n", "")
+
+
+@pytest.mark.parametrize("place", ["pygame:", "pygame:'open"])
+def test_a_place_without_a_program_is_refused_by_both_sides(place):
+    with pytest.raises(CatalogError, match=r"missing|quotation"):
+        load_game(place)
+    with pytest.raises(ConfigError, match=r"missing|quotation"):
+        choose_game(place, (), None)
