@@ -17,8 +17,9 @@ from tests.support.own_layouts import ENTRY_POINTS, offer
 
 NAMES = (
     "hybrid", "bucket-2", "bucket-11", "bucket-8-mu", "joint-2", "joint-3-mu", "ordinal-5", "threshold-0.0",
-    "threshold-0.1", "threshold-0.5", "multiagent", "beta", "auto-4", "auto-axes-3", "squashed, axis0=ordinal-3",
-    "compass-8", "laplace", "hybrid, axis0=bucket-5-mu, branch1=threshold-0.0", "auto-3, axis0=hybrid, branch0=joint-2",
+    "threshold-0.1", "threshold-0.5", "multiagent", "beta", "squashed, axis0=ordinal-3",
+    "compass-8", "laplace", "hybrid, axis0=bucket-5-mu, branch1=threshold-0.0",
+    "bucket-3, axis0=hybrid, branch0=joint-2",
 )  # fmt: skip
 
 

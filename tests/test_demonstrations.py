@@ -175,8 +175,7 @@ DEVICE = SPEC.behaviors[0].device
     ("layout", "says_all", "gap"),  # gap: the largest between two values of an axis, as a share of its range
     [
         ("hybrid", True, 0), ("beta", True, 0), ("threshold-0.0", True, 0), ("threshold-0.5", True, 0),
-        ("joint-5", True, 0.25), ("bucket-11", False, 0.1), ("ordinal-7-mu", False, 0.31), ("auto-5", False, 0.25),
-        ("auto-axes-5", False, 0.25),
+        ("joint-5", True, 0.25), ("bucket-11", False, 0.1), ("ordinal-7-mu", False, 0.31),
         ("multiagent", False, 0), ("bucket-5, shoot=hybrid", True, 0.25),
     ],
 )  # fmt: skip

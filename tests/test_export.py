@@ -39,8 +39,6 @@ LAYOUTS = [
     "multiagent",
     "joint-3-mu",
     "ordinal-4, x=hybrid",
-    "auto-3",
-    "auto-axes-3",
     "squashed, x=hybrid",
 ]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
@@ -101,14 +99,13 @@ def test_model_and_runtime_play_as_the_trainer_does(layout, deterministic, simul
         {"policies": {"axes": {"sensors": ["lamps", "place"], "frame_stack": 2}}} if layout == "multiagent" else {}
     )
     run = make_run(tmp_path / "run", simulator, layout=layout, **settings)
-    version = 2 if layout.startswith("auto-axes") else 1
-    assert play_beside(run, simulator, runtime, deterministic=deterministic)["format"] == f"joybridge.policy.v{version}"
+    play_beside(run, simulator, runtime, deterministic=deterministic)
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu", "elu"])
 def test_each_activation_plays_as_the_trainer_does(activation, simulator, runtime, tmp_path):
     run = make_run(tmp_path / "run", simulator, policy=PolicyConfig(hidden_sizes=[8, 8], activation=activation))
-    assert play_beside(run, simulator, runtime)["format"] == "joybridge.policy.v2"
+    assert play_beside(run, simulator, runtime)["policies"][0]["activation"] == activation
 
 
 @pytest.mark.parametrize("kind", ["bounds", "running"])
@@ -326,8 +323,7 @@ def players(tmp_path_factory):
     ("layout", "deterministic", "changed"),
     [
         ("threshold-0.5", True, {}), ("multiagent", False, {"activation": "tanh", "scale_observations": "running"}),
-        ("joint-3", False, {"activation": "relu"}), ("auto-3", False, {"activation": "elu"}),
-        ("auto-axes-3", False, {}),
+        ("joint-3", False, {"activation": "relu"}), ("bucket-3", False, {"activation": "elu"}),
         ("squashed", False, {"scale_observations": "bounds"}),
     ],
 )  # fmt: skip
@@ -368,8 +364,8 @@ def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
 @pytest.mark.parametrize(
     ("file", "message"),
     [
-        ('{"format": "joybridge.policy.v0"}', "write it with `joybridge export RUN policy.json`"),
-        ('{"format": "joybridge.policy.v1", "policies": [{"layers": [', ""),
+        ('{"format": "joybridge.policy.v2"}', "write it with `joybridge export RUN policy.json`"),
+        ('{"format": "joybridge.policy.v3", "policies": [{"layers": [', ""),
         ('{"format": ]', ""),
     ],
 )
@@ -383,8 +379,8 @@ def test_the_runtimes_in_other_languages_refuse_what_is_no_policy(file, message,
 
 
 def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
-    (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v0"}')
-    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v1' or 'joybridge\.policy\.v2'; write"):
+    (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v2"}')
+    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v3'; write"):
         runtime.Policy(tmp_path / "policy.json")
 
 

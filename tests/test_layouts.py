@@ -7,18 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from torch.distributions import Categorical
 
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
-from joybridge.layouts import AxisRange, AxisTable, DeviceError, JointTable, Layout, list_roles, make_layouts
+from joybridge.layouts import AxisRange, AxisTable, DeviceError, JointTable, list_roles, make_layouts
 from joybridge.layouts.check import check_layouts
-from joybridge.ppo.distributions import fill_masks
-from joybridge.ppo.fast.kernels import Action, draw_noise
-from joybridge.ppo.networks import Network
-from joybridge.ppo.observation_tensors import Observations
-from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.own_layouts import ENTRY_POINTS, offer
 from tests.test_actions import POINTER, make_device
@@ -161,131 +154,3 @@ def test_the_layout_in_the_page_about_layouts_is_what_the_text_says():
     np.testing.assert_allclose(layout.discrete[0].positions, [[1, 2], [0, 4], [-1, 2], [0, 0]], atol=1e-6)
     with pytest.raises(DeviceError, match="a compass moves two axes and presses nothing"):
         names["compass"](POINTER, "4")
-
-
-def test_axes_that_are_given_the_buttons_are_those_of_the_chosen_button():
-    (layout,) = make_layouts("auto-3, speed=joint-2", POINTER).values()
-    names, _ = layout.names(POINTER)
-    assert names == ["shoot+reload", "angle|shoot+reload=0", "angle|shoot+reload=1", "angle|shoot+reload=2", "speed"]
-    act = ActArrays(np.zeros((3, 2), np.float32), np.zeros((3, 2), np.int32))
-    chosen = np.array([[0, 0, 1, 2, 1], [1, 0, 1, 2, 1], [2, 0, 1, 2, 1]])
-    layout.write(np.zeros((3, 0), np.float32), chosen, act)
-    assert act.axes[:, 0].tolist() == [-1.0, 0.0, 1.0] and act.choices.tolist() == [[1, 0], [0, 1], [0, 0]]
-
-
-def test_the_joint_probability_of_auto_is_that_of_the_buttons_times_that_of_the_axes_given_them():
-    (layout,) = make_layouts("auto-4", make_device([(-1, 1), (0, 1)], [2])).values()
-    network = Network(3, layout.space, [8], True, seed=2)
-    with torch.no_grad():
-        network.actor.head.weight *= 30.0
-    observations = torch.randn(200, 3, generator=torch.Generator().manual_seed(1))
-    noise = draw_noise(np.random.default_rng(5), (200, 0), (200, 5))
-    action = Action(np.zeros((200, 0), np.float32), np.zeros((200, 5), np.int64), np.zeros(200, np.float32))
-    masks = np.zeros((200, 5, 4), np.float32)
-    with torch.inference_mode():
-        outputs, _ = network.heads(Observations(observations))
-        logits = network(Observations(observations)).logits.clone()
-        sample_actions(network, outputs, masks, noise, action, deterministic=False)
-    buttons = torch.from_numpy(action.discrete[:, 0])
-    rows = torch.arange(200)
-    truth = Categorical(logits=logits[:, 0]).log_prob(buttons)
-    for first in (1, 3):  # the branches of each axis, one for each choice of the buttons
-        given = Categorical(logits=logits[rows, first + buttons])
-        truth = truth + given.log_prob(torch.from_numpy(action.discrete)[rows, first + buttons])
-    torch.testing.assert_close(torch.from_numpy(action.log_probs), truth, atol=1e-5, rtol=1e-5)
-    assert 20 < int(buttons.sum()) < 180
-
-
-def test_buttons_that_are_given_the_axes_are_those_of_the_chosen_values():
-    device = make_device([(-1, 1), (0, 1)], [2, 3])
-    (layout,) = make_layouts("auto-axes-2", device).values()
-    given = [f"branch0|axis0={x}|axis1={y}" for x in (0, 1) for y in (0, 1)]
-    assert layout.names(device) == (["axis0", "axis1", *given, "branch1"], [])
-    assert layout.space.branches == (2, 2, 2, 2, 2, 2, 3)
-    act = ActArrays(np.zeros((4, 2), np.float32), np.zeros((4, 2), np.int32))
-    chosen = np.array([[x, y, 0, 1, 1, 0, 2] for x in (0, 1) for y in (0, 1)])  # pressed by the first choice
-    layout.write(np.zeros((4, 0), np.float32), chosen, act)
-    assert act.axes.tolist() == [[-1.0, 0.0], [-1.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
-    assert act.choices.tolist() == [[1, 2], [0, 2], [0, 2], [1, 2]]
-    _, read = layout.read(act)
-    again = ActArrays(np.zeros((4, 2), np.float32), np.zeros((4, 2), np.int32))
-    layout.write(np.zeros((4, 0), np.float32), read, again)
-    np.testing.assert_array_equal(read[:, [0, 1, 6]], chosen[:, [0, 1, 6]])
-    np.testing.assert_array_equal(again.axes, act.axes)
-    np.testing.assert_array_equal(again.choices, act.choices)
-
-
-def test_the_joint_probability_of_auto_axes_is_that_of_the_axes_times_that_of_the_buttons_given_them():
-    lanes, rows = 400, torch.arange(400)
-    (layout,) = make_layouts("auto-axes-3", POINTER).values()
-    network = Network(3, layout.space, [8], True, seed=2)
-    with torch.no_grad():
-        network.actor.head.weight *= 30.0
-    rng, count = np.random.default_rng(5), len(layout.space.branches)
-    observations = torch.randn(lanes, 3, generator=torch.Generator().manual_seed(1))
-    noise = draw_noise(rng, (lanes, 0), (lanes, count))
-    action = Action(np.zeros((lanes, 0), np.float32), np.zeros((lanes, count), np.int64), np.zeros(lanes, np.float32))
-    allowed = rng.random(lanes) < 0.5  # whether shooting is
-    device_masks = [np.stack([np.ones(lanes, bool), allowed], axis=1), np.ones((lanes, 2), bool)]
-    masks = np.zeros((lanes, count, layout.space.widest), np.float32)
-    fill_masks(layout.masks(device_masks), masks)
-    forbidden = torch.from_numpy(masks.copy())
-    with torch.inference_mode():
-        outputs, _ = network.heads(Observations(observations))
-        logits = network(Observations(observations)).logits + forbidden
-        sample_actions(network, outputs, masks, noise, action, deterministic=False)
-    chosen = torch.from_numpy(action.discrete)
-    truth = sum(Categorical(logits=logits[:, axis]).log_prob(chosen[:, axis]) for axis in (0, 1))
-    branch = 2 + 3 * chosen[:, 0] + chosen[:, 1]
-    buttons = Categorical(logits=logits[rows, branch])
-    truth = truth + buttons.log_prob(chosen[rows, branch])
-    torch.testing.assert_close(torch.from_numpy(action.log_probs), truth, atol=1e-5, rtol=1e-5)
-    left = Categorical(logits=network(Observations(observations)).logits.detach() + torch.from_numpy(masks))
-    wanted = sum(Categorical(logits=logits[:, axis]).entropy() for axis in (0, 1)) + buttons.entropy()
-    torch.testing.assert_close(left.entropy().sum(dim=1), wanted, atol=1e-5, rtol=1e-5)
-    act = ActArrays(np.zeros((lanes, 2), np.float32), np.zeros((lanes, 2), np.int32))
-    layout.write(action.continuous, action.discrete, act, device_masks)
-    assert not (act.choices[:, 0].astype(bool) & ~allowed).any() and act.choices[allowed, 0].any()
-    assert len(np.unique(np.column_stack([act.axes, act.choices]), axis=0)) == 3 * 3 * 3
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        (
-            "auto-axes-15",
-            "'auto-axes-15' cannot express this device: 225 combinations .* at most 200; take a smaller N",
-        ),
-        ("auto-axes-10000", "100,000,000 combinations"),
-        ("auto-axes-x", "unknown layout 'auto-axes-x', expected auto-axes-N or auto-axes-N-mu with N in 2..10000"),
-        ("auto-axes", "unknown layout 'auto-axes', expected auto-N or auto-N-mu"),
-    ],
-)
-def test_what_auto_axes_cannot_do_is_said_before_it_is_made(name, message):
-    with pytest.raises(ConfigError, match=message):
-        make_layouts(name, POINTER)
-
-
-def test_without_axes_or_buttons_auto_is_bucket():
-    for device in (make_device([(-1, 1)], [3]), make_device([], [2, 2])):
-        for name in ("auto-3", "auto-axes-3"):
-            assert make_layouts(name, device)[""].names(device) == make_layouts("bucket-3", device)[""].names(device)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (
-            [((0, 0),), ((0, 1),)],
-            r"it sets branch 0 given \[\(0,\), \(1,\)\] of other branches, expected all 3 choices once",
-        ),
-        ([((0, 0),), ((0, 1),), ((0, 1),)], "expected all 3 choices once"),
-        ([((0, 0),), ((0, 1),), ((0, 2),), ((1, 0),)], "its branch 4 is given branch 1, not an earlier one without"),
-        ([((7, 0),)], "its branch 1 is given branch 7, not an earlier one"),
-    ],
-)
-def test_conditions_must_be_all_choices_of_earlier_branches(given, message):
-    device = make_device([(-1, 1)], [2])
-    axis, press = AxisTable(0, np.array([-1, 0, 1], np.float32)), np.array([[0], [1]], np.int32)
-    with pytest.raises(DeviceError, match=message):
-        check_layouts([Layout(discrete=(axis, *(JointTable((0,), press, given=pairs) for pairs in given)))], device)

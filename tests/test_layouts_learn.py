@@ -70,8 +70,6 @@ class Identity:
         "bucket-5-mu",
         "joint-3",
         "ordinal-7",
-        "auto-5",
-        "auto-axes-5",
         "beta",
         "squashed",
         "bucket-7, y=hybrid, a=threshold-0.0",

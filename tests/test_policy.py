@@ -68,9 +68,7 @@ def weights_after_an_update(layout: str, accelerator: str, *, autograd: bool) ->
     return {f"{policy.actor.name} {name}": array for policy in policies for name, array in policy.actor.state().items()}
 
 
-@pytest.mark.parametrize(
-    "layout", ["hybrid", "bucket-5", "ordinal-5", "auto-3", "auto-axes-3", "threshold-0.0", "multiagent"]
-)
+@pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "ordinal-5", "threshold-0.0", "multiagent"])
 def test_before_any_update_the_ratio_of_what_was_sampled_is_1_by_autograd_and_by_the_closed_form(layout):
     """Axes, branches and masks: sampling, the reference and the compiled loss agree on every log-probability."""
     coefficients = Coefficients(1e-3, 1e-4, 0.01)  # so narrow a clip range that any disagreement is counted

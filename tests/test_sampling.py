@@ -20,7 +20,7 @@ from tests.test_layouts_learn import SPEC
 
 LANES = 64
 NAMES = [
-    "hybrid", "bucket-5", "bucket-6-mu", "joint-3", "ordinal-5", "auto-4", "auto-axes-3", "threshold-0.0", "multiagent",
+    "hybrid", "bucket-5", "bucket-6-mu", "joint-3", "ordinal-5", "threshold-0.0", "multiagent",
     "beta", "squashed", "compass-8", "laplace", "beta, y=squashed, a=threshold-0.0", "hybrid, x=ordinal-4, y=laplace",
 ]  # fmt: skip
 

@@ -2,7 +2,6 @@
 
 import csv
 import itertools
-import json
 import math
 import re
 import sys
@@ -10,17 +9,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import optuna
 import pytest
+from optuna.distributions import BaseDistribution, CategoricalDistribution
+from optuna.storages.journal import JournalFileBackend, JournalStorage
+from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from joybridge.compare import grid, launch, search, search_page
+from joybridge.compare import grid, launch, search_page
+from joybridge.compare import trials as trainings
 from joybridge.compare.compare import parse
 from joybridge.compare.job import Job, Process
 from joybridge.compare.page import page_html
 from joybridge.compare.pictures import draw_themes
 from joybridge.compare.ranges import Choices, Numbers, own_settings, read_ranges
-from joybridge.compare.scores import Point, Run
-from joybridge.compare.trials import Trial, best_trial, rungs, score_so_far, until
-from joybridge.compare.variants import VARIANTS, make_variants
+from joybridge.compare.scores import Point, Run, score_at
+from joybridge.compare.variants import SEARCH, VARIANTS, make_variants
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.run.run_lock import locked
@@ -104,7 +107,7 @@ class Training:
 def run(simulator, tmp_path, monkeypatch) -> Callable[..., Done]:
     """Return what searches in a folder of its own, with imitations."""
     monkeypatch.setattr(search_page, "draw_themes", lambda *_: None)
-    for module in (grid, search):
+    for module in (grid, trainings):
         monkeypatch.setattr(module, "POLL_SECONDS", 0.0)
     monkeypatch.setattr(grid, "GRACE_SECONDS", 0.0)
     monkeypatch.chdir(tmp_path)
@@ -120,12 +123,21 @@ def run(simulator, tmp_path, monkeypatch) -> Callable[..., Done]:
     return searched
 
 
-def trials(folder: Path = OUT) -> list[Trial]:
-    return [Trial(**each) for each in json.loads((folder / "search.json").read_text())["trials"]]
+def study(folder: Path = OUT) -> optuna.Study:
+    storage = JournalStorage(JournalFileBackend(str(folder / SEARCH)))
+    return optuna.load_study(study_name="search", storage=storage)
+
+
+def trials(folder: Path = OUT) -> list[FrozenTrial]:
+    return study(folder).trials
+
+
+def states(folder: Path = OUT) -> list[str]:
+    return [trial.state.name for trial in trials(folder)]
 
 
 def files(folder: Path = OUT) -> dict[str, bytes]:
-    return {name: (folder / name).read_bytes() for name in ("search.json", "page.md", "trials.csv", "best.yaml")}
+    return {name: (folder / name).read_bytes() for name in ("page.md", "trials.csv", "best.yaml")}
 
 
 # ------------------------------------------------------------------------------------------------- the whole command
@@ -137,22 +149,22 @@ def test_a_search_finds_better_settings_prunes_hopeless_trials_and_says_what_to_
     assert done.status == 0, done.errors
     found = trials()
     assert len(found) == 20 == len(begin.begun)
-    assert found[0].settings == {"layout": "hybrid", "policy.epochs": "4", "policy.learning_rate": "0.000325"}
-    best = best_trial(found)
-    assert best is not None and (found[best].score or 0) > (found[0].score or 0) + 0.5
-    pruned = [number for number, trial in enumerate(found) if trial.state == "pruned"]
-    assert begin.terminated == [f"trial-{number:03}" for number in pruned] and len(pruned) > 3
-    assert all(found[number].timesteps < 1000 for number in pruned[:1])
-    assert all(found[number].timesteps in rungs(2000, 100) for number in pruned)
+    assert found[0].params == {"layout": "hybrid", "policy.epochs": 4, "policy.learning_rate": 0.000325}
+    best = study().best_trial
+    assert (best.value or 0) > (found[0].value or 0) + 0.5
+    pruned = [trial for trial in found if trial.state == TrialState.PRUNED]
+    assert begin.terminated == [f"trial-{trial.number:03}" for trial in pruned] and len(pruned) > 3
+    assert (pruned[0].last_step or 0) < 1000
+    assert {trial.last_step for trial in pruned} <= {400, 600, 800, 1000, 1200, 1400, 1600, 1800}
     page = (OUT / "page.md").read_text()
-    assert f"| **{best}** | " in page and "| key | importance |" in page and "(own settings)" in page
+    assert f"| **{best.number}** | " in page and "(own settings)" in page
     train, compare = (line.removeprefix("next: ") for line in done.errors.splitlines()[-2:])
     assert train.startswith("joybridge train small.yaml ") and train in page and compare in page
     assert "--also out/best.yaml" in compare and "--seeds 5 --output out-seeds" in compare
-    assert load_config(OUT / "best.yaml").policy.epochs == int(found[best].settings["policy.epochs"])
+    assert load_config(OUT / "best.yaml").policy.epochs == best.params["policy.epochs"]
     with (OUT / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["state"] for row in rows] == [trial.state for trial in found]
+    assert [row["state"] == "pruned" for row in rows] == [trial in pruned for trial in found]
 
 
 def test_a_search_that_is_killed_anywhere_and_repeated_ends_with_the_same_trials(run):
@@ -166,29 +178,21 @@ def test_a_search_that_is_killed_anywhere_and_repeated_ends_with_the_same_trials
     assert files() == whole
 
 
-def test_with_two_jobs_the_trials_do_not_depend_on_which_is_faster(run):
-    made = []
-    for speeds in ([1, 7, 2], [20, 2]):
-        begin = Imitation(speeds=itertools.cycle(speeds))
-        assert run("--trials", "9", "--jobs", "2", begin=begin).status == 0
-        made.append(files())
-        OUT.rename(f"speed {speeds}")
-    assert made[0] == made[1]
+def test_two_trials_are_trained_at_a_time(run):
+    begin = Imitation(speeds=itertools.cycle([1, 7, 2]))
+    assert run("--trials", "9", "--jobs", "2", begin=begin).status == 0
+    assert len(begin.begun) == 9 == len(trials()) and all(trial.state.is_finished() for trial in trials())
 
 
 def test_a_finished_search_is_repeated_without_a_simulator_and_more_trials_may_follow(run):
     assert run("--trials", "4").status == 0
-    four = files()
+    four, proposed = files(), trials()
     del four["page.md"]  # it names the simulator
     assert run("--trials", "4", at=NOWHERE).status == 0
     assert four.items() <= files().items()
     begin = Imitation()
     assert run("--trials", "6", begin=begin).status == 0
-    assert begin.begun == ["trial-004", "trial-005"] and trials()[:4] == trials_of(four)
-
-
-def trials_of(made: dict[str, bytes]) -> list[Trial]:
-    return [Trial(**each) for each in json.loads(made["search.json"])["trials"]]
+    assert begin.begun == ["trial-004", "trial-005"] and trials()[:4] == proposed
 
 
 def test_an_interrupt_saves_the_trials_and_says_so(run):
@@ -200,18 +204,14 @@ def test_an_interrupt_saves_the_trials_and_says_so(run):
     done = run("--trials", "4", begin=interrupted)
     assert done.status == 130
     assert "all trials are kept; repeat the same command to continue" in done.errors
-    assert [trial.state for trial in trials()] == ["complete", "complete", "running"]
+    assert states() == ["COMPLETE", "COMPLETE", "RUNNING"]
 
 
-def test_a_failed_trial_stops_no_other_is_on_the_page_and_is_tried_again(run):
-    fails = {"trial-001"}
-    done = run("--trials", "5", begin=Imitation(fails=lambda job: job.experiment in fails))
+def test_a_failed_trial_stops_no_other_and_is_on_the_page(run):
+    done = run("--trials", "5", begin=Imitation(fails=lambda job: job.experiment == "trial-001"))
     assert done.status == 1 and "trial 1: failed: it diverged" in done.output
-    assert [trial.state for trial in trials()].count("failed") == 1
+    assert states().count("FAIL") == 1 and len(states()) == 5
     assert "- 1: failed: it diverged" in (OUT / "page.md").read_text()
-    again = Imitation()
-    assert run("--trials", "5", begin=again).status == 0
-    assert again.begun == ["trial-001"] and "failed" not in {trial.state for trial in trials()}
 
 
 def test_a_search_whose_first_trials_all_fail_ends(run):
@@ -221,28 +221,27 @@ def test_a_search_whose_first_trials_all_fail_ends(run):
     assert "the first 3 trials have failed, so the search has ended; the last one: it diverged" in done.errors
 
 
-def test_no_settings_are_tried_twice_and_a_search_without_new_ones_ends(run):
-    done = run("--search", "policy.epochs=1..2", "layout=hybrid,bucket-3", "--trials", "9")
-    assert done.status == 0
-    assert "4 trials have tried all combinations, so the search has ended" in done.errors
-    assert len({tuple(trial.settings.values()) for trial in trials()}) == 4 == len(trials())
+def test_no_settings_are_trained_twice(run):
+    begin = Imitation()
+    done = run("--search", "policy.epochs=1..2", "layout=hybrid,bucket-3", "--trials", "9", begin=begin)
+    assert done.status == 0 and len(trials()) == 9
+    assert len(begin.begun) == len({tuple(trial.params.values()) for trial in trials()}) <= 4
 
 
 @pytest.mark.slow
-def test_trainings_are_scored_from_their_metrics_and_a_lost_record_is_made_again_from_them(run, monkeypatch):
+def test_trainings_are_scored_from_their_metrics_and_a_lost_journal_is_made_again_from_them(run, monkeypatch):
     monkeypatch.setattr(search_page, "draw_themes", draw_themes)
     more = ("--trials", "2", "total_timesteps=1280", "log_interval=320")
     done = run(*more, begin=train_here)
     assert done.status == 0, done.errors
     found = trials()
-    assert [trial.state for trial in found] == ["complete"] * 2
+    assert states() == ["COMPLETE"] * 2
     with (OUT / "runs/trial-000-s0/metrics-archer.csv").open(newline="") as file:
-        assert found[0].score == float(list(csv.DictReader(file))[-1]["reward"])
+        assert found[0].value == float(list(csv.DictReader(file))[-1]["reward"])
     html = (OUT / "page.html").read_text()
-    assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 6
-    # A lost record is made again from the runs, without a training.
+    assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 4
     before = files()
-    (OUT / "search.json").rename("away.json")
+    (OUT / SEARCH).unlink()
     monkeypatch.setattr(search_page, "draw_themes", lambda *_: None)
     assert run(*more, begin=refuse).status == 0
     assert files() == before
@@ -325,7 +324,7 @@ def test_keys_may_be_set_behind_what_is_searched():
 
 def test_a_search_whose_ranges_have_changed_is_refused_by_name(run):
     assert run("--trials", "3").status == 0
-    before = files()
+    before = files(), trials()
     done = run("--search", "policy.epochs=1..6", *WHAT[::2])
     assert done.status == 1
     assert done.errors == (
@@ -336,27 +335,20 @@ def test_a_search_whose_ranges_have_changed_is_refused_by_name(run):
     assert "seed was 0 and is now 1" in run("seed=1").errors
     assert "policy.gamma was 0.99 and is now 0.9" in run("policy.gamma=0.9").errors
     assert 'metric was "reward" and is now "length"' in run("--metric", "length").errors
-    assert files() == before
+    assert (files(), trials()) == before
     assert run("--trials", "3", "--search", *reversed(WHAT), at=NOWHERE).status == 0  # their order means nothing
 
 
 @pytest.mark.parametrize(
-    ("damage", "what"),
-    [
-        (lambda text: text[: len(text) // 2], "Invalid JSON"),
-        (lambda text: text.replace('"complete"', '"done"'), "Input should be 'running', 'complete', 'pruned' or"),
-        (lambda text: text.replace('"0.000325"', '"0.325"'), "trial-000: its policy.learning_rate is not in the range"),
-        (lambda text: re.sub(r'"score": \d+\.\d+', '"score": NaN', text), "Input should be a finite number"),
-        (lambda text: re.sub(r'"score": \d+\.\d+', '"score": null', text), "it is complete with"),
-    ],
+    "damage", [lambda text: text[: len(text) // 2] + "\n\n", lambda text: text.replace('"op_code":4', '"op":4')]
 )
-def test_a_damaged_record_is_named_and_once_moved_away_the_same_trials_are_proposed(run, damage, what):
+def test_a_damaged_journal_is_named_and_once_moved_away_the_same_trials_are_proposed(run, damage):
     assert run("--trials", "3").status == 0
     before = files()
-    (OUT / "search.json").write_text(damage((OUT / "search.json").read_text()))
+    (OUT / SEARCH).write_text(damage((OUT / SEARCH).read_text()))
     done = run("--trials", "3")
-    assert done.status == 1 and "error: out/search.json is damaged (" in done.errors and what in done.errors
-    (OUT / "search.json").unlink()
+    assert done.status == 1 and "error: out/search.journal is damaged (" in done.errors
+    (OUT / SEARCH).unlink()
     assert run("--trials", "3").status == 0
     assert files() == before
 
@@ -376,8 +368,8 @@ def test_two_searches_do_not_share_a_folder(run):
 
 
 def test_a_missing_optuna_names_the_extra(run, monkeypatch):
-    for name in ("joybridge.compare.search", "joybridge.compare.proposals"):
-        monkeypatch.delitem(sys.modules, name)
+    for name in ("search", "trials", "search_page"):
+        monkeypatch.delitem(sys.modules, f"joybridge.compare.{name}")
     monkeypatch.setitem(sys.modules, "optuna", None)
     done = joybridge("compare", "small.yaml", "--search", "policy.epochs=1..4", "--output", "out")
     assert done.status == 1
@@ -389,11 +381,10 @@ def test_a_missing_optuna_names_the_extra(run, monkeypatch):
 def test_optuna_is_imported_only_by_a_search():
     found = modules("joybridge.compare")
     users = {name for name, targets in found.items() if any(each.module.split(".")[0] == "optuna" for each in targets)}
-    assert users == {"joybridge.compare.proposals"}
-    for module, user in (("proposals", "search"), ("search", "compare")):
-        full = f"joybridge.compare.{module}"
-        by = {(name, each.lazy) for name, targets in found.items() for each in targets if each.module == full}
-        assert by == {(f"joybridge.compare.{user}", user == "compare")}
+    assert users == {f"joybridge.compare.{name}" for name in ("search", "trials", "search_page")}
+    lazily = {name for name, targets in found.items() for each in targets if each.module in users and each.lazy}
+    at_once = {name for name, targets in found.items() for each in targets if each.module in users and not each.lazy}
+    assert lazily == {"joybridge.compare.compare"} and at_once <= users
 
 
 # --------------------------------------------------------------------------------------------------- ranges and rungs
@@ -433,16 +424,11 @@ def test_own_settings_are_those_of_the_configuration_if_the_ranges_have_them(sma
     assert own_settings(read_ranges(["parameters.x=0..1"], small, []), load_config(small), small, []) == {}
 
 
-def test_rungs_are_where_rows_of_metrics_are_and_what_is_later_does_not_count():
-    assert rungs(2000, 100) == [400, 600, 800, 1000, 1200, 1400, 1600, 1800]
-    assert rungs(1000, 300) == [300, 600, 900]
-    assert rungs(1000, 1000) == []
+def test_only_rows_until_a_rung_count():
     run = Run(0, (Point(104, 0.0, 1.0), Point(208, 0.0, 2.0), Point(304, 0.0, 3.0)))
-    part = until(run, 200, 100)
-    assert part is not None and part.points[-1].value == 2.0
-    assert score_so_far(part, 2000, 100) == 1.5  # two rows, as at the end
-    assert score_so_far(part, 1000, 100) == 2.0
-    assert until(run, 0, 100) is None
+    assert score_at(run, 200, 100, rows=2) == 1.5
+    assert score_at(run, 200, 100, rows=1) == 2.0
+    assert score_at(run, 0, 100, rows=1) is None
 
 
 def test_other_configurations_are_variants_of_a_comparison(small, tmp_path):
@@ -459,7 +445,8 @@ def test_other_configurations_are_variants_of_a_comparison(small, tmp_path):
 
 def test_settings_mean_nothing_to_markdown_and_html(tmp_path):
     ranges = [Choices("layout", ("a|<b>", "c*"))]
-    trial = Trial(settings={"layout": "a|<b>"}, state="complete", score=1.0, timesteps=10)
-    result = search_page.Outcome("g", "reward", 10, 0, ranges, [trial], True, {}, [], "joybridge …")
+    distributions: dict[str, BaseDistribution] = {"layout": CategoricalDistribution(ranges[0].values)}
+    trial = create_trial(params={"layout": "a|<b>"}, distributions=distributions, value=1.0)
+    result = search_page.Outcome("g", "reward", 10, 0, ranges, [trial], 0, True, [], "joybridge …")
     html = page_html(search_page.page_text(result), tmp_path)
     assert "<td>a|&lt;b&gt;</td>" in html and html.count("<table>") == 1

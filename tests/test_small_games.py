@@ -24,7 +24,7 @@ def begin(game, seed=0, **state):
     """Return an arena after its reset, with these attributes changed, and what reset returned."""
     arena = game()
     arena.rng = np.random.default_rng(seed)
-    options = {option.name: option.default_choice for option in game.options}
+    options = arena.option = {option.name: option.default_choice for option in game.options}
     arena.parameter = {one.name: one.default_value for one in game.describe(options).parameters}
     first = arena.reset()
     for name, value in state.items():

@@ -28,8 +28,7 @@ from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb
 
 RUNTIME = Path(__file__).parents[1] / "proto/examples/python/policy.py"
-LAYOUTS = ("hybrid", "bucket-11", "bucket-11-mu", "ordinal-11", "joint-3", "auto-11", "auto-axes-5", "squashed",
-           "threshold-0.0", "multiagent")  # fmt: skip
+LAYOUTS = ("hybrid", "bucket-11", "bucket-11-mu", "ordinal-11", "joint-3", "squashed", "threshold-0.0", "multiagent")
 BEHAVIORS = {"ferry": ("helmsman", "lookout")}  # other games have one
 SHORT = ("total_timesteps=1", "arenas=8", "policy.rollout_steps=64", "policy.time_horizon=64", "policy.epochs=1")
 LANES = (1, 75)  # whose decisions are timed

@@ -12,7 +12,7 @@
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
-const FORMATS = ["joybridge.policy.v1", "joybridge.policy.v2"];
+const FORMAT = "joybridge.policy.v3";
 const ACTIVATIONS = {
   swish: (x) => x / (1 + Math.exp(-x)),
   tanh: Math.tanh,
@@ -28,8 +28,8 @@ export function noiseFrom(uniform) {
 export class Policy {
   /** @param {object} document the parsed file. Throws an Error if it is no policy of this format. */
   constructor(document) {
-    if (!FORMATS.includes(document?.format)) {
-      throw new Error(`this is no ${FORMATS.join(" or ")}; write it with \`joybridge export RUN policy.json\``);
+    if (document?.format !== FORMAT) {
+      throw new Error(`this is no ${FORMAT}; write it with \`joybridge export RUN policy.json\``);
     }
     this.game = document.game;
     this.options = document.options; // of the game, a choice for each
@@ -70,15 +70,11 @@ export class Policy {
       const frame = scale(network, network.sensors.flatMap((name) => Array.from(sensors[name], Number)));
       const seen = Float32Array.from([...state[index], ...frame]);
       const outputs = dense(network, seen);
-      const rows = [];
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
         const row = this.#choose(table, logits, allowed, noise);
-        rows.push(row);
         begin += table.values.length;
-        const given = table.given ?? [];
-        if (!given.every((wanted, index) => index % 2 === 0 || rows[given[index - 1]] === wanted)) continue;
         if (table.axis !== undefined) axes[table.axis] = table.values[row];
         else table.branches.forEach((branch, column) => (choices[branch] = table.values[row][column]));
         table.axes?.forEach((axis, column) => (axes[axis] = table.positions[row][column]));
@@ -122,7 +118,7 @@ function scale({ scaling, shift, scale }, frame) {
 }
 
 /** Return the outputs of the dense layers of a network, with its activation between them. */
-function dense({ layers, activation = "swish" }, inputs) {
+function dense({ layers, activation }, inputs) {
   let values = inputs;
   layers.forEach(({ weight, bias }, number) => {
     const given = number ? values.map(ACTIVATIONS[activation]) : values;

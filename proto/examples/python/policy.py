@@ -17,7 +17,7 @@ import numpy as np
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
-FORMATS = ("joybridge.policy.v1", "joybridge.policy.v2")
+FORMAT = "joybridge.policy.v3"
 ACTIVATIONS = {
     "swish": lambda x: x / (1 + np.exp(-np.clip(x, -80, None))),
     "tanh": np.tanh,
@@ -32,9 +32,8 @@ class Policy:
     def __init__(self, path):
         """Read a policy. Raises OSError, and ValueError if the file is no policy of this format."""
         document = json.loads(Path(path).read_bytes(), object_hook=_decode_array)
-        if not isinstance(document, dict) or document.get("format") not in FORMATS:
-            names = " or ".join(map(repr, FORMATS))
-            raise ValueError(f"{path} is no {names}; write it with `joybridge export RUN policy.json`")
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            raise ValueError(f"{path} is no {FORMAT!r}; write it with `joybridge export RUN policy.json`")
         self.sensors = document["sensors"]  # name, dtype and shape of each
         self.axes = document["axes"]  # name, low and high of each, in the order of their columns
         self.branches = document["branches"]  # name and choices of each, in the order of their columns
@@ -66,24 +65,18 @@ class Policy:
             seen = np.concatenate([older, _scale(network, np.concatenate(frame, axis=1))], axis=1)
             following.append(seen[:, seen.shape[1] - older.shape[1] :])
             normal, uniform = self._noise(network, lanes, random)
-            outputs, begin, rows = _dense(network, seen), 0, []
+            outputs, begin = _dense(network, seen), 0
             for column, table in enumerate(network["discrete"]):
                 end = begin + len(table["values"])
                 logits = self._mask(table, outputs[:, begin:end], allowed)
                 row = logits.argmax(axis=1) if uniform is None else _sample(logits, uniform[:, column])
-                rows.append(row)
                 values = np.array(table["values"])[row]
-                given = table.get("given", [])
-                counts = np.full(lanes, True)
-                for earlier, wanted in zip(given[::2], given[1::2], strict=True):
-                    counts &= rows[earlier] == wanted
-                where = np.flatnonzero(counts)
                 if "axis" in table:
-                    axes[where, table["axis"]] = values[where]
+                    axes[:, table["axis"]] = values
                 else:
-                    choices[np.ix_(where, table["branches"])] = values[where]
+                    choices[:, table["branches"]] = values
                 if "axes" in table:
-                    axes[np.ix_(where, table["axes"])] = np.array(table["positions"])[row[where]]
+                    axes[:, table["axes"]] = np.array(table["positions"])[row]
                 begin = end
             samples = outputs[:, begin:]
             if normal is not None:
@@ -138,7 +131,7 @@ def _scale(network, frame):
 
 def _dense(network, values):
     """Return the outputs of the dense layers of a network, with its activation between them."""
-    activation = ACTIVATIONS[network.get("activation", "swish")]
+    activation = ACTIVATIONS[network["activation"]]
     for number, layer in enumerate(network["layers"]):
         if number:
             values = activation(values)

@@ -28,7 +28,7 @@ from joybridge.compare.page import Setting, final_scores, write_page
 from joybridge.compare.ranges import is_fixed
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
-from joybridge.compare.variants import Variant, check_unchanged, kept_spec, make_variants, read_values
+from joybridge.compare.variants import SEARCH, Variant, check_unchanged, kept_spec, make_variants, read_values
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
@@ -122,7 +122,7 @@ def search(options: argparse.Namespace) -> int:
 
 def compare(options: argparse.Namespace) -> int:
     """Train what is missing, write the page, and return 1 if a run has failed."""
-    if (options.output / "search.json").exists():
+    if (options.output / SEARCH).exists():
         raise ConfigError(f"{options.output} holds a search; name another folder with --output")
     grid = [("layout", options.layouts)] if options.layouts else []
     variants = make_variants(

@@ -6,7 +6,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ ELSEWHERE = {  # keys that are not searched, and why
     "stop": "trials of other lengths cannot be compared",
     "log_interval": "trials are compared where they have rows of metrics",
 }
-LARGEST = 2**53  # whole number: larger ones are not exact as float64
+MAX_WHOLE = 2**53  # larger whole numbers are not exact as float64
 FORM = "KEY=LOW..HIGH, KEY=LOW..HIGH:log or KEY=VALUE,VALUE,…"
 EXAMPLE = "policy.learning_rate=1e-5..1e-3:log"
 
@@ -63,6 +63,10 @@ class Choices:
     key: str
     values: tuple[str, ...]
 
+    def write(self, value: str) -> str:
+        """Return a value as it is written in a setting."""
+        return value
+
     def read(self, text: str) -> str | None:
         """Return the value that a setting means; None if it is not one of the choices."""
         return text if text in self.values else None
@@ -87,6 +91,11 @@ def read_ranges(texts: Sequence[str], path: Path, overrides: Sequence[str]) -> l
             raise ConfigError(f"{made.key} is set twice; set it once, or search it")
         ranges[made.key] = made
     return [ranges[key] for key in sorted(ranges)]
+
+
+def settings_of(ranges: Sequence[Range], params: Mapping[str, Any]) -> dict[str, str]:
+    """Return what was chosen within the ranges as it is written, by key."""
+    return {each.key: each.write(params[each.key]) for each in ranges}
 
 
 def is_fixed(text: str) -> bool:
@@ -114,8 +123,8 @@ def _read_range(text: str, path: Path, overrides: Sequence[str]) -> Range:
         first, last = (value_at(configured(end), key) for end in (low, high))
         if type(first) not in (int, float) or type(last) is not type(first):
             raise ConfigError(f"--search {text}: {key} is no number; list its values, as in {key}=VALUE,VALUE")
-        if type(first) is int and max(-first, last) > LARGEST:
-            raise ConfigError(f"--search {text}: the range is too large, expected whole numbers up to {LARGEST:,}")
+        if type(first) is int and max(-first, last) > MAX_WHOLE:
+            raise ConfigError(f"--search {text}: the range is too large, expected whole numbers up to {MAX_WHOLE:,}")
         return Numbers(key, first, last, log, type(first) is int)
     values = read_values(text, "--search")[1]
     configs = [configured(value) for value in values]

@@ -43,6 +43,15 @@ class Run:
         return next((point for point in self.points if point.value >= score), None)
 
 
+def score_at(run: Run, timesteps: int, interval: int, rows: int) -> float | None:
+    """Return the mean value of the last rows until some timesteps, `rows` of them; None if there is none.
+
+    interval: timesteps between two rows.
+    """
+    values = [point.value for point in run.points if point.timesteps // interval <= timesteps // interval]
+    return mean(values[-rows:]) if values else None
+
+
 def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
     """Return a run from its rows of metrics. Raises CheckpointError and ConfigError, which name the source."""
     points = tuple(

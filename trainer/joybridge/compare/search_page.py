@@ -2,31 +2,33 @@
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
+from optuna.trial import FrozenTrial, TrialState
 
 from joybridge.compare.page import PICTURES, escaped, number_text, page_html, picture_block, table
 from joybridge.compare.pictures import COLORS, draw_themes, without_formula
-from joybridge.compare.ranges import Numbers, Range
-from joybridge.compare.search_display import outcome, short
-from joybridge.compare.trials import Trial, best_trial
+from joybridge.compare.ranges import Numbers, Range, settings_of
 from joybridge.config.files import write_atomically
 
 SHOWN = 10  # of the complete trials, the best
-ENOUGH = 10  # complete trials, before the keys are ranked
+STATES = {
+    TrialState.RUNNING: "running", TrialState.COMPLETE: "complete", TrialState.PRUNED: "pruned",
+    TrialState.FAIL: "failed",
+}  # fmt: skip
 CAPTIONS = {
     "trials": "Score of each trial in the order of proposal. Crosses: pruned trials, where they ended. Line: the best "
     "score so far",
     "keys": "Score over each key. Crosses: pruned trials",
-    "curves": "Score so far of each trial. Gray: pruned; orange: the best",
 }
 
 
@@ -39,18 +41,11 @@ class Outcome:
     timesteps: int  # of a complete trial
     seed: int
     ranges: Sequence[Range]
-    trials: Sequence[Trial]
+    trials: Sequence[FrozenTrial]
+    best: int  # number of the trial with the highest score
     own: bool  # the first trial has the settings of the configuration itself
-    importances: Mapping[str, float]  # of the keys; empty with too few trials
     next_commands: Sequence[str]
     command: str  # that makes this search
-
-    @property
-    def best(self) -> int:
-        """Return the number of the best trial."""
-        best = best_trial(self.trials)
-        assert best is not None
-        return best
 
 
 def write_page(result: Outcome, folder: Path) -> list[Path]:
@@ -58,7 +53,7 @@ def write_page(result: Outcome, folder: Path) -> list[Path]:
 
     Raises StorageError.
     """
-    draws = {"trials": _draw_trials, "keys": _draw_keys, "curves": _draw_curves}
+    draws = {"trials": _draw_trials, "keys": _draw_keys}
     draw_themes({name: partial(draw, result) for name, draw in draws.items()}, folder / PICTURES)
     text = page_text(result)
     files = {"page.md": text, "page.html": page_html(text, folder), "trials.csv": trials_csv(result)}
@@ -69,7 +64,7 @@ def write_page(result: Outcome, folder: Path) -> list[Path]:
 
 def page_text(result: Outcome) -> str:
     """Return the page as Markdown."""
-    states = [trial.state for trial in result.trials]
+    states = [STATES[trial.state] for trial in result.trials]
     counts = ", ".join(f"{states.count(state)} {state}" for state in ("complete", "pruned", "failed"))
     blocks = [
         f"# {escaped(result.game)}: a search of {len(states)} trials",
@@ -79,14 +74,12 @@ def page_text(result: Outcome) -> str:
         f"**Each trial is one training with seed {result.seed}.** The best of many trials is also the luckiest: "
         f"compare its settings with the configuration's own over other seeds before you trust them.",
         "## Best trials", ranking(result), "## All trials", picture_block("trials", CAPTIONS["trials"]),
-        "## Keys", "\n".join(f"- `{each}`" for each in result.ranges), *_importances(result),
-        picture_block("keys", CAPTIONS["keys"]), "## Learning curves", picture_block("curves", CAPTIONS["curves"]),
+        "## Keys", "\n".join(f"- `{each}`" for each in result.ranges),
+        picture_block("keys", CAPTIONS["keys"]),
     ]  # fmt: skip
     if "failed" in states:
-        failed = (f"- {number}: {escaped(outcome(trial))}" for number, trial in enumerate(result.trials)
-                  if trial.state == "failed")  # fmt: skip
-        blocks += ["## Failed trials", "The search took their settings for bad ones. The command, repeated, tries them "
-                   "again.", "\n".join(failed)]  # fmt: skip
+        failed = (f"- {trial.number}: {escaped(outcome(trial))}" for trial in _of(result, TrialState.FAIL))
+        blocks += ["## Failed trials", "\n".join(failed)]
     blocks += ["## Next", "```sh\n" + "\n".join(result.next_commands) + "\n```"]
     blocks += ["## Again", f"```sh\n{result.command}\n```"]
     return "\n\n".join(blocks) + "\n"
@@ -94,15 +87,12 @@ def page_text(result: Outcome) -> str:
 
 def ranking(result: Outcome) -> str:
     """Return the best complete trials as a table in Markdown, and that of the configuration's own settings."""
-    complete = [number for number, trial in enumerate(result.trials) if trial.state == "complete"]
-    ranked = sorted(complete, key=lambda number: (-_score(result.trials[number]), number))
-    shown = ranked[:SHOWN] + [number for number in ranked[SHOWN:] if number == 0 and result.own]
+    ranked = sorted(_of(result, TrialState.COMPLETE), key=lambda trial: (-_score(trial), trial.number))
     rows = []
-    for number in shown:
-        trial, name = result.trials[number], f"{number}"
-        name = f"**{name}**" if number == result.best else name
-        name += " (own settings)" if number == 0 and result.own else ""
-        settings = (escaped(trial.settings[each.key]) for each in result.ranges)
+    for trial in ranked[:SHOWN] + [trial for trial in ranked[SHOWN:] if trial.number == 0 and result.own]:
+        name = f"**{trial.number}**" if trial.number == result.best else f"{trial.number}"
+        name += " (own settings)" if trial.number == 0 and result.own else ""
+        settings = map(escaped, settings_of(result.ranges, trial.params).values())
         rows.append((name, number_text(_score(trial)), *settings))
     return table(("trial", "score", *(escaped(short(each.key)) for each in result.ranges)), rows)
 
@@ -112,40 +102,51 @@ def trials_csv(result: Outcome) -> str:
     text = io.StringIO(newline="")
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(("trial", "state", "timesteps", result.metric, *(each.key for each in result.ranges)))
-    for number, trial in enumerate(result.trials):
-        reached = "" if trial.state == "failed" else repr(_score(trial))
-        settings = (trial.settings[each.key] for each in result.ranges)
-        lines.writerow((number, trial.state, trial.timesteps, reached, *settings))
+    for trial in result.trials:
+        timesteps = result.timesteps if trial.state == TrialState.COMPLETE else trial.last_step or 0
+        settings = settings_of(result.ranges, trial.params).values()
+        score = "" if trial.value is None else repr(trial.value)
+        lines.writerow((trial.number, STATES[trial.state], timesteps, score, *settings))
     return text.getvalue()
 
 
-def _importances(result: Outcome) -> list[str]:
-    if not result.importances:
-        return []
-    rows = [(escaped(short(key)), f"{100 * share:.0f} %") for key, share in result.importances.items()]
-    return [
-        "How much each key matters for reaching the best scores, by "
-        "[PED-ANOVA](https://arxiv.org/abs/2304.10255); a rough estimate with so few trials:",
-        table(("key", "importance"), rows),
-    ]
+def outcome(trial: FrozenTrial) -> str:
+    """Return what a trial has come to, in words."""
+    if trial.state == TrialState.FAIL:
+        return f"failed: {trial.user_attrs.get('reason', 'unknown')}"
+    if trial.state == TrialState.PRUNED:
+        return f"pruned after {trial.last_step:,} timesteps, score {trial.value:.4g}"
+    return f"complete, score {trial.value:.4g}" if trial.state == TrialState.COMPLETE else "running"
 
 
-def _score(trial: Trial) -> float:
+def short(key: str) -> str:
+    """Return a key as tables call it."""
+    return key.removeprefix("policy.")
+
+
+def settings_text(ranges: Sequence[Range], trial: FrozenTrial) -> str:
+    """Return the settings of a trial in one line."""
+    return ", ".join(f"{short(key)}={value}" for key, value in settings_of(ranges, trial.params).items())
+
+
+def _score(trial: FrozenTrial) -> float:
     """Return the score of a complete trial, or what a pruned one had reached."""
-    return trial.score if trial.score is not None else list(trial.rungs.values())[-1]
+    assert trial.value is not None
+    return trial.value
 
 
-def _with_scores(result: Outcome, state: str) -> list[int]:
-    return [number for number, trial in enumerate(result.trials) if trial.state == state]
+def _of(result: Outcome, state: TrialState) -> list[FrozenTrial]:
+    """Return the trials that have ended like this."""
+    return [trial for trial in result.trials if trial.state == state]
 
 
 def _draw_trials(result: Outcome) -> Figure:
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     axes = figure.subplots()
-    complete = _with_scores(result, "complete")
-    best = [max(_score(result.trials[each]) for each in complete[: index + 1]) for index in range(len(complete))]
-    axes.plot(complete, best, color=COLORS[1], drawstyle="steps-post", lw=1.6)
-    _draw_points(axes, result, lambda number: number)
+    complete = _of(result, TrialState.COMPLETE)
+    best = list(accumulate(map(_score, complete), max))
+    axes.plot([trial.number for trial in complete], best, color=COLORS[1], drawstyle="steps-post", lw=1.6)
+    _draw_points(axes, result, lambda trial: trial.number)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="trial", ylabel=without_formula(f"score ({result.metric})"))
     return figure
@@ -158,12 +159,10 @@ def _draw_keys(result: Outcome) -> Figure:
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False).flat
     for axes, each in zip(panels, result.ranges, strict=False):
         if isinstance(each, Numbers):
-            _draw_points(axes, result, lambda number, each=each: each.read(result.trials[number].settings[each.key]))
+            _draw_points(axes, result, lambda trial, key=each.key: trial.params[key])
             axes.set_xscale("log" if each.log else "linear")
         else:
-            _draw_points(
-                axes, result, lambda number, each=each: each.values.index(result.trials[number].settings[each.key])
-            )
+            _draw_points(axes, result, lambda trial, each=each: each.values.index(trial.params[each.key]))
             axes.set_xticks(range(len(each.values)), [without_formula(value) for value in each.values])
             axes.set_xlim(-0.5, len(each.values) - 0.5)
         axes.set_xlabel(without_formula(short(each.key)))
@@ -174,24 +173,10 @@ def _draw_keys(result: Outcome) -> Figure:
     return figure
 
 
-def _draw_curves(result: Outcome) -> Figure:
-    figure = Figure(figsize=(9, 3.9), layout="constrained")
-    axes = figure.subplots()
-    for number, trial in enumerate(result.trials):
-        line = {**trial.rungs, **({trial.timesteps: trial.score} if trial.score is not None else {})}
-        color = COLORS[1] if number == result.best else COLORS[0] if trial.state == "complete" else COLORS[-1]
-        over = 3 if number == result.best else 2
-        axes.plot(list(line), list(line.values()), color=color, lw=1.2 if over == 2 else 2.2, zorder=over, marker=".")
-    axes.xaxis.set_major_formatter(EngFormatter(sep="\N{THIN SPACE}"))
-    axes.set(xlabel="timesteps", ylabel=without_formula(f"score so far ({result.metric})"))
-    return figure
-
-
 def _draw_points(axes: Axes, result: Outcome, x: Any) -> None:
-    """Draw all trials at (x(number), score)."""
-    for state, color, marker in (("pruned", COLORS[-1], "x"), ("complete", COLORS[0], "o")):
-        numbers = _with_scores(result, state)
-        scores = [_score(result.trials[number]) for number in numbers]
-        axes.plot([x(number) for number in numbers], scores, marker, color=color, ms=5)
-    edge = mpl.rcParams["text.color"]
-    axes.plot([x(result.best)], [_score(result.trials[result.best])], "o", color=COLORS[1], mec=edge, ms=7, zorder=4)
+    """Draw all trials at (x(trial), score)."""
+    for state, color, marker in ((TrialState.PRUNED, COLORS[-1], "x"), (TrialState.COMPLETE, COLORS[0], "o")):
+        trials = _of(result, state)
+        axes.plot([x(trial) for trial in trials], [_score(trial) for trial in trials], marker, color=color, ms=5)
+    best, edge = result.trials[result.best], mpl.rcParams["text.color"]
+    axes.plot([x(best)], [_score(best)], "o", color=COLORS[1], mec=edge, ms=7, zorder=4)

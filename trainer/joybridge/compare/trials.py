@@ -1,120 +1,214 @@
-"""The trials of a search, and the file `search.json` that keeps them: what was proposed, and what came of it.
+"""The trials of a search: Optuna proposes them, they are trained, judged at rungs, and their results told to Optuna."""
 
-The file is replaced as a whole before a trial begins and when one has ended, so that a search may be killed anywhere.
-"""
-
-import json
+import argparse
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import mean
-from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+import numpy as np
+import optuna
+from optuna.trial import FrozenTrial, TrialState
+from rich.console import Console
 
-from joybridge.compare.ranges import Range
-from joybridge.compare.scores import FINAL, Run
-from joybridge.compare.variants import differences, in_words
-from joybridge.config.errors import ConfigError
+from joybridge.compare.grid import POLL_SECONDS, end
+from joybridge.compare.job import Job, Process
+from joybridge.compare.launch import check_variant, make_job, scored_policy
+from joybridge.compare.ranges import Choices, Range, settings_of
+from joybridge.compare.scores import FINAL, Run, score_at, score_run
+from joybridge.compare.search_page import outcome, settings_text
+from joybridge.compare.variants import Variant, config_path
+from joybridge.config.config import Config, dump_config, load_config
+from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.contract.files import read_file
+from joybridge.config.metrics import metrics_name, read_rows
+from joybridge.contract.errors import JoybridgeError
+from joybridge.v1 import bridge_pb2 as pb
 
-LARGEST = 2**26  # bytes of the file
-RUNGS = tuple(tenth / 10 for tenth in range(2, 10))  # of a run: where a hopeless trial ends
-
-
-class Trial(BaseModel):
-    """One training with settings that were proposed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    settings: dict[str, str]  # by key, as they are written
-    state: Literal["running", "complete", "pruned", "failed"] = "running"  # running: or it waits to go on
-    timesteps: int = 0  # where it ended
-    score: float | None = None  # of a complete trial
-    rungs: dict[int, float] = {}  # the score so far, by timesteps, where it was judged
-    reason: str = ""  # why it failed
-
-    def overrides(self) -> list[str]:
-        """Return the settings, each KEY=VALUE."""
-        return [f"{key}={value}" for key, value in self.settings.items()]
+FIRST = 3  # trials; if all of them fail, the others would as well
+TENTHS = range(2, 10)  # of a run: where a hopeless trial ends
 
 
-class Record(BaseModel):
-    """The content of the file."""
+@dataclass(frozen=True)
+class Search:
+    """What all trials share, and the study that keeps them."""
 
-    model_config = ConfigDict(extra="forbid")
+    options: argparse.Namespace
+    path: Path  # of the configuration
+    base: Config
+    ranges: Sequence[Range]
+    study: optuna.Study
+    spec: pb.GameSpec
+    console: Console = field(default_factory=lambda: Console(highlight=False))
 
-    search: dict[str, Any]  # what must stay the same: ranges, seed, length and metric
-    trials: list[Trial]
+    @property
+    def trials(self) -> list[FrozenTrial]:
+        """Return the trials that have been proposed, by their numbers."""
+        return [trial for trial in self.study.get_trials(deepcopy=False) if trial.state != TrialState.WAITING]
+
+    @property
+    def wanted(self) -> bool:
+        """Return whether another trial is to be proposed."""
+        return len(self.trials) < int(self.options.trials)
+
+    def ended(self, trial: optuna.Trial) -> bool:
+        """Return whether it is known what a trial has come to."""
+        return self.trials[trial.number].state.is_finished()
+
+    @property
+    def rungs(self) -> list[int]:
+        """Return the timesteps where trials are compared: ends of rows of metrics before the end of a run."""
+        interval, last = self.base.log_interval, self.base.end
+        marks = (math.ceil(tenth * last / 10 / interval) * interval for tenth in TENTHS)
+        return [mark for mark in dict.fromkeys(marks) if mark < last]
+
+    def config(self, settings: Mapping[str, str]) -> Config:
+        """Return the configuration with other settings, by key. Raises ConfigError."""
+        return load_config(self.path, [*self.options.overrides, *(f"{key}={value}" for key, value in settings.items())])
+
+    def score(self, run: Run, timesteps: int) -> float | None:
+        """Return the mean of as many rows as make the score of a whole run: the last ones until `timesteps`."""
+        interval = self.base.log_interval
+        return score_at(run, timesteps, interval, math.ceil(FINAL * (self.base.end // interval)))
 
 
-def name_of(number: int) -> str:
-    """Return the name of a trial's files."""
-    return f"trial-{number:03}"
+@dataclass(frozen=True)
+class Training:
+    """The run of a trial."""
 
+    trial: optuna.Trial
+    job: Job
+    policy: str  # whose metrics count; "" for the only policy of a game
 
-def read_record(path: Path, search: dict[str, Any], ranges: Sequence[Range]) -> list[Trial]:
-    """Return the trials so far, none if there is no file. Failed ones are to be tried again.
-
-    search: what is searched now. Raises ConfigError if it was another before, or if the file is damaged.
-    """
-    try:
-        record = Record.model_validate_json(read_file(path, LARGEST))
-    except FileNotFoundError:
-        return []
-    except (OSError, ValidationError) as error:
-        what = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
-        raise ConfigError(_damaged(path, str(what))) from error
-    changed = list(differences(record.search, search))
-    if changed:
-        raise ConfigError(
-            f"{path.parent} holds another search: {in_words(changed)}; repeat the command as it was, or name another "
-            "folder with --output"
+    def run(self, metric: str) -> Run:
+        """Return what has been reached by now. Raises ConfigError and CheckpointError if there are no metrics."""
+        name = f"metrics-{metrics_name(self.policy)}.csv" if self.policy else "metrics-*.csv"
+        for path in sorted(self.job.run.glob(name)):
+            return score_run(read_rows(path), str(path), self.job.seed, metric)
+        raise CheckpointError(
+            f"{self.job.run} has no metrics; delete this folder, and repeat the command to train it again"
         )
-    for number, trial in enumerate(record.trials):
-        outside = [key for key, value in trial.settings.items() if key not in search["ranges"]]
-        outside += [each.key for each in ranges if each.read(trial.settings.get(each.key, "")) is None]
-        if outside or (trial.state == "complete") != (trial.score is not None):
-            what = (
-                f"its {outside[0]} is not in the range" if outside else f"it is {trial.state} with a score or without"
-            )
-            raise ConfigError(_damaged(path, f"{name_of(number)}: {what}"))
-    return [Trial(settings=trial.settings) if trial.state == "failed" else trial for trial in record.trials]
 
 
-def write_record(path: Path, search: dict[str, Any], trials: Sequence[Trial]) -> None:
-    """Replace the file. Raises StorageError."""
-    text = json.dumps({"search": search, "trials": [trial.model_dump() for trial in trials]}, indent=1)
-    write_atomically(path, f"{text}\n".encode())
+def train(made: Search, parallel: int, begin: Callable[[Job], Process]) -> None:
+    """Train trials, `parallel` at a time, until so many are there and all have ended.
+
+    Raises ConfigError if the first ones fail. After an interrupt (KeyboardInterrupt), those that run save checkpoints.
+    """
+    interrupted = [trial for trial in made.trials if not trial.state.is_finished()]
+    running: dict[Training, Process] = {}
+    try:
+        with made.console.status("") as line:
+            while interrupted or running or made.wanted:
+                while len(running) < parallel and (interrupted or made.wanted):
+                    trial = next_trial(made, interrupted, parallel)
+                    running |= start_trial(made, trial, begin)
+                    check_first(made)
+                for training, process in list(running.items()):
+                    status = process.poll()
+                    if not made.ended(training.trial):
+                        judge(made, training, status)
+                        if made.ended(training.trial) and status is None:  # it is pruned
+                            process.terminate()
+                    if status is not None:
+                        del running[training]
+                check_first(made)
+                line.update(f"{len(made.trials) - len(running)} of {made.options.trials} trials have ended")
+                time.sleep(POLL_SECONDS)
+    finally:
+        end(list(running.values()))
 
 
-def best_trial(trials: Sequence[Trial]) -> int | None:
-    """Return the number of the complete trial with the highest score, the first of equals; None if there is none."""
-    scores = {number: trial.score for number, trial in enumerate(trials) if trial.score is not None}
-    return max(scores, key=lambda number: (scores[number], -number), default=None)
+def next_trial(made: Search, interrupted: list[FrozenTrial], parallel: int) -> optuna.Trial:
+    """Return the trial that begins or goes on next, with all its settings. interrupted: those that go on."""
+    number = interrupted[0].number if interrupted else len(made.trials)
+    seed = int(np.random.SeedSequence((made.base.seed, number)).generate_state(1)[0])
+    made.study.sampler = optuna.samplers.TPESampler(seed=seed, constant_liar=parallel > 1)
+    trial = optuna.Trial(made.study, interrupted.pop(0)._trial_id) if interrupted else made.study.ask()
+    for each in made.ranges:
+        if isinstance(each, Choices):
+            trial.suggest_categorical(each.key, each.values)
+        elif each.whole:
+            trial.suggest_int(each.key, int(each.low), int(each.high), log=each.log)
+        else:
+            trial.suggest_float(each.key, each.low, each.high, log=each.log)
+    return trial
 
 
-def rungs(end: int, interval: int) -> list[int]:
-    """Return the timesteps where trials are compared: ends of rows of metrics before the end of a run."""
-    marks = (math.ceil(share * end / interval) * interval for share in RUNGS)
-    return [mark for mark in dict.fromkeys(marks) if mark < end]
+def start_trial(made: Search, trial: optuna.Trial, begin: Callable[[Job], Process]) -> dict[Training, Process]:
+    """Begin a trial, or go on with it. Nothing is returned if it has ended before, or cannot begin.
+
+    A trial with the settings of an earlier one has its result.
+    """
+    for earlier in made.trials[: trial.number]:
+        if earlier.params == trial.params and earlier.state in (TrialState.COMPLETE, TrialState.PRUNED):
+            for timesteps, score in earlier.intermediate_values.items():
+                trial.report(score, timesteps)
+            finish(made, trial, earlier.state, earlier.value if earlier.state == TrialState.COMPLETE else None)
+            return {}
+    try:
+        variant = Variant(f"trial-{trial.number:03}", made.config(settings_of(made.ranges, trial.params)))
+        check_variant(variant, made.spec)
+        job = make_job(variant, made.spec, made.base.seed, made.options)
+        training = Training(trial, job, scored_policy(variant, made.spec, made.options.behavior))
+        write_atomically(config_path(made.options.output, variant.name), dump_config(variant.config).encode())
+        if job.finished():
+            judge(made, training, 0)
+            return {}
+        job.prepare()
+        return {training: begin(job)}
+    except (OSError, JoybridgeError) as error:
+        fail(made, trial, f"{error}")
+        return {}
 
 
-def until(run: Run, timesteps: int, interval: int) -> Run | None:
-    """Return the part of a run up to the row of metrics at `timesteps`; None if it has no score by then."""
-    points = tuple(point for point in run.points if point.timesteps // interval <= timesteps // interval)
-    return Run(run.seed, points) if points else None
+def judge(made: Search, training: Training, status: int | None) -> None:
+    """Report what a trial has come to by now, and keep whether it has ended: pruned at a rung, complete or failed.
+
+    status: of its process, None while it runs. Only rows of metrics count, not when they are looked at.
+    """
+    trial = training.trial
+    try:
+        run = training.run(made.options.metric)
+    except JoybridgeError as error:  # nothing can be read yet, or never
+        if status is not None:
+            fail(made, trial, training.job.failure(status) if status else f"{error}")
+        return
+    known = made.trials[trial.number].intermediate_values
+    for rung in made.rungs:
+        score = made.score(run, rung)
+        if score is not None and run.points[-1].timesteps >= rung:
+            if rung not in known:
+                trial.report(score, rung)
+            if trial.should_prune():
+                finish(made, trial, TrialState.PRUNED)
+                return
+    score = made.score(run, made.base.end)
+    if status == 0 and score is not None:
+        finish(made, trial, TrialState.COMPLETE, score)
+    elif status is not None:
+        fail(made, trial, training.job.failure(status))
 
 
-def score_so_far(part: Run, end: int, interval: int) -> float:
-    """Return the mean of as many rows, the last ones of a part, as make the score of a whole run."""
-    rows = math.ceil(FINAL * (end // interval))
-    return mean(point.value for point in part.points[-rows:])
+def fail(made: Search, trial: optuna.Trial, reason: str) -> None:
+    """Keep that a trial has failed, and why."""
+    trial.set_user_attr("reason", reason.removeprefix("error: "))
+    finish(made, trial, TrialState.FAIL)
 
 
-def _damaged(path: Path, what: str) -> str:
-    return (
-        f"{path} is damaged ({what}); move it away, and repeat the command: the same trials are proposed again, and "
-        "those whose runs are here need no training"
-    )
+def finish(made: Search, trial: optuna.Trial, state: TrialState, score: float | None = None) -> None:
+    """Keep how a trial has ended, and print it."""
+    ended = made.study.tell(trial, score, state=state)
+    text = f"trial {trial.number}: {outcome(ended)} ({settings_text(made.ranges, ended)})"
+    made.console.print(text, soft_wrap=True, markup=False)
+
+
+def check_first(made: Search) -> None:
+    """Raise ConfigError if the first trials have failed, as all others would."""
+    first = made.trials[:FIRST]
+    if len(first) == FIRST and all(trial.state == TrialState.FAIL for trial in first):
+        raise ConfigError(
+            f"the first {FIRST} trials have failed, so the search has ended; the last one: "
+            f"{first[-1].user_attrs['reason']}; delete {made.options.output}, and repeat the command"
+        )

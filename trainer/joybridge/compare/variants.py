@@ -21,9 +21,10 @@ from joybridge.v1 import bridge_pb2 as pb
 
 ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys that do not vary, and what to use instead
 FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a comparison is repeated
+SEARCH = "search.journal"  # of Optuna, in the folder of a search
 VARIANTS = "variants.json"
 MAX_BYTES = 2**26  # of this file
-MOST = 3  # differences that an error names
+MAX_DIFFERENCES = 3  # differences that an error names
 # What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
 OFFERS = {"description", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode"}
 
@@ -200,6 +201,6 @@ def differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any
 
 def in_words(changed: Sequence[tuple[str, Any, Any]]) -> str:
     """Return what has changed as a part of a sentence."""
-    texts = [f"{key} was {json.dumps(was)} and is now {json.dumps(now)}" for key, was, now in changed[:MOST]]
-    more = f", and {len(changed) - MOST} more" if len(changed) > MOST else ""
+    texts = [f"{key} was {json.dumps(was)} and is now {json.dumps(now)}" for key, was, now in changed[:MAX_DIFFERENCES]]
+    more = f", and {len(changed) - MAX_DIFFERENCES} more" if len(changed) > MAX_DIFFERENCES else ""
     return ", ".join(texts) + more

@@ -29,31 +29,27 @@ FORMS = {
     "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
-LONGEST_VALUE = 200  # characters of a wrong value in an error
+MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
 
-# Names of other libraries, and earlier ones of Joybridge, with the key to use instead.
+# Names of other libraries, with the key to use instead.
 OTHER_NAMES = {
     "num_envs": "arenas", "n_envs": "arenas", "num_agents": "arenas", "max_steps": "total_timesteps",
-    "total_steps": "total_timesteps", "num_timesteps": "total_timesteps", "transitions": "total_timesteps",
-    "summary_freq": "log_interval", "summary": "log_interval", "checkpoint": "checkpoint_interval",
+    "total_steps": "total_timesteps", "num_timesteps": "total_timesteps", "summary_freq": "log_interval",
     "save_freq": "checkpoint_interval", "checkpoint_freq": "checkpoint_interval", "device": "accelerator",
-    "balance": "evaluate_over", "action_space": "layout", "n_steps": "policy.rollout_steps",
-    "num_steps": "policy.rollout_steps", "rollout": "policy.rollout_steps", "rollout_length": "policy.rollout_steps",
-    "buffer_size": "policy.rollout_steps", "horizon": "policy.time_horizon", "stack": "policy.frame_stack",
-    "n_stack": "policy.frame_stack", "stacked_vectors": "policy.frame_stack", "hidden": "policy.hidden_sizes",
-    "hidden_units": "policy.hidden_sizes", "net_arch": "policy.hidden_sizes", "batch_size": "policy.minibatch_size",
-    "minibatch": "policy.minibatch_size", "sgd_minibatch_size": "policy.minibatch_size", "n_epochs": "policy.epochs",
-    "num_epoch": "policy.epochs", "num_epochs": "policy.epochs", "update_epochs": "policy.epochs",
-    "lr": "policy.learning_rate", "entropy": "policy.entropy_coef", "ent_coef": "policy.entropy_coef",
-    "beta": "policy.entropy_coef", "clip": "policy.clip_range", "clip_coef": "policy.clip_range",
+    "action_space": "layout", "n_steps": "policy.rollout_steps", "num_steps": "policy.rollout_steps",
+    "rollout": "policy.rollout_steps", "rollout_length": "policy.rollout_steps", "buffer_size": "policy.rollout_steps",
+    "n_stack": "policy.frame_stack", "stacked_vectors": "policy.frame_stack", "hidden_units": "policy.hidden_sizes",
+    "net_arch": "policy.hidden_sizes", "batch_size": "policy.minibatch_size",
+    "sgd_minibatch_size": "policy.minibatch_size", "n_epochs": "policy.epochs", "num_epoch": "policy.epochs",
+    "num_epochs": "policy.epochs", "update_epochs": "policy.epochs", "lr": "policy.learning_rate",
+    "ent_coef": "policy.entropy_coef", "beta": "policy.entropy_coef", "clip_coef": "policy.clip_range",
     "epsilon": "policy.clip_range", "clip_eps": "policy.clip_range", "discount": "policy.gamma",
     "lam": "policy.gae_lambda", "lambd": "policy.gae_lambda", "gae": "policy.gae_lambda",
-    "channels": "policy.reward_weights", "reward_signals": "policy.reward_weights",
-    "activation_fn": "policy.activation", "lr_schedule": "policy.learning_rate_schedule",
-    "anneal_lr": "policy.learning_rate_schedule", "beta_schedule": "policy.entropy_coef_schedule",
-    "epsilon_schedule": "policy.clip_range_schedule", "grad_clip": "policy.max_grad_norm",
-    "kl_target": "policy.target_kl", "normalize": "policy.scale_observations", "norm_obs": "policy.scale_observations",
-    "norm_reward": "policy.scale_rewards",
+    "reward_signals": "policy.reward_weights", "activation_fn": "policy.activation",
+    "lr_schedule": "policy.learning_rate_schedule", "anneal_lr": "policy.learning_rate_schedule",
+    "beta_schedule": "policy.entropy_coef_schedule", "epsilon_schedule": "policy.clip_range_schedule",
+    "grad_clip": "policy.max_grad_norm", "kl_target": "policy.target_kl", "normalize": "policy.scale_observations",
+    "norm_obs": "policy.scale_observations", "norm_reward": "policy.scale_rewards",
 }  # fmt: skip
 
 Schedule = Literal["linear", "constant"]
@@ -130,7 +126,7 @@ class Config(Checked):
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
-        "squashed, auto-N, auto-axes-N, threshold-T, multiagent or one of an installed package; after commas, "
+        "squashed, threshold-T, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
     arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
@@ -276,7 +272,7 @@ def _show(value: object) -> str:
         text = repr(value)
     except ValueError:  # Python refuses to write an integer of more than 4300 digits
         text = "an integer of very many digits"
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} …"
+    return text if len(text) <= MAX_VALUE_CHARS else f"{text[:MAX_VALUE_CHARS]} …"
 
 
 def _expected(key: str, value: object, problem: str) -> str:

@@ -21,7 +21,6 @@ from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.observation import Observation, join
 from joybridge.ppo.observation_tensors import to_tensors
-from joybridge.ppo.sampling import leave_one_choice
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -132,14 +131,9 @@ def _compare(
 
 
 def _additions(layout: Layout, masks: Sequence[Array] | None, discrete: Array) -> Array | None:
-    """Return what to add to the logits, [rows, branches, widest]; None where all choices are allowed.
-
-    Branches that do not count get the choice that is left to them, in `discrete`.
-    """
-    space = layout.space
-    if masks is None and not space.given:
+    """Return what to add to the logits, [rows, branches, widest]; None where all choices are allowed."""
+    if masks is None:
         return None
-    additions = np.zeros((*discrete.shape, space.widest), np.float32)
-    fill_masks(None if masks is None else layout.masks(masks), additions)
-    leave_one_choice(space, discrete, additions)
+    additions = np.zeros((*discrete.shape, layout.space.widest), np.float32)
+    fill_masks(layout.masks(masks), additions)
     return additions

@@ -7,8 +7,6 @@ The paper compares such mappings. Each works on the device of any spec, knows no
     bucket-N-mu   the same, with values that are dense in the middle of each axis
     ordinal-N     as bucket-N, with an ordinal distribution over the values of each axis
     joint-N       one branch: all combinations of N values per axis and of the choices of all branches
-    auto-N        as bucket-N, with a distribution of each axis for every choice of the buttons
-    auto-axes-N   as bucket-N, with a distribution of the buttons for every combination of the axes' values
     beta          as hybrid, with a beta distribution for every axis
     squashed      as hybrid, with a Gaussian that tanh squashes for every axis
     threshold-T   every axis and every button a Gaussian; a button is pressed by a threshold

@@ -11,7 +11,7 @@ from joybridge.layouts.layout import Layout, together
 from joybridge.layouts.targets import AxisTable, JointTable
 from joybridge.v1 import bridge_pb2 as pb
 
-MOST = 10_000  # values; each is an output of the network
+MAX_CHOICES = 10_000  # values; each is an output of the network
 MU = 10.0  # as in VPT (Baker et al. 2022): 11 values are 0, ±0.06, ±0.16, ±0.32, ±0.58 and ±1 of half the range
 
 
@@ -33,8 +33,8 @@ class Spacing:
     def __init__(self, kind: str, setting: str) -> None:
         """Read the setting of a layout of this kind. Raises SettingError."""
         match = re.fullmatch(r"([0-9]{1,9})(-mu)?", setting)
-        if match is None or not 2 <= int(match[1]) <= MOST:
-            raise SettingError(f"expected {kind}-N or {kind}-N-mu with N in 2..{MOST}")
+        if match is None or not 2 <= int(match[1]) <= MAX_CHOICES:
+            raise SettingError(f"expected {kind}-N or {kind}-N-mu with N in 2..{MAX_CHOICES}")
         self.values, self.mu = int(match[1]), match[2] is not None
 
     def __call__(self, axis: pb.Axis) -> Array:

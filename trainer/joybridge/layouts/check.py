@@ -1,9 +1,6 @@
 """Whether layouts set every axis and branch of a device once, and only to what it takes."""
 
-import math
 from collections.abc import Iterator, Sequence
-from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -17,13 +14,6 @@ from joybridge.v1 import bridge_pb2 as pb
 def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
     """Raise DeviceError unless the layouts of all policies that share a device fit it."""
     parts: list[Part] = [part for layout in layouts for part in (*layout.continuous, *layout.discrete)]
-    for layout in layouts:
-        _check_given(layout)
-    parts = [
-        part
-        for part in parts
-        if isinstance(part, AxisRange) or not any(choice for _, choice in getattr(part, "given", ()))
-    ]  # the first of each set of tables
     axes, branches = ([index for part in parts for index in covers(part)[kind]] for kind in (0, 1))
     _check_each_once("axis", [axis.name for axis in device.axes], axes)
     _check_each_once("branch", [branch.name for branch in device.branches], branches)
@@ -31,25 +21,6 @@ def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
         for name, values, low, high in _values(part, device):
             if not len(values) or not (low <= values.min() <= values.max() <= high):
                 raise DeviceError(f"it sets {name!r} to {values.tolist()[:9]}, expected values in {low:g}..{high:g}")
-
-
-def _check_given(layout: Layout) -> None:
-    """Raise DeviceError unless tables that count with some choices of others are there for all these choices."""
-    found: dict[tuple[Any, tuple[int, ...]], list[tuple[int, ...]]] = {}
-    for index, table in enumerate(layout.discrete):
-        if table.given:
-            branches, choices = zip(*table.given, strict=True)
-            for branch in branches:
-                if not 0 <= branch < index or layout.discrete[branch].given:
-                    raise DeviceError(
-                        f"its branch {index} is given branch {branch}, not an earlier one without conditions"
-                    )
-            found.setdefault((covers(table), branches), []).append(choices)
-    for ((axes, held), branches), made in found.items():
-        sizes = [len(layout.discrete[branch].values) for branch in branches]
-        if (count := math.prod(sizes)) != len(made) or sorted(made) != list(product(*map(range, sizes))):
-            what = " and ".join([*(f"axis {axis}" for axis in axes), *(f"branch {branch}" for branch in held)])
-            raise DeviceError(f"it sets {what} given {made[:9]} of other branches, expected all {count} choices once")
 
 
 def _check_each_once(kind: str, names: Sequence[str], held: Sequence[int]) -> None:

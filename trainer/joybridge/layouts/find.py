@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from functools import cache
 
 from joybridge.config.errors import ConfigError, DeviceError, SettingError
-from joybridge.layouts.auto import auto
 from joybridge.layouts.bounded import beta, squashed
 from joybridge.layouts.bucket import bucket
 from joybridge.layouts.check import check_layouts
@@ -33,11 +32,11 @@ Maker = Callable[[pb.Device, str], Layout | Mapping[str, Layout]]
 
 KINDS: dict[str, Maker] = {
     "hybrid": hybrid, "multiagent": multiagent, "bucket": bucket, "threshold": threshold, "joint": joint,
-    "ordinal": ordinal, "beta": beta, "squashed": squashed, "auto": auto,
+    "ordinal": ordinal, "beta": beta, "squashed": squashed,
 }  # fmt: skip
 FORMS = (
     "hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu", "ordinal-N",
-    "ordinal-N-mu", "beta", "squashed", "auto-N", "auto-N-mu", "auto-axes-N", "auto-axes-N-mu",
+    "ordinal-N-mu", "beta", "squashed",
 )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ A policy's action is a float array `continuous` [lanes, continuous] of unbounded
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -21,7 +21,7 @@ CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
 GAUSSIAN = "joybridge.ppo.continuous.gaussian:Gaussian"  # beside other distributions
 SQUASHED = "joybridge.ppo.continuous.squashed:Squashed"
 
-# A branch, an earlier branch, and a choice of this one without which the first does not count; all are indices.
+# A continuous action, a branch, and a choice of it without which the action does not count; all are indices.
 Conditions: TypeAlias = tuple[tuple[int, int, int], ...]
 
 
@@ -33,7 +33,6 @@ class ActionSpace:
     branches: tuple[int, ...]
     ordinal: tuple[int, ...] = ()  # branches whose choices are neighbors, by their indices
     distributions: tuple[str, ...] = ()  # of each continuous action; (): all are Gaussians
-    given: Conditions = ()  # of branches that count only with some choices of others
     needs: Conditions = ()  # of continuous actions that count only with some choices of branches
 
     def counting(self) -> Array:
@@ -64,23 +63,18 @@ class Layout:
     @cached_property
     def space(self) -> ActionSpace:
         """Return the action space that this layout gives its policy."""
-        tables = list(enumerate(self.discrete))
+        tables = enumerate(self.discrete)
         ordinal = tuple(index for index, table in tables if isinstance(table, AxisTable) and table.ordinal)
-        given = tuple((index, *pair) for index, table in tables for pair in table.given)
         sizes = tuple(len(table.values) for table in self.discrete)
         names = [target.distribution if isinstance(target, AxisRange) else "" for target in self.continuous]
         distributions = tuple(name or GAUSSIAN for name in names) if any(names) else ()
         ranges = [(index, each) for index, each in enumerate(self.continuous) if isinstance(each, AxisRange)]
         needs = tuple((index, *pair) for index, each in ranges for pair in each.given)
-        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, given, needs)
+        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, needs)
 
     def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
         """Return what the policy's branches and its continuous actions act on: names of the device's parts."""
-        branches = []
-        for table in self.discrete:
-            given = (f"|{_name(self.discrete[branch], device)}={choice}" for branch, choice in table.given)
-            branches.append(_name(table, device) + "".join(given))
-        return branches, [_name(target, device) for target in self.continuous]
+        return [_name(table, device) for table in self.discrete], [_name(part, device) for part in self.continuous]
 
     def write(
         self, continuous: Array, discrete: Array, act: ActArrays, device_masks: Sequence[Array] | None = None
@@ -105,22 +99,16 @@ class Layout:
                 mask = device_masks[target.branch]
                 choices = np.where(mask[np.arange(len(mask)), choices], choices, mask.argmax(axis=1))
             act.choices[:, target.branch] = choices
-        counting = _counting_lanes(self.space.given, discrete)
         for column, table in enumerate(self.discrete):
-            rows: Array | slice = slice(None)
-            if table.given:
-                if column not in counting:
-                    continue
-                rows = counting[column]
-            choices = discrete[rows, column]
+            choices = discrete[:, column]
             if isinstance(table, AxisTable):
-                act.axes[rows, table.axis] = table.values[choices]
+                act.axes[:, table.axis] = table.values[choices]
                 continue
             for branch, values in zip(table.branches, table.values.T, strict=True):
-                act.choices[rows, branch] = values[choices]
+                act.choices[:, branch] = values[choices]
             if table.positions is not None:
                 for axis, places in zip(table.axes, table.positions.T, strict=True):
-                    act.axes[rows, axis] = places[choices]
+                    act.axes[:, axis] = places[choices]
 
     def read(self, act: ActArrays) -> tuple[Array, Array]:
         """Return the policy's actions that come nearest to what a device was given: the reverse of `write`.
@@ -135,9 +123,6 @@ class Layout:
             continuous[:, column] = CLIP * read_continuous(part, act)
         for column, table in enumerate(self.discrete):
             discrete[:, column] = read_discrete(table, act)
-        if self.space.given:
-            branches, met = conditions_met(self.space.given, discrete)
-            discrete[:, branches] *= met
         return continuous, discrete
 
     def masks(self, device_masks: Sequence[Array]) -> list[Array]:
@@ -147,11 +132,7 @@ class Layout:
         """
         lanes = len(device_masks[0])
         masks: list[Array] = []
-        for index, table in enumerate(self.discrete):
-            last = self.discrete[index - 1]
-            if index and table.values is last.values and covers(table) == covers(last):  # of a layout with conditions
-                masks.append(masks[-1])
-                continue
+        for table in self.discrete:
             allowed = np.ones((lanes, len(table.values)), bool)
             if isinstance(table, JointTable):
                 for branch, choices in zip(table.branches, table.values.T, strict=True):
@@ -170,34 +151,8 @@ def together(*layouts: Layout) -> Layout:
             if isinstance(action, AxisRange):
                 action = replace(action, given=tuple((before + branch, choice) for branch, choice in action.given))
             continuous.append(action)
-        for table in layout.discrete:
-            discrete.append(replace(table, given=tuple((before + branch, choice) for branch, choice in table.given)))
+        discrete += layout.discrete
     return Layout(tuple(continuous), tuple(discrete))
-
-
-def conditions_met(given: Conditions, discrete: Array) -> tuple[Array, Array]:
-    """Return the branches that have conditions, as indices, and where these are met, bool [lanes, such branches]."""
-    branches, begins, others, choices = _arrays(given)
-    met: Array = np.logical_and.reduceat(discrete[:, others] == choices, begins, axis=1)
-    return branches, met
-
-
-def _counting_lanes(given: Conditions, discrete: Array) -> dict[int, Array]:
-    """Return the lanes in which each branch with conditions counts, as indices; without branches that nowhere do."""
-    if not given:
-        return {}
-    branches, met = conditions_met(given, discrete)
-    columns, lanes = np.nonzero(met.T)
-    found, begins = np.unique(columns, return_index=True)
-    return dict(zip(branches[found].tolist(), np.split(lanes, begins[1:]), strict=True)) if len(found) else {}
-
-
-@cache
-def _arrays(given: Conditions) -> tuple[Array, Array, Array, Array]:
-    """Return the branches, where the conditions of each begin, and the earlier branch and choice of each condition."""
-    all_branches, others, choices = np.array(given).T
-    branches, begins = np.unique(all_branches, return_index=True)  # the conditions of a branch are side by side
-    return branches, begins, others, choices
 
 
 def _name(part: Part, device: pb.Device) -> str:

@@ -9,8 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from joybridge.contract.tensors import Array
 
-# Earlier branches of the policy and a choice of each. A branch with such a list counts only if all of them are made.
-Given: TypeAlias = tuple[tuple[int, int], ...]
+Given: TypeAlias = tuple[tuple[int, int], ...]  # branches of the policy, and a choice of each
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,7 @@ class AxisRange:
     low: float
     high: float
     distribution: str = ""  # "module:Class" of a `Distribution` (ppo/continuous); "": a Gaussian
-    given: Given = ()  # branches of the policy and a choice of each, without which the action does not count
+    given: Given = ()  # without all of which the action does not count
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,6 @@ class AxisTable:
     axis: int
     values: Array  # float32 [choices]
     ordinal: bool = False  # the values are neighbors: what makes one likelier makes those beyond it likelier as well
-    given: Given = ()
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,6 @@ class JointTable:
     values: Array  # int32 [choices, branches]
     axes: tuple[int, ...] = ()
     positions: Array | None = None  # float32 [choices, axes]; None without axes
-    given: Given = ()
 
 
 Part: TypeAlias = AxisRange | Threshold | Split | AxisTable | JointTable

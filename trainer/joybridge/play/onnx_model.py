@@ -15,7 +15,6 @@ Only operators of opset 17 and 32-bit numbers are used, which every runtime has.
 """
 
 import json
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -88,25 +87,19 @@ class _Builder:
         """Add one policy: its columns of `axes` and `choices`, and what it remembers."""
         outputs = self._network(policy, self._observe(policy, states))
         row = 0
-        rows: list[str] = []  # that the tables have chosen
         for table in policy["discrete"]:
             size = len(table["values"])
             choice = self._choose(table, self._columns(outputs, row, size))
             row += size
-            rows.append(choice)
-            counts = self._counts(table.get("given", ()), rows)
             if "axis" in table:
-                value = self._node("Gather", self._constant(table["values"]), choice)
-                axes[table["axis"]] = self._where(counts, value, axes[table["axis"]])
+                axes[table["axis"]] = self._node("Gather", self._constant(table["values"]), choice)
                 continue
             for branch, values in zip(table["branches"], zip(*table["values"], strict=True), strict=True):
-                value = self._node("Gather", self._constant(values, np.int64), choice)
-                choices[branch] = self._where(counts, value, choices[branch])
+                choices[branch] = self._node("Gather", self._constant(values, np.int64), choice)
             for axis, positions in zip(
                 table.get("axes", ()), zip(*table.get("positions", ()), strict=True), strict=True
             ):
-                value = self._node("Gather", self._constant(positions), choice)
-                axes[axis] = self._where(counts, value, axes[axis])
+                axes[axis] = self._node("Gather", self._constant(positions), choice)
         if targets := policy["continuous"]:
             sample = self._columns(outputs, row, len(targets))
             if not self._deterministic:
@@ -122,18 +115,6 @@ class _Builder:
                     axes[target["axis"]] = self._move(share, self._axes[target["axis"]])
                 else:
                     choices[target["branch"]] = self._press(share, target)
-
-    def _counts(self, given: Sequence[int], rows: Sequence[str]) -> str:
-        """Return whether the tables before have selected the given rows, bool [lanes, 1]; "" without conditions."""
-        counts = ""
-        for table, row in zip(given[::2], given[1::2], strict=True):
-            part = self._node("Equal", rows[table], self._constant(row, np.int64))
-            counts = self._node("And", counts, part) if counts else part
-        return counts
-
-    def _where(self, counts: str, value: str, before: str) -> str:
-        """Return a value where it counts, elsewhere what was there before; the first one counts everywhere."""
-        return self._node("Where", counts, value, before) if counts and before else value
 
     def _observe(self, policy: Document, states: list[str]) -> str:
         """Return the frames of a policy side by side, oldest first, and keep all but the oldest as its state."""
@@ -154,7 +135,7 @@ class _Builder:
     def _network(self, policy: Document, value: str) -> str:
         for number, layer in enumerate(policy["layers"]):
             if number:
-                value = self._activate(policy.get("activation", "swish"), value)
+                value = self._activate(policy["activation"], value)
             weight, bias = self._constant(layer["weight"]), self._constant(layer["bias"])
             value = self._node("Gemm", value, weight, bias, transB=1)
         return value

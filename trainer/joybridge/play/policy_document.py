@@ -21,9 +21,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 Document = dict[str, Any]
 
-FORMAT = "joybridge.policy.v1"
-FORMAT_2 = "joybridge.policy.v2"  # has keys that readers of v1 do not know: of policies that would go wrong without
-KEYS_2 = ("activation", "scaling")
+FORMAT = "joybridge.policy.v3"
 
 
 def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
@@ -32,9 +30,8 @@ def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, determinist
     deterministic: it takes the likeliest actions instead of sampling. about: what else a reader may want to know.
     """
     seen = {sensor.name for actor in actors for sensor in actor.encoder.sensors}
-    policies = [_policy(actor) for actor in actors]
     return {
-        "format": FORMAT_2 if any(_needs_2(policy) for policy in policies) else FORMAT,
+        "format": FORMAT,
         **about,
         "behavior": behavior.name,
         "deterministic": deterministic,
@@ -47,7 +44,7 @@ def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, determinist
         "branches": [
             {"name": branch.name, "choices": list(branch.choices)} for branch in behavior.device.branches
         ],
-        "policies": policies,
+        "policies": [_policy(actor) for actor in actors],
     }  # fmt: skip
 
 
@@ -91,22 +88,17 @@ def _policy(actor: Actor) -> Document:
     if sums is not None:  # ordinal logits are sums of outputs, so weights are added up once and for all
         head = sums.numpy(force=True).T @ head
     bias = np.concatenate([np.zeros(len(choices), np.float32), state["mean_bias"]])
-    activation = actor.config.activation
     return {
         "name": actor.name,
         "sensors": [sensor.name for sensor in actor.encoder.sensors],
         "frame_stack": actor.config.frame_stack,
-        **({} if activation == "swish" else {"activation": activation}),
+        "activation": actor.config.activation,
         **({} if actor.scaling is None else {"scaling": _scaling(actor.scaling)}),
         "layers": [*hidden, {"weight": head[rows], "bias": bias}],
         "deviations": np.exp(0.5 * state["log_variance"].astype(float)).astype(np.float32),
         "discrete": [_table(table) for table in layout.discrete],
         "continuous": [_target(target) for target in layout.continuous],
     }
-
-
-def _needs_2(policy: Document) -> bool:
-    return any(key in policy for key in KEYS_2) or any(len(table.get("given", ())) > 2 for table in policy["discrete"])
 
 
 def _scaling(scaling: Scaling) -> Document:
@@ -122,7 +114,7 @@ def _table(table: AxisTable | JointTable) -> Document:
         document = {"branches": list(table.branches), **document}
         if table.positions is not None:
             document |= {"axes": list(table.axes), "positions": table.positions.tolist()}
-    return document | {"given": [number for pair in table.given for number in pair]} if table.given else document
+    return document
 
 
 def _target(target: AxisRange | Threshold | Split) -> Document:

@@ -72,12 +72,11 @@ class Actor:
         behavior's device. deterministic: take the likeliest actions instead.
         """
         observations, masks, noise, action, values = decision
-        network, space = self.network, self.layout.space
-        if self._compiled is None or space.distributions or space.given:
+        if self._compiled is None or self.layout.space.distributions:
             with torch.inference_mode():
                 outputs, estimates = self._heads(observations)
                 values[:] = estimates.numpy(force=True)
-                sample_actions(network, outputs, masks, noise, action, deterministic=deterministic)
+                sample_actions(self.network, outputs, masks, noise, action, deterministic=deterministic)
         else:
             allowed = NO_MASKS if masks is None else masks
             decide(*self._compiled, observations.numbers, allowed, noise, deterministic, action, values)

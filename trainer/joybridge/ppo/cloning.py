@@ -11,7 +11,7 @@ from joybridge.ppo.networks import Network
 
 # The smallest log-variance of a Gaussian that cloning asks for: a deviation of 0.1, a sixtieth of the range of an axis.
 # What is always done alike would make it ever smaller.
-NARROWEST = float(np.log(0.1**2))
+MIN_LOG_VARIANCE = float(np.log(0.1**2))
 
 
 class Cloning(NamedTuple):
@@ -34,7 +34,7 @@ def minibatches(actions: Actions, size: int, rng: np.random.Generator) -> Iterat
 def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> float:
     """Add the gradient of the loss, times `coef`, to that of the network; return the loss."""
     outputs = network(actions.observations)
-    spread = network.log_variance if network.distributions else network.log_variance.clamp(min=NARROWEST)
+    spread = network.log_variance if network.distributions else network.log_variance.clamp(min=MIN_LOG_VARIANCE)
     loss = -joint_log_probs(outputs, spread, actions, network.distributions, network.counting)[0].mean()
     (coef * loss).backward()  # type: ignore[no-untyped-call]
     return float(loss.detach())

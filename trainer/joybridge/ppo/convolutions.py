@@ -10,6 +10,7 @@ from joybridge.ppo.images import Image, encoder_kind
 from joybridge.ppo.observation_tensors import Observations
 
 FEATURES = 128  # of an image, with the encoder of windows
+BRIGHT = 64.0  # what becomes 1; small inputs learn slowly, since much of a picture is dark
 
 
 class ImageEncoder(nn.Module):
@@ -43,7 +44,7 @@ class ImageEncoder(nn.Module):
             assert isinstance(stacks, Tensor)
             n, frames, height, width, channels = stacks.shape
             # Bytes become numbers in the order of memory in which convolutions are fastest: channels last.
-            pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / 255
+            pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / BRIGHT
             parts.append(convolutions(pixels.permute(0, 3, 1, 2)).flatten(1))
         return torch.cat(parts, dim=1)
 

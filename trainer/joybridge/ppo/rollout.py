@@ -101,7 +101,7 @@ class RolloutBuffer:
     def _set_masks(self, allowed: Sequence[Array] | None, t: int, lanes: slice) -> Array | None:
         """Store which choices a decision allows; return what to add to the logits, None where all are allowed."""
         if self.masks is None:
-            if allowed is None and not self.space.given:
+            if allowed is None:
                 return None
             self.masks = np.zeros((*self.discrete.shape, self.space.widest), np.float32)
         masks: Array = self.masks[t, lanes]

@@ -49,7 +49,7 @@ class Policy {
  public:
   explicit Policy(const std::string& path) : document(Json::read(path)) {
     const std::string& format = document["format"].text;
-    if (format != "joybridge.policy.v1" && format != "joybridge.policy.v2") {
+    if (format != "joybridge.policy.v3") {
       throw std::invalid_argument(path + " is no policy; write it with `joybridge export RUN policy.json`");
     }
     for (const Json& json : document["policies"].items) networks_.emplace_back(json);
@@ -78,16 +78,10 @@ class Policy {
       const Network& network = networks_[index];
       const std::vector<float> outputs = network.decide(sensors, state.at(index));
       auto output = outputs.begin();
-      std::vector<double> rows;  // that the tables have selected
       for (const Json& table : network.json["discrete"].items) {
         const std::size_t count = table["values"].items.size();
         const std::size_t row = choose(table, {output, output + count}, allowed, sampled ? noise.uniform() : -1);
         output += count;
-        rows.push_back(row);
-        const std::vector<Json>& given = table["given"].items;
-        std::size_t k = 0;  // of the first condition that does not hold
-        while (k + 1 < given.size() && rows.at(given[k].number) == given[k + 1].number) k += 2;
-        if (k + 1 < given.size()) continue;
         if (table["axis"].there()) action.axes.at(table["axis"].number) = float(table["values"].items[row].number);
         set(action.choices, table["branches"], table["values"].items[row]);
         if (table["axes"].there()) set(action.axes, table["axes"], table["positions"].items.at(row));
@@ -151,7 +145,7 @@ class Policy {
 
     float activate(float x) const {
       const std::string& name = json["activation"].text;
-      if (name.empty()) return x / (1 + std::exp(-x));
+      if (name == "swish") return x / (1 + std::exp(-x));
       return name == "tanh" ? std::tanh(x) : name == "relu" || x > 0 ? std::max(x, 0.0F) : std::expm1(x);
     }
 
