@@ -42,5 +42,5 @@ def test_one_decision_enters_18_files(simulator):
         finally:
             sys.setprofile(None)
         list(playing)
-    assert len(entered[1:]) <= 18, entered[1:]
+    assert len(entered[1:]) <= 18, " ".join(entered[1:])
     assert {"client/client.py", "ppo/rollout.py", "contract/local_socket.py"} <= set(entered)

@@ -111,8 +111,8 @@ def test_a_device_that_is_not_there_is_refused_by_its_name():
 def test_penalties_grow_from_a_tenth_to_their_weight_over_the_ramp(updates, share):
     config = PolicyConfig(rollout_steps=5, penalty_ramp=2000)  # 20 timesteps per rollout
     (policy,) = full_agents("orchard", {}, Config(game="orchard", policy=config))
+    policy.updates = updates - 1
     policy.restart()
-    policy.updates = updates
     gain, cost = np.float32(1.0), np.float32(-0.5)
     channels = np.zeros((ARENAS, len(policy.actor.encoder._weights)), np.float32)
     channels[:, 0], channels[:, -1] = gain / policy.actor.encoder._weights[0], cost / policy.actor.encoder._weights[-1]

@@ -59,7 +59,7 @@ class Policy:
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones
         self.updates = 0
-        self.rollout.draw_noise(self._rng(SAMPLES))
+        self._begin_rollout()
 
     def _rng(self, purpose: int) -> np.random.Generator:
         """Return the generator of the present rollout for one purpose; so no state of one need be saved."""
@@ -95,17 +95,15 @@ class Policy:
         for history, pictures in zip(rollout.histories, seen.images, strict=True):
             sources, next_sources, new = history.push(t, lanes, pictures)
             push_frames(sources, new, step, next_sources)
-        eased = 1.0 - self._penalty_share()
-        learned = rewards - np.float32(eased) * actor.encoder.penalties(step) if eased else rewards
+        learned = rewards - self._eased * actor.encoder.penalties(step) if self._eased else rewards
         rollout.store(step, learned, final_values, group)
         self.episodes.add(step, rewards, lanes)
 
-    def _penalty_share(self) -> float:
-        """Return the share of penalties that counts in this rollout: from a tenth to all of them."""
-        if not self.config.penalty_ramp:
-            return 1.0
-        timesteps = self.updates * self.config.rollout_steps * self.lanes
-        return min(1.0, FIRST_SHARE + (1.0 - FIRST_SHARE) * timesteps / self.config.penalty_ramp)
+    def _begin_rollout(self) -> None:
+        """Draw the noise of the present rollout, and fix which share of penalties does not count in it."""
+        self.rollout.draw_noise(self._rng(SAMPLES))
+        timesteps, ramp = self.updates * self.config.rollout_steps * self.lanes, self.config.penalty_ramp
+        self._eased = np.float32((1.0 - FIRST_SHARE) * max(0.0, 1.0 - timesteps / ramp) if ramp else 0.0)
 
     def _watch(self, step: StepArrays) -> Observation:
         """Return what a step shows as the network gets it; frames that are pushed count for their scaling."""
@@ -149,7 +147,7 @@ class Policy:
         if self.actor.scaling is not None:
             self.actor.scaling.refresh()
         self.rollout.restart()
-        self.rollout.draw_noise(self._rng(SAMPLES))
+        self._begin_rollout()
 
     def state(self) -> dict[str, Array]:
         """Return copies of everything that fixes what follows, with an empty rollout, for a checkpoint."""
@@ -176,4 +174,4 @@ class Policy:
         self.rollout.deciding[0] = state["deciding"]
         for i, history in enumerate(self.rollout.histories):
             history.load(state[f"images.{i}"])
-        self.rollout.draw_noise(self._rng(SAMPLES))
+        self._begin_rollout()
