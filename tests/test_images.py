@@ -12,7 +12,7 @@ from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace
 from joybridge.policy.actor import make_actors
 from joybridge.policy.encoder import push_frames
-from joybridge.ppo.convolutions import BRIGHT, ImageEncoder
+from joybridge.ppo.convolutions import WHITE, ImageEncoder
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.history import History
 from joybridge.ppo.images import Image, encoder_kind, find_images
@@ -60,10 +60,10 @@ def test_the_pictures_of_a_stack_are_channels_of_one_image_and_numbers_pass_by()
     camera, board = (torch.from_numpy(bytes_of((7, 2, *IMAGES[name]))) for name in IMAGES)
     features = encoder(Observations(numbers, (camera, board)))
     torch.testing.assert_close(features[:, :12], numbers)
-    pixels = torch.cat([camera[:, frame].permute(0, 3, 1, 2) for frame in (0, 1)], 1) / BRIGHT
+    pixels = torch.cat([camera[:, frame].permute(0, 3, 1, 2) for frame in (0, 1)], 1) / WHITE
     count = 32 * 2 * 1  # channels of 5 x 4 pixels, halved twice
     torch.testing.assert_close(features[:, 12 : 12 + count], encoder.convolutions[0](pixels).flatten(1))
-    pixels = board[:, :, :, :, 0] / BRIGHT
+    pixels = board[:, :, :, :, 0] / WHITE
     torch.testing.assert_close(features[:, 12 + count :], encoder.convolutions[1](pixels).flatten(1))
 
 

@@ -10,7 +10,8 @@ from joybridge.ppo.images import Image, encoder_kind
 from joybridge.ppo.observation_tensors import Observations
 
 FEATURES = 128  # of an image, with the encoder of windows
-BRIGHT = 64.0  # what becomes 1; small inputs learn slowly, since much of a picture is dark
+WHITE = 255.0  # the byte that becomes 1
+WINDOWS_WHITE = 64.0  # the same with the encoder of windows, for pictures of which much is dark
 
 
 class ImageEncoder(nn.Module):
@@ -25,6 +26,7 @@ class ImageEncoder(nn.Module):
         super().__init__()
         builders = {"windows": _windows, "simple": _simple, "nature": _nature, "impala": _impala}
         self.convolutions = nn.ModuleList()
+        self.white = [WINDOWS_WHITE if encoder_kind(kind, image) == "windows" else WHITE for image in images]
         self.features = numbers
         for image in images:
             channels = image.channels * frame_stack
@@ -40,11 +42,11 @@ class ImageEncoder(nn.Module):
     def forward(self, observations: Observations) -> Tensor:
         """Return features [n, features]."""
         parts = [observations.numbers]
-        for stacks, convolutions in zip(observations.images, self.convolutions, strict=True):
+        for stacks, convolutions, white in zip(observations.images, self.convolutions, self.white, strict=True):
             assert isinstance(stacks, Tensor)
             n, frames, height, width, channels = stacks.shape
             # Bytes become numbers in the order of memory in which convolutions are fastest: channels last.
-            pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / BRIGHT
+            pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / white
             parts.append(convolutions(pixels.permute(0, 3, 1, 2)).flatten(1))
         return torch.cat(parts, dim=1)
 
