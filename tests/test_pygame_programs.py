@@ -21,7 +21,8 @@ from joybridge.simulator.listing import listing
 from tests.support.command_line import joybridge
 from tests.support.servers import ROOT, server
 
-CATCH = f"{ROOT / 'tests/support/pygame_programs/catch.py'} 'reward=Score: (\\d+)'"
+CATCHING = ROOT / "tests/support/pygame_programs/catch.py"
+CATCH = f"{CATCHING} 'reward=Score: (\\d+)'"
 SPEC = r"""catch: .*
   option decision_interval: 4 | 1 | 2 | 8 (default 4)
   option screen: 64 | 48 | 84 | 128 (default 64)
@@ -304,3 +305,32 @@ def test_a_place_without_a_program_is_refused_by_both_sides(place):
         load_game(place)
     with pytest.raises(ConfigError, match=r"missing|quotation"):
         choose_game(place, (), None)
+
+
+CONFIG = r"""
+game: {pygame: PROGRAM, reward: ['Score: (\d+)', 'sound:none'], done: Game over, keys: [LEFT, RIGHT], mouse: false,
+       max_decisions: 8, name: fruit}
+options: {screen: '48', colors: gray}
+arenas: 2
+groups: 1
+total_timesteps: 32
+log_interval: 16
+policy: {hidden_sizes: [4], rollout_steps: 8, frame_stack: 1, image_encoder: none, epochs: 1}
+"""
+
+
+def test_a_configuration_names_a_program_and_its_run_remembers_it(tmp_path):
+    config, run = tmp_path / "fruit.yaml", str(tmp_path / "run")
+    config.write_text(CONFIG.replace("PROGRAM", str(CATCHING)))
+    trained = joybridge("train", str(config), "--run", run, "game.max_decisions=4")
+    assert trained.status == 0, trained.errors
+    assert (tmp_path / "run/config.yaml").read_text().startswith("game: fruit\n")
+    evaluated = joybridge("evaluate", run, "--episodes", "2", "--json")
+    assert evaluated.status == 0 and '"length": 4.0' in evaluated.output
+
+
+def test_a_configuration_without_a_program_behind_its_keys_is_refused(tmp_path):
+    config = tmp_path / "fruit.yaml"
+    config.write_text("game: {reward: 'Score'}\n")
+    done = joybridge("train", str(config), "--run", str(tmp_path / "run"))
+    assert done.status == 1 and "expected one program, as in {pygame: my_game.py}" in done.errors

@@ -113,7 +113,7 @@ class PolicyConfig(Checked):
 class Config(Checked):
     """A whole run."""
 
-    game: str = Field(description="which game is trained")
+    game: str = Field(description="which game is trained: its name, or pygame:PROGRAM")
     options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
     parameters: dict[str, Value] = Field(
         {}, description="parameters of the game, as in `joybridge list`; {uniform: [LOW, HIGH]}, {log_uniform: [LOW, "

@@ -73,7 +73,7 @@ def _read(settings: PygameSettings, key: str, value: str) -> None:
     elif key in NUMBERS:
         settings.numbers[key] = _number(key, value)
     elif key in NAMES:
-        settings.names[key] = [name for name in value.split(",") if name]
+        settings.names.setdefault(key, []).extend(name for name in value.split(",") if name)
     elif key in TEXTS:
         settings.texts[key] = value
     elif key in FLAGS and value in ("true", "false"):
