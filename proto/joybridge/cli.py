@@ -38,6 +38,9 @@ CORE = {
     "doctor": Command(
         "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
     ),
+    "tape": Command(
+        "joybridge.adapters.tape_command", "simulator", "regression tests of a pygame program: input tapes"
+    ),
     "train": Command("joybridge.commands.__main__", "train", "train a configuration"),
     "replay": Command("joybridge.commands.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(

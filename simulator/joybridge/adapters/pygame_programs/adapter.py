@@ -14,7 +14,6 @@ from joybridge.adapters.pygame_programs.settings import PygameSettings, read_pyg
 from joybridge.adapters.pygame_programs.wire import OWN_FOLDER
 from joybridge.adapters.settings import AdapterError
 from joybridge.contract.spec import choose_options
-from joybridge.simulator import behavior
 from joybridge.simulator.batched_game import BatchedGame
 
 LOOK_DECISIONS = 16  # for which the program is watched without input
@@ -43,20 +42,11 @@ def adapt(text: str) -> type[BatchedGame]:
 def _frame_seconds(processes: ProgramProcesses, settings: PygameSettings, look: Look) -> float:
     """Return how long a frame of the program usually is, in its own time. Raises GameError if it soon fails."""
     form = make_form(look, choose_options(options_of(look), {}, settings.name))
-    axes, branches = form.axes(), form.branches()
-    player = behavior(
-        "player",
-        sensors=form.sensors(),
-        axes=axes,
-        branches=branches,
-        metrics=look.metrics,
-        channels=look.reward_channels(),
-    )
-    players = Players(processes, form, player, settings.number("seconds"), 1)
+    players = Players(processes, form, settings.number("seconds"), 1)
     try:
         times = [players.begin([0], [0])[0].nanoseconds]
         for _ in range(LOOK_DECISIONS):
-            players.act(0, bytes(4 * (len(axes) + len(branches))))
+            players.act(0, bytes(form.act_bytes))
             played: Played = players.receive(0)
             times.append(played.nanoseconds)
             if played.over:

@@ -8,7 +8,8 @@ import numpy as np
 
 from joybridge.adapters.pygame_programs.settings import PygameSettings
 from joybridge.adapters.settings import AdapterError
-from joybridge.simulator import axis, branch, button, channel, option, sensor
+from joybridge.contract.limits import MAX_PIXELS
+from joybridge.simulator import axis, behavior, branch, button, channel, option, sensor
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_KEYS = 32  # that are buttons
@@ -28,9 +29,12 @@ class Look(NamedTuple):
     states: int  # numbers of the hook's sensor
     metrics: list[str]
 
-    def reward_channels(self) -> list[pb.RewardChannel]:
-        """Return the reward channels."""
-        return [channel(name) for name in self.channels]
+    def picture(self, limit: int = MAX_PIXELS) -> tuple[int, int]:
+        """Return the width and the height of pictures: those of the display, halved until none is above a limit."""
+        width, height = self.width, self.height
+        while max(width, height) > limit:
+            width, height = width // 2, height // 2
+        return width, height
 
 
 def make_look(settings: PygameSettings, shown: Mapping[str, Any]) -> Look:
@@ -88,6 +92,11 @@ class Form(NamedTuple):
         """Return the number of colors."""
         return 1 if self.gray else 3
 
+    @property
+    def act_bytes(self) -> int:
+        """Return the size of an act: float32 axes and int32 choices."""
+        return 4 * (len(self.axes()) + len(self.branches()))
+
     def sensors(self) -> list[pb.Sensor]:
         """Return the sensors, in the order in which the program's process sends them."""
         sensors = []
@@ -125,13 +134,20 @@ class Form(NamedTuple):
             branches.append(branch("wheel", ["none", "up", "down"], "The wheel of the mouse."))
         return branches
 
-    def inside(self, seconds: float) -> dict[str, Any]:
-        """Return what the program's process needs to know. seconds: for a decision."""
+    def player(self) -> pb.Behavior:
+        """Return the behavior of the agent that plays."""
+        return behavior(
+            "player", sensors=self.sensors(), axes=self.axes(), branches=self.branches(),
+            channels=[channel(name) for name in self.look.channels], metrics=self.look.metrics,
+        )  # fmt: skip
+
+    def inside(self, seconds: float, *, hashes: bool = False) -> dict[str, Any]:
+        """Return what the program's process needs to know. seconds: for a decision. hashes: of frames are wanted."""
         return {
             "interval": self.interval, "pointer": self.pointer, "screen": self.screen, "fovea": self.fovea,
             "gray": self.gray, "buttons": self.look.buttons, "keys": list(self.look.keys.values()),
-            "wheel": self.look.wheel, "seconds": seconds,
-            "act_bytes": 4 * (len(self.axes()) + len(self.branches())),
+            "wheel": self.look.wheel, "seconds": seconds, "hashes": hashes,
+            "act_bytes": self.act_bytes,
         }  # fmt: skip
 
 

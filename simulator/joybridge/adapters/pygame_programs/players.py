@@ -12,7 +12,6 @@ from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, ST
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.workers.link import Link
-from joybridge.v1 import bridge_pb2 as pb
 
 SPARE_SECONDS = 1.0  # after which a process that is too slow should have ended by itself
 
@@ -25,17 +24,18 @@ class Played(NamedTuple):
     rewards: Array  # float32 [channels]
     metrics: Array  # float32 [metrics]
     sensors: list[Array]  # one per sensor
+    hashes: Array  # uint64, one per frame since the last decision, if they are wanted
 
 
 class Players:
     """A process per arena. Every wait for one has a limit; one that is too slow, ends or fails raises ArenaError."""
 
     def __init__(
-        self, processes: ProgramProcesses, form: Form, player: pb.Behavior, seconds: float, arenas: int
+        self, processes: ProgramProcesses, form: Form, seconds: float, arenas: int, *, hashes: bool = False
     ) -> None:
-        """form, player: what the processes do and send. seconds: for a decision."""
+        """form: what the processes do and send. seconds: for a decision. hashes: of frames are wanted."""
         self._processes, self._seconds = processes, seconds
-        self._told = form.inside(seconds)
+        self._told, player = form.inside(seconds, hashes=hashes), form.player()
         self._links: list[Link | None] = [None] * arenas
         self._numbers = (len(player.channels), len(player.metrics))
         self._sensors = [(NUMPY_TYPES[sensor.dtype], tuple(sensor.shape)) for sensor in player.sensors]
@@ -66,7 +66,8 @@ class Players:
             count = int(np.prod(shape))
             parts.append(np.frombuffer(message, dtype, count, at).reshape(shape))
             at += parts[-1].nbytes
-        return Played(bool(over), nanoseconds, parts[0], parts[1], parts[2:])
+        hashes = np.frombuffer(message, np.uint64, offset=at)
+        return Played(bool(over), nanoseconds, parts[0], parts[1], parts[2:], hashes)
 
     def branch(self, arena: int, name: bytes) -> None:
         """Keep the state of an arena under a name, as long as there is memory for it."""

@@ -17,7 +17,7 @@ NUMBERS = {  # the default of each, and its range
     "memory": (2048, 128, 1 << 20), "max_decisions": (1024, 1, 100_000),
 }  # fmt: skip
 NAMES = {"keys", "buttons"}  # with commas between them
-TEXTS = {"name", "hook"}
+TEXTS = {"name", "hook", "tapes"}
 FLAGS = {"mouse", "wheel"}
 
 
@@ -26,6 +26,7 @@ class PygameSettings:
     """A program, and how it is run."""
 
     name: str  # of the game
+    text: str  # all that was given
     place: str  # FILE, MODULE or PACKAGE:SCRIPT
     arguments: list[str] = field(default_factory=list)
     rewards: dict[str, str] = field(default_factory=dict)  # by channel; see inside/rewards.py
@@ -56,7 +57,7 @@ def read_pygame_settings(text: str) -> PygameSettings:
     except ValueError as error:
         raise AdapterError(f"got {text!r}: {error}") from error
     words, arguments = (words[: words.index("--")], words[words.index("--") + 1 :]) if "--" in words else (words, [])
-    settings = PygameSettings(name, words[0], arguments)
+    settings = PygameSettings(name, text, words[0], arguments)
     for word in words[1:]:
         key, equals, value = word.partition("=")
         if not equals:

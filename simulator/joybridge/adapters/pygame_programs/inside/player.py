@@ -11,7 +11,7 @@ import numpy as np
 import pygame
 
 from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
-from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, scale
+from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, hash_of, scale
 from joybridge.adapters.pygame_programs.inside.scan import scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage
 from joybridge.adapters.pygame_programs.inside.stem import fork, leave, serve
@@ -50,6 +50,7 @@ class Player:
         self._place = np.zeros(2)  # of the pointer, as parts of the display
         self._speed = np.zeros(2)  # the same, per frame
         self._seen = b""  # the last observation
+        self._hashes = bytearray()  # of the frames of the decision, if they are wanted
 
     def on_frame(self) -> None:
         """Go on with the decision, or answer and wait for the next one."""
@@ -58,6 +59,8 @@ class Player:
                 self._become_stem(FIRST, as_json(self._first_look()))
             return
         self._frames_left -= 1
+        if self._form["hashes"]:
+            self._hashes += hash_of(self.stage.display.pixels())
         self.stage.score.after_frame()
         if self.stage.score.over:
             self._acts.clear()
@@ -116,7 +119,8 @@ class Player:
             self._seen = self._observe()
         numbers = np.array([*score.take(), *score.metrics()], np.float32)
         header = STEP_HEADER.pack(over, self.stage.clock.now)
-        self.link.send(STEP, header + numbers.tobytes() + self._seen)
+        self.link.send(STEP, header + numbers.tobytes() + self._seen + self._hashes)
+        self._hashes.clear()
         while True:
             try:
                 kind, message = self.link.receive()
