@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+from argparse import Namespace
 from contextlib import closing, redirect_stderr
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 
 from joybridge.client.client import Session
+from joybridge.client.command_line import add_own_game
 from joybridge.client.own_games import choose_game
+from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
@@ -334,3 +337,21 @@ def test_a_configuration_without_a_program_behind_its_keys_is_refused(tmp_path):
     config.write_text("game: {reward: 'Score'}\n")
     done = joybridge("train", str(config), "--run", str(tmp_path / "run"))
     assert done.status == 1 and "expected one program, as in {pygame: my_game.py}" in done.errors
+
+
+def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "game.py").write_text(CATCHING.read_text())
+    made = joybridge("new", "--pygame", "game.py keys=LEFT buttons=left -- easy")
+    assert made.status == 0 and "train game.yaml --run runs/game" in made.output, made.errors
+    assert len((tmp_path / "game_hook.py").read_text().splitlines()) <= 20
+    options = Namespace(game=[], simulator=[], overrides=[])
+    add_own_game(options, ["game.yaml"])
+    load_config(tmp_path / "game.yaml", options.overrides)
+    (place,) = options.game
+    assert place == "pygame:game.py keys=LEFT buttons=left hook=game_hook.py -- easy"
+    game: Any = load_game(place)
+    game.processes.end()
+    assert game.look.channels == ["reward"]
+    again = joybridge("new", "--pygame", "game.py")
+    assert again.status == 2 and "game.yaml exists and is not overwritten" in again.errors
