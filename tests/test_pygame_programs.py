@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import re
 from argparse import Namespace
 from contextlib import closing, redirect_stderr
 from typing import Any
@@ -33,7 +34,7 @@ SPEC = r"""catch: .*
   option pointer: position | velocity (default position)
   option fovea: none | 32 | 64 (default none)
   behavior player: 1 agent per arena
-    sensors: screen [55, 74, 3] uint8
+    sensors: screen [55, 74, 3] RGB
     axes: pointer_x -1..1, pointer_y -1..1
     branches: mouse_left (released | pressed), key_LEFT (released | pressed), key_RIGHT (released | pressed)
     rewards: score (weight 1)"""
@@ -322,13 +323,19 @@ policy: {hidden_sizes: [4], rollout_steps: 8, frame_stack: 1, image_encoder: non
 """
 
 
-def test_a_configuration_names_a_program_and_its_run_remembers_it(tmp_path):
-    config, run = tmp_path / "fruit.yaml", str(tmp_path / "run")
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    config = folder / "fruit.yaml"
     config.write_text(CONFIG.replace("PROGRAM", str(CATCHING)))
-    trained = joybridge("train", str(config), "--run", run, "game.max_decisions=4")
+    trained = joybridge("train", str(config), "--run", str(folder / "run"), "game.max_decisions=4")
     assert trained.status == 0, trained.errors
-    assert (tmp_path / "run/config.yaml").read_text().startswith("game: fruit\n")
-    evaluated = joybridge("evaluate", run, "--episodes", "2", "--json")
+    return folder / "run"
+
+
+def test_a_run_remembers_the_program_that_its_configuration_has_named(run):
+    assert (run / "config.yaml").read_text().startswith("game: fruit\n")
+    evaluated = joybridge("evaluate", str(run), "--episodes", "2", "--json")
     assert evaluated.status == 0 and '"length": 4.0' in evaluated.output
 
 
@@ -355,3 +362,22 @@ def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypa
     assert game.look.channels == ["reward"]
     again = joybridge("new", "--pygame", "game.py")
     assert again.status == 2 and "game.yaml exists and is not overwritten" in again.errors
+
+
+def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, monkeypatch):
+    shorter = tmp_path / "shorter.py"
+    source = CATCHING.read_text().replace("randint(2, 5)", "randint(40, 50)").replace("0, 20\n", "0, 1\n")
+    shorter.write_text(source.replace("sys.exit()", "break") + CLOSED.format(tmp_path / "closed"))
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setenv("SDL_AUDIODRIVER", "dummy")
+    driven = joybridge("drive", str(shorter), str(run), "--episodes", "2")
+    assert driven.status == 0, driven.errors
+    assert re.fullmatch(r"(reward [-\d.]+ in \d+ decisions\n){2}", driven.output)
+    assert float((tmp_path / "closed").read_text()) > 0  # written outside of any fence, by the real clock
+
+
+CLOSED = """
+    import contextlib, pathlib, time
+    with contextlib.suppress(PermissionError):  # behind the fences of its first look
+        pathlib.Path('{}').write_text(str(time.time() - 1_750_000_000))
+"""

@@ -49,6 +49,9 @@ CORE = {
     "keys": Command("joybridge.config.keys", "train", "list the keys of configurations: default, meaning and range"),
     "evaluate": Command("joybridge.commands.__main__", "train", "measure how well the policy of a run plays"),
     "record": Command("joybridge.commands.__main__", "train", "record a video of the policy of a run"),
+    "drive": Command(
+        "joybridge.commands.drive", "train", "let the policy of a run play a pygame program in its window"
+    ),
     "export": Command("joybridge.commands.__main__", "export", "write the policy of a run as a file for your product"),
 }
 

@@ -1,6 +1,7 @@
 """A first look at a pygame program becomes the spec of a game."""
 
 import os
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -9,7 +10,7 @@ from typing import Any
 from joybridge.adapters.pygame_programs.form import Look, make_form, make_look, options_of
 from joybridge.adapters.pygame_programs.game import PygameGame
 from joybridge.adapters.pygame_programs.players import Played, Players
-from joybridge.adapters.pygame_programs.processes import ProgramProcesses
+from joybridge.adapters.pygame_programs.processes import ProgramProcesses, WindowProcess
 from joybridge.adapters.pygame_programs.settings import PygameSettings, read_pygame_settings
 from joybridge.adapters.pygame_programs.wire import OWN_FOLDER
 from joybridge.adapters.settings import AdapterError
@@ -24,13 +25,16 @@ def adapt(text: str) -> type[BatchedGame]:
     if not hasattr(os, "fork") or not Path(OWN_FOLDER).parent.is_dir():
         raise AdapterError("pygame programs need Linux: each arena is a fork of the program")
     settings = read_pygame_settings(text)
-    processes = ProgramProcesses(settings)
+    processes = ProgramProcesses(replace(settings, flags=settings.flags | {"window": False}))
     try:
         look = make_look(settings, processes.start())
         seconds = _frame_seconds(processes, settings, look)
     except BaseException:
         processes.end()
         raise
+    if settings.window:
+        processes.end()
+        processes = WindowProcess(settings)
     members = {
         "name": settings.name, "description": f"{text}, a program written with pygame.", "options": options_of(look),
         "settings": settings, "look": look, "processes": processes, "frame_seconds": seconds,

@@ -4,12 +4,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from joybridge.adapters.pygame_programs.settings import PygameSettings
 from joybridge.adapters.settings import AdapterError
 from joybridge.contract.limits import MAX_PIXELS
-from joybridge.simulator import axis, behavior, branch, button, channel, option, sensor
+from joybridge.simulator import axis, behavior, branch, button, channel, image, option, sensor
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_KEYS = 32  # that are buttons
@@ -100,14 +98,12 @@ class Form(NamedTuple):
     def sensors(self) -> list[pb.Sensor]:
         """Return the sensors, in the order in which the program's process sends them."""
         sensors = []
-        shapes = {"screen": self.screen, "fovea": [self.fovea] * 2 if self.fovea else []}
-        texts = {
-            "screen": "The whole display.",
-            "fovea": "The pixels around the pointer; black outside of the display.",
-        }
-        for name, shape in shapes.items():
-            if shape:
-                sensors.append(sensor(name, [*shape, self.channels], 0, 255, texts[name], dtype=np.uint8))
+        if self.screen:
+            height, width = self.screen
+            sensors.append(image("screen", height, width, "The whole display.", channels=self.channels))
+        if self.fovea:
+            text = "The pixels around the pointer; black outside of the display."
+            sensors.append(image("fovea", self.fovea, self.fovea, text, channels=self.channels, centered=True))
         if self.look.states:
             sensors.append(sensor("state", [self.look.states], description="What the hook returns."))
         return sensors

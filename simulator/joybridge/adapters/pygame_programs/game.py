@@ -34,10 +34,11 @@ class PygameGame(BatchedGame):
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
         """Return the spec of the program as the first look has shown it."""
         form, limit = make_form(cls.look, options), int(cls.settings.number("max_decisions"))
+        arenas, snapshot = (1, 0) if cls.settings.window else (MAX_ARENAS, 64 + limit * form.act_bytes)
         return spec(
             cls, [form.player()], decision_interval=form.interval, tick_seconds=cls.frame_seconds,
-            max_episode_decisions=limit, max_arenas=MAX_ARENAS, picture=cls.look.picture(),
-            snapshot_bytes_per_arena=64 + limit * form.act_bytes,
+            max_episode_decisions=limit, max_arenas=arenas, picture=cls.look.picture(),
+            snapshot_bytes_per_arena=snapshot,
         )  # fmt: skip
 
     def __init__(
@@ -54,6 +55,7 @@ class PygameGame(BatchedGame):
         self._first_arena = first_arena
         self._seed = np.array([seed], np.uint64)
         self._episodes = np.zeros(arenas, np.int64)  # that have begun since the seed was set
+        self._closed = False  # whether the window is, because an episode is over
         self._lengths = np.zeros(arenas, np.int32)  # decisions of the present episode
         self._axes = np.zeros((arenas, limit, len(device.axes)), np.float32)  # of the present episode
         self._choices = np.zeros((arenas, limit, len(device.branches)), np.int32)
@@ -78,6 +80,8 @@ class PygameGame(BatchedGame):
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision, all at once. Where the episode ends, the next one begins."""
         arenas = range(len(self._episodes))
+        if self._closed:
+            self._seen, self._closed = self._begin(arenas), False
         self._axes[arenas, self._lengths], self._choices[arenas, self._lengths] = acts[0].axes, acts[0].choices
         for arena in arenas:
             self._players.act(arena, self._act(arena, self._lengths[arena]))
@@ -86,7 +90,9 @@ class PygameGame(BatchedGame):
         ends = [a for a in arenas if played[a].over or self._lengths[a] == self._axes.shape[1]]
         self._seen = list(played)
         self._note_on_tapes(played)
-        if ends:
+        if ends and self.settings.window:
+            self._closed = True  # the next window opens if there is a next decision
+        elif ends:
             for arena, first in zip(ends, self._begin(ends), strict=True):
                 self._seen[arena] = first
         step = quiet_step(self._stack(self._seen), 0)

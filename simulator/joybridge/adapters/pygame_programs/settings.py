@@ -18,7 +18,7 @@ NUMBERS = {  # the default of each, and its range
 }  # fmt: skip
 NAMES = {"keys", "buttons"}  # with commas between them
 TEXTS = {"name", "hook", "tapes"}
-FLAGS = {"mouse", "wheel"}
+FLAGS = {"mouse", "wheel", "window"}
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,11 @@ class PygameSettings:
         """Return a number, its default if it is not set."""
         return self.numbers.get(name, NUMBERS[name][0])
 
+    @property
+    def window(self) -> bool:
+        """Return whether the program is played in its own window, in real time."""
+        return self.flags.get("window", False)
+
     def inside(self) -> dict[str, object]:
         """Return what the process of the program needs to know."""
         return {
@@ -47,6 +52,7 @@ class PygameSettings:
             "arguments": self.arguments, "rewards": self.rewards, "done": self.done,
             "hook": str(Path(self.texts["hook"]).resolve()) if "hook" in self.texts else "",
             "fps": self.number("fps"), "memory": int(self.number("memory")), "start": self.number("start"),
+            "window": self.window,
         }  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pygame
 
-from joybridge.adapters.pygame_programs.inside.clock import MILLISECOND, VirtualClock, post
+from joybridge.adapters.pygame_programs.inside.clock import MILLISECOND, Clock, post
 from joybridge.adapters.pygame_programs.inside.frames import Frames
 
 BUTTONS = {"left": 1, "middle": 2, "right": 3}  # of the mouse, by pygame's numbers
@@ -25,7 +25,7 @@ SCAN_OF_KEY = {  # by the names that pygame gives both
 class Hands:
     """Where the pointer is, and what is pressed."""
 
-    def __init__(self, clock: VirtualClock, frames: Frames) -> None:
+    def __init__(self, clock: Clock, frames: Frames) -> None:
         """Take the place of the functions of pygame.mouse and pygame.key."""
         self.clock, self._frames = clock, frames
         self.position = (0, 0)

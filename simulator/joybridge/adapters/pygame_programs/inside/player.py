@@ -14,7 +14,7 @@ from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
 from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, hash_of, scale
 from joybridge.adapters.pygame_programs.inside.scan import scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage
-from joybridge.adapters.pygame_programs.inside.stem import fork, leave, serve
+from joybridge.adapters.pygame_programs.inside.stem import fork, leave
 from joybridge.adapters.pygame_programs.wire import (
     ACT,
     BRANCH,
@@ -103,11 +103,10 @@ class Player:
         signal.setitimer(signal.ITIMER_REAL, 0)
         self.link.send(kind, message)
         stage = self.stage
-        self.link, told = serve(self.link, stage.folders, stage.fences)
+        self.link, told = stage.wait_for_episode(self.link)
         if not self.playing:
             self.playing, self._form = True, told["form"]
-            stage.chance.begin(told["seed"])
-            stage.score.begin()
+            stage.begin(told["seed"])
             self._place = np.full(2, 0.5)
         self._answer(over=False)
 
