@@ -27,6 +27,7 @@ from tests.support.servers import ROOT, server
 
 CATCHING = ROOT / "tests/support/pygame_programs/catch.py"
 CATCH = f"{CATCHING} 'reward=Score: (\\d+)'"
+KEYS = "written with pygame. Keys in its sources: LEFT, RIGHT; that it was seen to read: LEFT, RIGHT."
 SPEC = r"""catch: .*
   option decision_interval: 4 | 1 | 2 | 8 (default 4)
   option screen: 64 | 48 | 84 | 128 (default 64)
@@ -300,7 +301,11 @@ def test_options_of_a_program_without_one_are_refused(words, what):
 
 def test_commands_name_a_program_by_its_place(tmp_path):
     done = joybridge("look", f"pygame:{CATCH} name=fruit", str(tmp_path / "look.png"), "--pictures", "2")
-    assert done == (0, f"{tmp_path / 'look.png'}: 2 pictures of fruit, one every 4 decisions\n", "")
+    assert done == (
+        0,
+        f"{tmp_path / 'look.png'}: 2 pictures of fruit, one every 4 decisions\n{CATCH} name=fruit, a program {KEYS}\n",
+        "",
+    )
 
 
 @pytest.mark.parametrize("place", ["pygame:", "pygame:'open"])
@@ -381,3 +386,55 @@ CLOSED = """
     with contextlib.suppress(PermissionError):  # behind the fences of its first look
         pathlib.Path('{}').write_text(str(time.time() - 1_750_000_000))
 """
+
+
+def test_keys_that_no_source_names_are_found_by_watching_the_program_play(tmp_path):
+    body = (
+        "numbers, late = [100, 107], {}\n"
+        + LOOP
+        + (
+            "    for event in events:\n"
+            "        if event.type == pygame.KEYDOWN and event.key in (pygame.K_UP, numbers[0], *late): pass\n"
+            "    held = pygame.key.get_pressed()\n"
+            "    moved = held[numbers[1]], any(held)\n"
+        )
+    )
+    description = program(tmp_path, HEAD + body + SHOW).description
+    assert description.endswith("Keys in its sources: UP; that it was seen to read: UP, d, k.")
+
+
+def test_a_joystick_is_plugged_in_where_a_program_reads_nothing_else(tmp_path):
+    body = (
+        "stick, seen = pygame.joystick.Joystick(pygame.joystick.get_count() - 1), [0] * 5\n"
+        "while True:\n"
+        "    for event in pygame.event.get():\n"
+        "        seen[3] += event.type == pygame.JOYAXISMOTION\n"
+        "        seen[4] += event.type == pygame.JOYBUTTONDOWN and event.button == 3\n"
+        "    seen[:3] = stick.get_axis(0), stick.get_axis(1), stick.get_button(3)\n"
+    )
+    (tmp_path / "hook.py").write_text("def state(program): return program.seen\n")
+    game = program(tmp_path, HEAD + body + SHOW, f"hook={tmp_path / 'hook.py'}")
+    with opened(game) as playing:
+        act = ActArrays(np.array([[0.5, 1.0]], np.float32), np.array([[0, 0, 0, 1]], np.int32))
+        (step,) = playing.step([act])
+    assert step.observations[1].tolist() == [[0.5, -1.0, 1.0, 2.0, 1.0]]
+
+
+def test_a_program_that_does_not_go_on_from_snapshots_as_before_is_served_without(tmp_path):
+    source = "import os\n" + HEAD + LOOP + "    screen.fill(os.getpid() % 2**24)\n" + SHOW
+    game = program(tmp_path, source)
+    spec = game.describe(choose_options(game.options, {}, game.name))
+    assert spec.snapshot_bytes_per_arena == 0 and "Without snapshots" in spec.description
+    forced: Any = program(tmp_path, source, "snapshots=true")
+    with opened(forced) as playing:
+        playing.step(still(forced))
+        state = playing.save()
+        forced.processes.forget_branches()
+        with pytest.raises(ValueError, match="arena 0 does not show the picture of the snapshot"):
+            playing.restore(state)
+
+
+def test_a_program_that_draws_in_a_thread_is_refused(tmp_path):
+    draw = "import threading\nthread = threading.Thread(target=pygame.display.flip)\nthread.start()\nthread.join()\n"
+    with pytest.raises(CatalogError, match="the program draws in a thread"):
+        program(tmp_path, HEAD + draw + LOOP + SHOW)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from joybridge.adapters.pygame_programs.settings import PygameSettings
+from joybridge.adapters.pygame_programs.wire import STICK_BUTTONS
 from joybridge.adapters.settings import AdapterError
 from joybridge.contract.limits import MAX_PIXELS
 from joybridge.simulator import axis, behavior, branch, button, channel, image, option, sensor
@@ -23,6 +24,8 @@ class Look(NamedTuple):
     pointer: bool
     buttons: list[str]
     wheel: bool
+    stick: bool  # of a joystick
+    read: list[str]  # keys that it was seen to read
     channels: list[str]
     states: int  # numbers of the hook's sensor
     metrics: list[str]
@@ -35,27 +38,40 @@ class Look(NamedTuple):
         return width, height
 
 
-def make_look(settings: PygameSettings, shown: Mapping[str, Any]) -> Look:
-    """Return the look at a program, with what the settings say instead. Raises AdapterError."""
+def make_look(settings: PygameSettings, shown: Mapping[str, Any], read: Sequence[str] = ()) -> Look:
+    """Return the look at a program, with what the settings say instead. Raises AdapterError.
+
+    read: keys that it was seen to read.
+    """
     numbers: Mapping[str, int] = shown["numbers"]
-    keys: Sequence[str] = settings.names.get("keys", shown["keys"])
+    keys: Sequence[str] = settings.names.get("keys", sorted({*shown["keys"], *read}))
     if unknown := [key for key in keys if key not in numbers]:
         raise AdapterError(f"got the key {unknown[0]!r}, expected a name of pygame without K_, as in LEFT, SPACE or a")
     if len(keys) > MAX_KEYS:
         raise AdapterError(
             f"the program reads {len(keys)} keys, more than {MAX_KEYS}; choose with keys=LEFT,RIGHT,SPACE"
         )
-    pointer = settings.flags.get("mouse", bool(shown["pointer"] or not keys))
+    pointer = settings.flags.get("mouse", bool(shown["pointer"] or not (keys or shown["joystick"])))
     buttons = settings.names.get("buttons", (shown["buttons"] or ["left"]) if pointer else [])
     if unknown := [name for name in buttons if name not in LEFT_RIGHT]:
         raise AdapterError(f"got the button {unknown[0]!r}, expected {', '.join(LEFT_RIGHT)}")
     wheel = settings.flags.get("wheel", bool(shown["wheel"]))
-    if not (pointer or buttons or keys or wheel):
+    if not (pointer or buttons or keys or wheel or shown["joystick"]):
         raise AdapterError("nothing is left to control; set keys=, mouse=true or buttons=left")
     width, height = shown["size"]
     chosen = {key: numbers[key] for key in keys}
     return Look(
-        width, height, chosen, pointer, list(buttons), wheel, shown["channels"], shown["state"], shown["metrics"]
+        width,
+        height,
+        chosen,
+        pointer,
+        list(buttons),
+        wheel,
+        shown["joystick"],
+        list(read),
+        shown["channels"],
+        shown["state"],
+        shown["metrics"],
     )
 
 
@@ -110,8 +126,12 @@ class Form(NamedTuple):
 
     def axes(self) -> list[pb.Axis]:
         """Return the axes."""
+        sticks = [
+            axis("stick_x", description="Of the joystick; positive is right."),
+            axis("stick_y", description="Of the joystick; positive is up."),
+        ] if self.look.stick else []  # fmt: skip
         if not self.pointer:
-            return []
+            return sticks
         stem = "pointer" if self.pointer == "position" else "pointer_velocity"
         text = "Of the pointer: -1 is the {}, 1 the {} of the display."
         if self.pointer == "velocity":
@@ -119,13 +139,16 @@ class Form(NamedTuple):
         return [
             axis(f"{stem}_x", description=text.format("left edge", "right edge")),
             axis(f"{stem}_y", description=text.format("lower edge", "upper edge")),
+            *sticks,
         ]
 
     def branches(self) -> list[pb.Branch]:
-        """Return the branches: buttons of the mouse, keys, and the wheel."""
+        """Return the branches: buttons of the mouse, keys, buttons of the joystick, and the wheel."""
         look = self.look
         branches = [button(f"mouse_{name}", f"The {name} button of the mouse.") for name in look.buttons]
         branches += [button(f"key_{name}", f"pygame.K_{name}") for name in look.keys]
+        if look.stick:
+            branches += [button(f"joy_{n}", f"Button {n} of the joystick.") for n in range(STICK_BUTTONS)]
         if look.wheel:
             branches.append(branch("wheel", ["none", "up", "down"], "The wheel of the mouse."))
         return branches
@@ -137,12 +160,15 @@ class Form(NamedTuple):
             channels=[channel(name) for name in self.look.channels], metrics=self.look.metrics,
         )  # fmt: skip
 
-    def inside(self, seconds: float, *, hashes: bool = False) -> dict[str, Any]:
-        """Return what the program's process needs to know. seconds: for a decision. hashes: of frames are wanted."""
+    def inside(self, seconds: float, *, hashes: bool = False, watch: bool = False) -> dict[str, Any]:
+        """Return what the program's process needs to know. seconds: for a decision.
+
+        hashes: of frames are wanted. watch: keys are pressed to find out which of them the program reads.
+        """
         return {
             "interval": self.interval, "pointer": self.pointer, "screen": self.screen, "fovea": self.fovea,
             "gray": self.gray, "buttons": self.look.buttons, "keys": list(self.look.keys.values()),
-            "wheel": self.look.wheel, "seconds": seconds, "hashes": hashes,
+            "wheel": self.look.wheel, "stick": self.look.stick, "seconds": seconds, "hashes": hashes, "watch": watch,
             "act_bytes": self.act_bytes,
         }  # fmt: skip
 

@@ -29,16 +29,17 @@ class PygameGame(BatchedGame):
     look: ClassVar[Look]
     processes: ClassVar[ProgramProcesses]
     frame_seconds: ClassVar[float]
+    exact: ClassVar[bool]  # whether its snapshots are
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
         """Return the spec of the program as the first look has shown it."""
         form, limit = make_form(cls.look, options), int(cls.settings.number("max_decisions"))
-        arenas, snapshot = (1, 0) if cls.settings.window else (MAX_ARENAS, 64 + limit * form.act_bytes)
+        snapshot = 64 + limit * form.act_bytes if cls.exact else 0
         return spec(
             cls, [form.player()], decision_interval=form.interval, tick_seconds=cls.frame_seconds,
-            max_episode_decisions=limit, max_arenas=arenas, picture=cls.look.picture(),
-            snapshot_bytes_per_arena=snapshot,
+            max_episode_decisions=limit, max_arenas=1 if cls.settings.window else MAX_ARENAS,
+            picture=cls.look.picture(), snapshot_bytes_per_arena=snapshot,
         )  # fmt: skip
 
     def __init__(
@@ -50,8 +51,8 @@ class PygameGame(BatchedGame):
         device, limit = self._player.device, self._spec.max_episode_decisions
         self._options, self._form = options, make_form(self.look, options)
         self._tapes: dict[int, TapeWriter] = {}  # by arena, if they are wanted
-        seconds, wanted = self.settings.number("seconds"), "tapes" in self.settings.texts
-        self._players = Players(self.processes, self._form, seconds, arenas, hashes=wanted)
+        told = self._form.inside(self.settings.number("seconds"), hashes="tapes" in self.settings.texts)
+        self._players = Players(self.processes, self._form, told, arenas)
         self._first_arena = first_arena
         self._seed = np.array([seed], np.uint64)
         self._episodes = np.zeros(arenas, np.int64)  # that have begun since the seed was set
@@ -121,6 +122,7 @@ class PygameGame(BatchedGame):
         return {
             "seed": self._seed.copy(), "episodes": self._episodes.copy(), "lengths": self._lengths.copy(),
             "axes": self._axes.copy(), "choices": self._choices.copy(),
+            "seen": np.array([_hash(seen) for seen in self._seen], np.uint64),
         }  # fmt: skip
 
     def restore(self, state: Mapping[str, Array]) -> None:
@@ -137,6 +139,11 @@ class PygameGame(BatchedGame):
         self._close_tapes(arenas)  # a tape has an episode from its beginning
         for arena in arenas:
             self._seen[arena] = self._players.restore(arena, self._name(arena)) or self._repeat(arena)
+            if _hash(self._seen[arena]) != state["seen"][arena]:
+                raise ValueError(
+                    f"arena {arena} does not show the picture of the snapshot: the program does not do the same again; "
+                    "serve it with snapshots=false"
+                )
 
     def close(self) -> None:
         """End the processes of the arenas."""
@@ -194,3 +201,9 @@ class PygameGame(BatchedGame):
 
     def _stack(self, seen: Sequence[Played]) -> list[Array]:
         return [np.stack([one.sensors[index] for one in seen]) for index in range(len(self._player.sensors))]
+
+
+def _hash(seen: Played) -> int:
+    """Return a number that differs where observations do."""
+    data = b"".join(sensor.tobytes() for sensor in seen.sensors)
+    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "little")

@@ -1,14 +1,14 @@
 """The processes in which the arenas of a session are played, as the server sees them."""
 
 import json
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from joybridge.adapters.pygame_programs.form import Form
 from joybridge.adapters.pygame_programs.processes import ProgramFault, ProgramProcesses
-from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, as_json
+from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, WATCHED, as_json
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.workers.link import Link
@@ -30,12 +30,10 @@ class Played(NamedTuple):
 class Players:
     """A process per arena. Every wait for one has a limit; one that is too slow, ends or fails raises ArenaError."""
 
-    def __init__(
-        self, processes: ProgramProcesses, form: Form, seconds: float, arenas: int, *, hashes: bool = False
-    ) -> None:
-        """form: what the processes do and send. seconds: for a decision. hashes: of frames are wanted."""
-        self._processes, self._seconds = processes, seconds
-        self._told, player = form.inside(seconds, hashes=hashes), form.player()
+    def __init__(self, processes: ProgramProcesses, form: Form, told: Mapping[str, Any], arenas: int) -> None:
+        """told: what the form tells the processes; see Form.inside."""
+        self._processes, self._told, self._seconds = processes, told, told["seconds"]
+        player = form.player()
         self._links: list[Link | None] = [None] * arenas
         self._numbers = (len(player.channels), len(player.metrics))
         self._sensors = [(NUMPY_TYPES[sensor.dtype], tuple(sensor.shape)) for sensor in player.sensors]
@@ -51,6 +49,21 @@ class Players:
     def act(self, arena: int, act: bytes) -> None:
         """Let an arena play a decision; `receive` returns what comes of it."""
         self._send(arena, ACT, act)
+
+    def play(self, arena: int, acts: Iterable[bytes]) -> Iterator[Played]:
+        """Play one decision after the other, and yield what comes of each, until the episode is over."""
+        for act in acts:
+            self.act(arena, act)
+            played = self.receive(arena)
+            yield played
+            if played.over:
+                return
+
+    def watched(self, arena: int) -> list[int]:
+        """Return the numbers of the keys that the program has been seen to read."""
+        self._send(arena, WATCHED, b"")
+        read: list[int] = json.loads(self._receive(arena))
+        return read
 
     def replay(self, arena: int, acts: bytes, decisions: int) -> Played:
         """Play many decisions, and return what comes of the last."""

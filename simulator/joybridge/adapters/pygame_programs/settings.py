@@ -18,7 +18,7 @@ NUMBERS = {  # the default of each, and its range
 }  # fmt: skip
 NAMES = {"keys", "buttons"}  # with commas between them
 TEXTS = {"name", "hook", "tapes"}
-FLAGS = {"mouse", "wheel", "window"}
+FLAGS = {"mouse", "wheel", "joystick", "snapshots", "window"}
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class PygameSettings:
             "arguments": self.arguments, "rewards": self.rewards, "done": self.done,
             "hook": str(Path(self.texts["hook"]).resolve()) if "hook" in self.texts else "",
             "fps": self.number("fps"), "memory": int(self.number("memory")), "start": self.number("start"),
-            "window": self.window,
+            "window": self.window, "joystick": self.flags.get("joystick"),
         }  # fmt: skip
 
 

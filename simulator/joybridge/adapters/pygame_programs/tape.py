@@ -88,7 +88,8 @@ class Rerun:
     def __init__(self, processes: ProgramProcesses, look: Look, options: Mapping[str, str]) -> None:
         """options: all of them."""
         self.form, self._options, self._settings = make_form(look, options), options, processes.settings
-        self._players = Players(processes, self.form, self._settings.number("seconds"), 1, hashes=True)
+        told = self.form.inside(self._settings.number("seconds"), hashes=True)
+        self._players = Players(processes, self.form, told, 1)
 
     def note(self, seed: int) -> dict[str, Any]:
         """Return what a tape of an episode says about it."""
@@ -99,11 +100,10 @@ class Rerun:
         try:
             self._players.begin([0], [seed])
             for act in acts:
-                self._players.act(0, act)
-                played = self._players.receive(0)
-                yield act, played.hashes
-                if played.over:
-                    return
+                for played in self._players.play(0, [act]):
+                    yield act, played.hashes
+                    if played.over:
+                        return
         finally:
             self._players.end([0])
 

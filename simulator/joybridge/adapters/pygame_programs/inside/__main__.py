@@ -17,6 +17,7 @@ from typing import Any
 from joybridge.adapters.pygame_programs.inside.display import Refused
 from joybridge.adapters.pygame_programs.inside.player import Player
 from joybridge.adapters.pygame_programs.inside.program import ProgramError, find_program
+from joybridge.adapters.pygame_programs.inside.scan import needs_joystick, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage, own_folder
 from joybridge.adapters.pygame_programs.inside.stem import copy_beside
 from joybridge.adapters.pygame_programs.wire import knock
@@ -50,6 +51,7 @@ def _run(player: Player, settings: Mapping[str, Any]) -> None:
         player.stage.raise_fences()
         program = find_program(settings["place"], settings["arguments"])
         player.root = program.root
+        player.stage.joysticks.plugged = needs_joystick(scan(program.root), settings["joystick"])
         if program.beside is not None and settings["window"]:
             os.chdir(program.beside)
         elif program.beside is not None:

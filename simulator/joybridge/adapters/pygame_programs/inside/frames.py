@@ -13,7 +13,9 @@ from typing import Any
 import pygame
 
 from joybridge.adapters.pygame_programs.inside.clock import MILLISECOND, SECOND, Clock
+from joybridge.adapters.pygame_programs.inside.display import Refused
 
+THREADED = "the program draws in a thread; only programs that draw in their main thread can be run"
 UNASKED_FRAMES = 300  # after which a program counts as ready that has never asked for input
 
 
@@ -27,6 +29,7 @@ class Frames:
         """
         self.clock, self.on_frame, self._window = clock, on_frame, window
         self.count = 0
+        self._threaded = False  # whether a thread has drawn
         self.asked = False  # whether the program has asked for input
         self._length = round(SECOND / fps)
         self._ended = 0  # time at the last end
@@ -44,7 +47,10 @@ class Frames:
     def end(self) -> None:
         """End a frame."""
         if threading.current_thread() is not threading.main_thread():
-            raise RuntimeError("the program draws in a thread; only programs that draw in their main thread can be run")
+            self._threaded = True
+            raise RuntimeError(THREADED)  # which ends the thread; the next frame of the main thread ends the program
+        if self._threaded:
+            raise Refused(THREADED)
         if self.clock.now == self._ended:
             self.clock.forward(self._length)
         self._ended = self.clock.now

@@ -14,6 +14,7 @@ from joybridge.adapters.pygame_programs.inside.display import Display
 from joybridge.adapters.pygame_programs.inside.fences import Fences
 from joybridge.adapters.pygame_programs.inside.frames import Frames
 from joybridge.adapters.pygame_programs.inside.hands import Hands
+from joybridge.adapters.pygame_programs.inside.joystick import Joysticks
 from joybridge.adapters.pygame_programs.inside.rewards import Texts
 from joybridge.adapters.pygame_programs.inside.score import Score
 from joybridge.adapters.pygame_programs.inside.sounds import Sounds
@@ -32,6 +33,7 @@ class Stage:
         self.clock: Clock = RealClock() if window else VirtualClock()
         self.frames = Frames(self.clock, settings["fps"], on_frame, window=window)
         self.hands = Hands(self.clock, self.frames)
+        self.joysticks = Joysticks(self.frames)
         self.display = Display(window=window)
         self.texts = Texts()
         self.played: Counter[str] = Counter()  # sounds, by the name of the file
