@@ -302,7 +302,7 @@ def test_a_color_pays_if_it_is_named_when_it_is_asked_for(task, back, answers):
         options = (option("task", [task]),)
 
     for late, paid in ((0, 1.0), (1, None)):
-        seen = []
+        seen: list[list[float]] = []
 
         def answer(timestep, seen=seen, late=late):
             seen.append(list(timestep.observation["shown"]))
