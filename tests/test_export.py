@@ -57,7 +57,7 @@ def make_run(folder: Path, simulator: str, **settings) -> Path:
     for actor in make_actors(config, describe(simulator, config.game, config.options)):
         for name, array in actor.state().items():
             inputs = math.prod(array.shape[1:])  # with many, smaller weights, so that axes are not all at their bounds
-            width = min(0.7, (1.5 if actor.network.encoders else 4.0) / math.sqrt(inputs))
+            width = min(0.7, (1.0 if actor.network.encoders else 4.0) / math.sqrt(inputs))
             drawn = rng.normal(0.0, width, array.shape).astype(np.float32)
             if name.startswith(SCALING):
                 drawn = rng.uniform(0.5, 2.0, array.shape).astype(np.float32)
