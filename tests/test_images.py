@@ -89,6 +89,18 @@ def test_every_convolution_learns_shared_or_not(kind, size, numbers, shared, enc
     assert len([name for name, _ in network.named_parameters() if "convolutions" in name]) >= 4 * encoders
 
 
+@pytest.mark.parametrize(
+    ("kind", "height", "width"),
+    [("windows", 32, 32), ("windows", 40, 64), ("windows", 16, 17), ("windows", 84, 30), ("simple", 9, 6),
+     ("nature", 84, 84), ("nature", 64, 40), ("impala", 17, 12)],
+)  # fmt: skip
+def test_every_pixel_of_an_image_is_seen(kind, height, width):
+    encoder = ImageEncoder(kind, [Image(height, width, 1)], 0, 1, "elu")
+    pixels = torch.rand(1, 1, height, width, generator=torch.Generator().manual_seed(0)).requires_grad_()
+    encoder.convolutions[0](pixels).sum().backward()
+    assert pixels.grad is not None and pixels.grad.all()
+
+
 def test_a_policy_of_a_game_with_an_image_acts_on_it():
     spec = load_games(PLACES)["hybrid"].describe({"size": "large", "masks": "off"})
     (actor,) = make_actors(Config(game="hybrid", policy=PolicyConfig(image_encoder="simple", frame_stack=1)), spec)

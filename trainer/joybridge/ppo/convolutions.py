@@ -12,6 +12,8 @@ from joybridge.ppo.observation_tensors import Observations
 FEATURES = 128  # of an image, with the encoder of windows
 WHITE = 255.0  # the byte that becomes 1
 WINDOWS_WHITE = 64.0  # the same with the encoder of windows, for pictures of which much is dark
+STEP = 8  # pixels between two windows of the last convolution, of the encoders whose windows need whole steps
+WHOLE = {"windows": 0, "nature": 4}  # the pixels of a side, modulo STEP, with which the windows reach all of it
 
 
 class ImageEncoder(nn.Module):
@@ -31,6 +33,9 @@ class ImageEncoder(nn.Module):
         for image in images:
             channels = image.channels * frame_stack
             body = builders[encoder_kind(kind, image)](channels, activation)
+            margin = margins(encoder_kind(kind, image), image)
+            if any(margin):
+                body = nn.Sequential(nn.ZeroPad2d(margin), body)
             with torch.no_grad():
                 size = body(torch.zeros(1, channels, image.height, image.width)).numel()
             if encoder_kind(kind, image) == "windows":
@@ -49,6 +54,17 @@ class ImageEncoder(nn.Module):
             pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / white
             parts.append(convolutions(pixels.permute(0, 3, 1, 2)).flatten(1))
         return torch.cat(parts, dim=1)
+
+
+def margins(kind: str, image: Image) -> tuple[int, int, int, int]:
+    """Return how many black pixels an image gets on the left, right, top and bottom, so that windows reach all of it.
+
+    Without them, what stands in the last rows and columns would not be seen.
+    """
+    if kind not in WHOLE:
+        return 0, 0, 0, 0
+    wide, high = ((WHOLE[kind] - side) % STEP for side in (image.width, image.height))
+    return wide // 2, wide - wide // 2, high // 2, high - high // 2
 
 
 class Activate(nn.Module):
@@ -84,7 +100,7 @@ def _windows(channels: int, activation: str) -> nn.Module:
     """Return two convolutions over windows that overlap by half, which cost a processor little."""
     return nn.Sequential(
         nn.Conv2d(channels, 16, 8, stride=4), Activate(activation),
-        nn.Conv2d(16, 32, 4, stride=2), Activate(activation),
+        nn.Conv2d(16, 32, 3, stride=2), Activate(activation),
     )  # fmt: skip
 
 
