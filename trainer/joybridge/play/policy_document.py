@@ -72,6 +72,11 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
+    if space.maps:
+        raise ExportError(
+            f"{actor.name}: layouts with a map point with convolutions, which cannot be exported; train it with "
+            "another layout, such as bucket-11, or play it with the trainer"
+        )
     if actor.network.encoders:
         raise ExportError(
             f"{actor.name}: networks with convolutions cannot be exported; train it with image_encoder=none, or play "

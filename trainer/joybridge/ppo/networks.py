@@ -14,6 +14,7 @@ from joybridge.ppo.continuous import load_distributions
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.observation_tensors import Observations
+from joybridge.ppo.pointing import Pointers
 
 
 class Outputs(NamedTuple):
@@ -56,6 +57,8 @@ class Network(nn.Module):
     independent of the state, begins at 0. `distributions` are those of continuous actions, none if all are Gaussians;
     `log_variance` then holds the parameters of all of them.
 
+    `pointers`, None without maps: the logits of maps are not in the head of the tower, but come from the convolutions.
+
     `sums` [columns, columns], None without ordinal branches: the logits are the outputs of the tower times this matrix.
     """
 
@@ -87,7 +90,8 @@ class Network(nn.Module):
             free = sum(each.parameters for each in self.distributions)
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
-        self.actor = Tower(sizes, columns, activation)
+        self.pointers = Pointers(space, self._continuous, shared, encoders[0]) if space.maps else None
+        self.actor = Tower(sizes, self.pointers.columns if self.pointers else columns, activation)
         self.critic = None if shared else Tower(sizes, 1, activation)
         self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
@@ -103,16 +107,19 @@ class Network(nn.Module):
             _variance_scaling(layer.weight.flatten(1), 1.0, generator)
             if layer.bias is not None:
                 nn.init.zeros_(layer.bias)
-        policy = self.actor.head.weight[: self.pad.numel() + self._continuous]
+        policy = self.actor.head.weight[: len(self.actor.head.weight) - (self.critic is None)]
         _variance_scaling(policy, 0.01, generator)
         value = (self.critic or self.actor).head.weight[-1:]
         nn.init.xavier_uniform_(value, generator=generator)
 
     def heads(self, observations: Observations) -> tuple[Tensor, Tensor]:
         """Return the actor's outputs [lanes, columns], without mask and bias, and the values [lanes]."""
-        features = [encoder(observations) for encoder in self.encoders] or [observations.numbers]
+        encoded = [encoder(observations) for encoder in self.encoders]
+        features = [each.features for each in encoded] or [observations.numbers]
         outputs = self.actor(features[0])
         value = outputs if self.critic is None else self.critic(features[-1])
+        if self.pointers is not None:
+            outputs = self.pointers(outputs, encoded[0].maps)
         if self.sums is not None:
             outputs = outputs @ self.sums
         return outputs, value[:, -1] + self.value_bias
