@@ -80,14 +80,15 @@ class Convolutions(nn.Module):
     def forward(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels]."""
         n, frames, height, width, channels = stacks.shape
-        # Bytes become numbers in the order of memory in which convolutions are fastest: channels last.
-        pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / self.white
+        # Bytes become numbers in one pass, in the order of memory in which convolutions are fastest: channels last.
+        pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).div(self.white)
         maps = self.see(pixels)
         return self.dense(maps[-1].flatten(1)), maps
 
     def see(self, pixels: Tensor) -> list[Tensor]:
         """Return what each stage returns for [n, height, width, channels]."""
-        maps = [functional.pad(pixels.permute(0, 3, 1, 2), self.margins)]
+        pixels = pixels.permute(0, 3, 1, 2)
+        maps = [functional.pad(pixels, self.margins) if any(self.margins) else pixels]  # to add nothing copies it all
         for stage in self.stages:
             maps.append(stage(maps[-1]))
         return maps[1:]
