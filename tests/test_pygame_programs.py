@@ -438,3 +438,20 @@ def test_a_program_that_draws_in_a_thread_is_refused(tmp_path):
     draw = "import threading\nthread = threading.Thread(target=pygame.display.flip)\nthread.start()\nthread.join()\n"
     with pytest.raises(CatalogError, match="the program draws in a thread"):
         program(tmp_path, HEAD + draw + LOOP + SHOW)
+
+
+def test_a_package_without_scripts_is_refused_with_the_names_of_its_modules():
+    with pytest.raises(CatalogError, match=r"'pillow' has no script; its modules are .*PIL.*: name the one that runs"):
+        load_game("pygame:pillow")
+
+
+def test_a_program_that_compares_keys_with_all_there_are_has_those_of_its_sources(tmp_path):
+    body = (
+        "names = [pygame.K_UP, *range(97, 123), *range(48, 58)]\n"
+        + LOOP
+        + (
+            "    for event in events:\n"
+            "        if event.type == pygame.KEYDOWN and any([event.key == name for name in names]): pass\n"
+        )
+    )
+    assert list(program(tmp_path, HEAD + body + SHOW).look.keys) == ["UP"]

@@ -35,7 +35,7 @@ class History:
     def __init__(self, steps: int, lanes: int, image: Image, frame_stack: int) -> None:
         """Begin with blank pictures."""
         self.frame_stack = frame_stack
-        self.pictures = np.zeros((1 + frame_stack + steps, lanes, *image), np.uint8)
+        self.pictures = np.zeros((1 + frame_stack + steps, lanes, *image.shape), np.uint8)
         self.sources = np.zeros((steps + 1, lanes, frame_stack), np.int32)
         self._lanes = np.arange(lanes)
 
@@ -56,9 +56,8 @@ class History:
         """Return what decision t sees in some lanes."""
         return Window(self.pictures, self.sources[t, lanes], self._lanes[lanes])
 
-    def decided(self, decided: Array) -> Window:
-        """Return what the decisions see, of those in a rollout that are marked, bool [steps, lanes]."""
-        steps, lanes = np.nonzero(decided)
+    def at(self, steps: Array, lanes: Array) -> Window:
+        """Return what some decisions see, of these steps and lanes."""
         return Window(self.pictures, self.sources[steps, lanes], lanes)
 
     def restart(self) -> None:

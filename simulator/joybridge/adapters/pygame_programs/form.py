@@ -44,7 +44,8 @@ def make_look(settings: PygameSettings, shown: Mapping[str, Any], read: Sequence
     read: keys that it was seen to read.
     """
     numbers: Mapping[str, int] = shown["numbers"]
-    keys: Sequence[str] = settings.names.get("keys", sorted({*shown["keys"], *read}))
+    found = sorted({*shown["keys"], *read})  # more than MAX_KEYS are seen where a program compares with all there are
+    keys: Sequence[str] = settings.names.get("keys", found if len(found) <= MAX_KEYS else shown["keys"])
     if unknown := [key for key in keys if key not in numbers]:
         raise AdapterError(f"got the key {unknown[0]!r}, expected a name of pygame without K_, as in LEFT, SPACE or a")
     if len(keys) > MAX_KEYS:
