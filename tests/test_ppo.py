@@ -1,6 +1,5 @@
 """The loss, its gradient in closed form, and the update."""
 
-import math
 from dataclasses import asdict, astuple
 from functools import partial
 
@@ -11,18 +10,17 @@ import torch
 
 from joybridge.config.config import PolicyConfig
 from joybridge.config.metrics import STATISTICS
-from joybridge.layouts import ActionSpace, make_layouts
-from joybridge.ppo.distributions import FORBIDDEN, counting_actions
+from joybridge.layouts import ActionSpace
+from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.fast.gradient import ClosedFormGradient
-from joybridge.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
-from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
-from joybridge.ppo.networks import Network, Outputs, flatten_parameters
+from joybridge.ppo.loss import Batch, acted_log_probs, autograd_gradient, joint_log_probs
+from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients, anneal
 from joybridge.ppo.update import Learner, explained_variance, ppo_update
-from joybridge.v1 import bridge_pb2 as pb
 from tests.support.measured import interpreted
 
+CONDITIONAL = "parts that do not always count, masked"
 SPACES = {
     "discrete": (ActionSpace(0, (11, 11, 3)), True, False),
     "continuous": (ActionSpace(4, ()), False, False),
@@ -30,7 +28,7 @@ SPACES = {
     "hybrid in one tower, masked": (ActionSpace(2, (4, 3)), True, True),
     "discrete in two towers, masked": (ActionSpace(0, (5, 2)), False, True),
     "ordinal and others, masked": (ActionSpace(1, (4, 7, 3), ordinal=(0, 2)), True, True),
-    "axes with choices": (ActionSpace(3, (3, 2), needs=((0, 0, 0), (1, 0, 1), (2, 1, 1))), False, True),
+    CONDITIONAL: (ActionSpace(3, (3, 2), ordinal=(1,)), False, True),
 }
 
 
@@ -55,7 +53,7 @@ def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 
         observations, normal((rows, space.continuous)), discrete, masks, torch.zeros(rows),
         value + 0.4 * normal(rows), normal(rows), value + normal(rows),
     )  # fmt: skip
-    batch.log_probs = joint_log_probs(outputs, network.log_variance, batch, (), network.counting)[0].detach()
+    batch.log_probs = joint_log_probs(outputs, network.log_variance, batch)[0].detach()
     return network, flat, batch
 
 
@@ -95,6 +93,10 @@ def test_threads_give_the_same_bits_on_a_machine_with_fewer_cores_and_none_of_th
 
 def compare_gradients(name, seed, activation, threads=1):
     network, flat, batch = make(*SPACES[name], rows=200, seed=seed, activation=activation)
+    if name == CONDITIONAL:
+        parts = len(batch.discrete[0]) + len(batch.continuous[0])
+        batch.counts = torch.rand(200, parts, generator=torch.Generator().manual_seed(seed)) < 0.6
+        batch.log_probs = acted_log_probs(network, batch, 64)
     batch.log_probs += 0.3 * torch.randn(200, generator=torch.Generator().manual_seed(9))
     coefficients = Coefficients(1e-3, 0.2, 0.05)
     reference = autograd_gradient(network, batch, torch.arange(200), coefficients)
@@ -259,40 +261,3 @@ def test_the_network_begins_as_the_original_does():
     assert outputs.logits.shape == (3, 2, 11)
     assert (torch.softmax(outputs.logits, -1)[:, 1, 3:] == 0).all()
     torch.testing.assert_close(network.heads(observations)[1], outputs.value)
-
-
-def test_an_axis_that_does_not_count_adds_nothing_in_the_old_and_in_the_new_policy():
-    """One axis per choice: 0.5, 0.3 and 0.2, of which the second is chosen; all axes have mean 0.1, deviation 0.5."""
-    space = ActionSpace(3, (3,), needs=((0, 0, 0), (1, 0, 1), (2, 0, 2)))
-    logits = torch.tensor([0.5, 0.3, 0.2]).log().reshape(1, 1, 3)
-    means, log_variance = torch.full((1, 3), 0.1, requires_grad=True), torch.full((3,), math.log(0.25))
-    empty = torch.zeros(1)
-    continuous = torch.tensor([[9.0, 0.4, -9.0]])
-    batch = Batch(Observations(torch.zeros(1, 1)), continuous, torch.tensor([[1]]), None, empty, empty, empty, empty)
-    outputs = Outputs(logits, means, torch.zeros(1))
-    counting = torch.from_numpy(space.counting())
-    log_probs, entropy, _ = joint_log_probs(outputs, log_variance, batch, (), counting)
-    assert float(log_probs.detach()) == pytest.approx(-1.609765, abs=1e-6)
-    assert float(entropy) == pytest.approx(1.755444, abs=1e-6)
-    (gradient,) = torch.autograd.grad(log_probs.sum(), means)
-    assert gradient[0, 0] == gradient[0, 2] == 0.0 and gradient[0, 1] == pytest.approx(0.3 / 0.25)
-    old = np.zeros((1, 3), np.float32), np.zeros((1, 1), np.int64), np.zeros(1, np.float32)
-    head = Head(np.full(3, 0.1, np.float32), log_variance.numpy(), np.array([3]), space.counting())
-    flat = np.concatenate([logits.numpy().ravel(), np.zeros(3)]).astype(np.float32)[None]
-    noise = Noise(np.array([[5.0, 0.6, -5.0]], np.float32), np.array([[0.6]], np.float32))
-    sample(flat, head, NO_MASKS, noise, False, Action(*old))
-    assert old[1][0, 0] == 1 and old[2][0] == pytest.approx(-1.609765, abs=1e-6)
-
-
-@pytest.mark.parametrize("layout", ["hybrid", "beta", "squashed"])
-def test_layouts_of_continuous_axes_know_with_which_choice_an_axis_counts(layout):
-    axes = [pb.Axis(name=name, low=0.0, high=1.0) for name in ("turn", "power", "free")]
-    axes[0].only_with.CopyFrom(pb.Condition(branch="act", choice="turn"))
-    axes[1].only_with.CopyFrom(pb.Condition(branch="act", choice="kick"))
-    branches = [pb.Branch(name="press", choices=["no", "yes"]), pb.Branch(name="act", choices=["kick", "turn", "wait"])]
-    space = make_layouts(layout, pb.Device(axes=axes, branches=branches))[""].space
-    assert space.needs == ((0, 1, 1), (1, 1, 0))
-    choices = torch.tensor([[0, 0], [1, 1], [1, 2]])
-    counts = counting_actions(torch.from_numpy(space.counting()), choices)
-    assert counts is not None
-    assert counts.tolist() == [[False, True, True], [True, False, True], [False, False, True]]

@@ -13,6 +13,7 @@ from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import chosen_demonstrations, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration
 from joybridge.layouts import Layout
+from joybridge.layouts.conditions import Conditions
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import Stacks
@@ -83,7 +84,9 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
     own = [torch.from_numpy(np.ascontiguousarray(part[said])) for part in (continuous, discrete)]
     seen = to_tensors(observations.rows(said), actor.accelerator)
     masked = None if additions is None else torch.from_numpy(additions[said])
-    learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked)
+    conditions = Conditions(layout, device)
+    counts = torch.from_numpy(conditions.counts(choices[said])) if conditions else None
+    learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked, counts=counts)
     return learned.to(actor.accelerator), remark
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
+from joybridge.layouts.conditions import Conditions
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
@@ -55,6 +56,7 @@ class Policy:
             name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
             threads=self.config.threads,
         )  # fmt: skip
+        self.conditions = Conditions(actor.layout, behavior.device) or None
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones
@@ -77,6 +79,11 @@ class Policy:
         actor, step = self.actor, steps[self.actor.behavior]
         allowed = None if step.masks is None else actor.layout.masks(step.masks)
         actor.act(step, self.rollout.next_decision(allowed, group), acts[actor.behavior])
+
+    def note_choices(self, acts: Sequence[ActArrays], group: int = 0) -> None:
+        """Store which parts of the action count with what all policies chose for the device, if not all always do."""
+        if self.conditions is not None:
+            self.rollout.store_counts(self.conditions.counts(acts[self.actor.behavior].choices), group)
 
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""

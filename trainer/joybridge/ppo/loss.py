@@ -5,7 +5,7 @@ The order of operations is that of the original (ML-Agents 0.7).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import torch
@@ -16,7 +16,6 @@ from joybridge.ppo.continuous import Distribution, entropies_of_each, log_probs_
 from joybridge.ppo.distributions import (
     branch_entropies,
     chosen_log_probs,
-    counting_actions,
     gaussian_log_probs,
     mean_entropy,
 )
@@ -33,6 +32,7 @@ class Actions:
     continuous: Tensor  # [n, continuous]: samples before clipping
     discrete: Tensor  # int64 [n, branches]
     masks: Tensor | None  # [n, branches, widest]: 0 or FORBIDDEN, added to the logits
+    counts: Tensor | None = field(default=None, kw_only=True)  # see `Conditions`, bool [n, parts]; None: all parts do
 
     def rows(self, index: Tensor) -> Self:
         """Return the timesteps at `index`."""
@@ -74,22 +74,22 @@ def joint_log_probs(
     log_variance: Tensor,
     batch: Actions,
     distributions: Sequence[Distribution] = (),
-    counting: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return the joint log-probability of the actions [n], their mean entropy, and the entropies of the parts.
 
-    Those are one per branch, and one per continuous action if these have other distributions than Gaussians.
-    counting: see `ActionSpace.counting`; None: all continuous actions always count.
+    Those are one per branch, and one per continuous action if these have other distributions than Gaussians. A part
+    that does not count in a row adds nothing to its log-probability and entropy.
     """
-    counts = None if counting is None else counting_actions(counting, batch.discrete)
+    branches = batch.discrete.shape[1]
+    chosen, counts = (None, None) if batch.counts is None else (batch.counts[:, :branches], batch.counts[:, branches:])
     log_probs = torch.zeros_like(outputs.value)
     entropy = torch.zeros(())
     entropies = torch.zeros(0)
-    if batch.discrete.shape[1]:
+    if branches:
         logits = outputs.logits if batch.masks is None else outputs.logits + batch.masks
         log_p = torch.log_softmax(logits, dim=-1)
-        log_probs = log_probs + chosen_log_probs(log_p, batch.discrete)
-        entropies = branch_entropies(log_p).mean(0)
+        log_probs = log_probs + chosen_log_probs(log_p, batch.discrete, chosen)
+        entropies = branch_entropies(log_p, chosen).mean(0)
         entropy = entropies.sum()
     if distributions:
         log_probs = log_probs + log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous, counts)
@@ -103,6 +103,15 @@ def joint_log_probs(
     return log_probs, entropy, entropies
 
 
+@torch.no_grad()
+def acted_log_probs(network: Network, batch: Actions, rows: int) -> Tensor:
+    """Return the joint log-probabilities of the actions under the network as it is, [n], so many rows at once."""
+    parts = (batch.rows(index) for index in torch.arange(len(batch), device=batch.discrete.device).split(rows))
+    return torch.cat(
+        [joint_log_probs(network(p.observations), network.log_variance, p, network.distributions)[0] for p in parts]
+    )
+
+
 def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tuple[Tensor, Tensor]:
     """Return the loss of a minibatch and its statistics [len(STATISTICS) + branches].
 
@@ -112,9 +121,7 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     """
     clip = coefficients.clip_range
     outputs = network(batch.observations)
-    log_probs, entropy, entropies = joint_log_probs(
-        outputs, network.log_variance, batch, network.distributions, network.counting
-    )
+    log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch, network.distributions)
     log_ratio = log_probs - batch.log_probs
     ratio = torch.exp(log_ratio)
     surrogate = torch.min(ratio * batch.advantages, ratio.clamp(1 - clip, 1 + clip) * batch.advantages)

@@ -51,6 +51,9 @@ class RolloutBuffer:
         self.continuous = np.zeros((steps, lanes, space.continuous), np.float32)
         self.discrete = np.zeros((steps, lanes, len(space.branches)), np.int64)
         self.masks: Array | None = None  # [steps, lanes, branches, widest], made when a game first forbids a choice
+        self.counts: Array | None = (
+            None  # bool [steps, lanes, parts], made when a part of an action first may not count
+        )
         self.log_probs = np.zeros((steps, lanes), np.float32)
         self.values = np.zeros((steps, lanes), np.float32)
         self.rewards = np.zeros((steps, lanes), np.float32)
@@ -108,6 +111,12 @@ class RolloutBuffer:
         fill_masks(allowed, masks)
         return masks
 
+    def store_counts(self, counts: Array, group: int = 0) -> None:
+        """Store which parts of the actions of a group's decision count, bool [lanes, parts]; see `Conditions`."""
+        if self.counts is None:
+            self.counts = np.ones((*self.discrete.shape[:2], counts.shape[1]), bool)
+        self.counts[self.rows[group], self.groups[group]] = counts
+
     def store(self, step: StepArrays, rewards: Array, final_values: Array | None = None, group: int = 0) -> None:
         """Store the outcome of a group's decision, whose next observations are already in row t + 1.
 
@@ -162,6 +171,7 @@ class RolloutBuffer:
             continuous=flat(self.continuous),
             discrete=flat(self.discrete),
             masks=None if self.masks is None else flat(self.masks),
+            counts=None if self.counts is None else flat(self.counts),
             log_probs=flat(self.log_probs),
             values=flat(self.values),
             advantages=torch.from_numpy((chosen - chosen.mean()) / (chosen.std() + 1e-10)),

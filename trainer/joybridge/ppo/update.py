@@ -15,7 +15,7 @@ from joybridge.contract.tensors import Array
 from joybridge.ppo.cloning import Cloning, add_cloning_gradient
 from joybridge.ppo.fast.adam import adam_step
 from joybridge.ppo.fast.gradient import ClosedFormGradient
-from joybridge.ppo.loss import Batch, LossGradient, autograd_gradient
+from joybridge.ppo.loss import Batch, LossGradient, acted_log_probs, autograd_gradient
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.schedule import Coefficients
 
@@ -93,6 +93,8 @@ def ppo_update(
     """
     accelerator = batch.returns.device
     size = min(minibatch_size, len(batch))
+    if batch.counts is not None:  # when actions were sampled, it was not known yet which of their parts count
+        batch.log_probs = acted_log_probs(learner.network, batch, size)
     rows: list[Array] = []
     losses: list[float] = []  # of cloning
     if cloning is not None and cloning.alone:

@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
-from joybridge.ppo.fast.kernels import COUNT, NO_MASKS, Gradient, Rows, compiled, loss_gradient, take
+from joybridge.ppo.fast.kernels import COUNT, NO_COUNTS, NO_MASKS, Gradient, Rows, compiled, loss_gradient, take
 from joybridge.ppo.fast.towers import (
     Form,
     Kept,
@@ -47,6 +47,7 @@ class ClosedFormGradient:
         timesteps = Rows(
             batch.observations.numbers.numpy(), batch.continuous.numpy(), batch.discrete.numpy(),
             NO_MASKS if batch.masks is None else batch.masks.numpy(),
+            NO_COUNTS if batch.counts is None else batch.counts.numpy(),
             batch.log_probs.numpy(), batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy(),
         )  # fmt: skip
         parts = min(self.threads, len(rows))

@@ -20,6 +20,7 @@ from joybridge.contract.tensors import Array
 LOG_2_PI = math.log(2 * math.pi)
 COUNT = len(STATISTICS)
 NO_MASKS = np.zeros((0, 0, 0), np.float32)  # an array, because each type of an argument is compiled anew, for seconds
+NO_COUNTS = np.zeros((0, 0), np.bool_)
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -41,7 +42,6 @@ class Head(NamedTuple):
     mean_bias: Array  # [continuous]
     log_variance: Array  # [continuous]
     sizes: Array  # int64 [branches]: choices of each branch
-    counting: Array  # bool [continuous, branches, widest]; see `ActionSpace.counting`
 
 
 class Noise(NamedTuple):
@@ -72,6 +72,7 @@ class Rows(NamedTuple):
     continuous: Array  # [n, continuous]
     discrete: Array  # int64 [n, branches]
     masks: Array  # see `softmax`
+    counts: Array  # bool [n, branches + continuous]: see `Conditions`; NO_COUNTS: all do
     log_probs: Array  # [n]: of when the actions were sampled, like the values
     values: Array  # [n]
     advantages: Array  # [n]
@@ -94,6 +95,7 @@ def take(rows: Rows, index: Array, observations: Array) -> Rows:
     taken = Rows(
         observations, np.empty((n, dimensions), np.float32), np.empty((n, branches), np.int64),
         np.empty((n, rows.masks.shape[1], rows.masks.shape[2]), np.float32) if len(rows.masks) else rows.masks,
+        np.empty((n, rows.counts.shape[1]), np.bool_) if len(rows.counts) else rows.counts,
         np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32),
     )  # fmt: skip
     for i in range(n):
@@ -106,6 +108,8 @@ def take(rows: Rows, index: Array, observations: Array) -> Rows:
             taken.discrete[i, b] = rows.discrete[row, b]
             for j in range(taken.masks.shape[2]):
                 taken.masks[i, b, j] = rows.masks[row, b, j]
+        for part in range(taken.counts.shape[1]):
+            taken.counts[i, part] = rows.counts[row, part]
         taken.log_probs[i], taken.values[i] = rows.log_probs[row], rows.values[row]
         taken.advantages[i], taken.returns[i] = rows.advantages[row], rows.returns[row]
     return taken
@@ -139,29 +143,22 @@ def softmax(
 
 
 @compiled
-def counts(counting: Array, action: int, discrete: Array, row: int) -> bool:
-    """Return whether a continuous action counts with the choices of a row."""
-    if len(counting):
-        for b in range(counting.shape[1]):
-            if not counting[action, b, discrete[row, b]]:
-                return False
-    return True
+def part_counts(counts: Array, row: int, part: int) -> bool:
+    """Return whether a part of the action of a row counts. counts: see `Rows`."""
+    return not len(counts) or counts[row, part]
 
 
 @compiled
-def shares_of_entropy(counting: Array, discrete: Array, dimensions: int) -> Array:
+def shares_of_entropy(counts: Array, rows: int, dimensions: int) -> Array:
     """Return the sum over rows of the share of each continuous action in the mean entropy of those that count."""
     shares = np.zeros(dimensions)
-    if not len(counting):
-        shares[:] = len(discrete) / max(dimensions, 1)
+    if not len(counts):
+        shares[:] = rows / max(dimensions, 1)
         return shares
-    for i in range(len(discrete)):
-        used = 0
+    for own in counts[:, counts.shape[1] - dimensions :]:
         for k in range(dimensions):
-            used += counts(counting, k, discrete, i)
-        for k in range(dimensions):
-            if counts(counting, k, discrete, i):
-                shares[k] += 1.0 / used
+            if own[k]:
+                shares[k] += 1.0 / own.sum()
     return shares
 
 
@@ -171,7 +168,7 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
 
     masks: see `softmax`.
     """
-    mean_bias, log_variance, sizes, counting = head
+    mean_bias, log_variance, sizes = head
     continuous, discrete, log_probs = action
     branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
@@ -196,8 +193,7 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
             deviation = 0.0 if likeliest else noise.normal[i, k]
             mean = outputs[i, branches * widest + k] + mean_bias[k]
             continuous[i, k] = mean + math.exp(0.5 * log_variance[k]) * deviation
-            if counts(counting, k, discrete, i):
-                log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
+            log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
         log_probs[i] = log_prob
 
 
@@ -217,9 +213,11 @@ def loss_gradient(
         d log-probability / d mean  = (a - mean) / variance
         d loss / d value            = (V - R) / n, or 0 where the clipped value is the worse
 
+    Parts of an action that do not count in a row add nothing to its log-probability, its entropy and its gradient.
+
     Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
     """
-    mean_bias, log_variance, sizes, counting = head
+    mean_bias, log_variance, sizes = head
     continuous, discrete, n = rows.continuous, rows.discrete, total
     branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
@@ -233,11 +231,15 @@ def loss_gradient(
         log_prob = 0.0
         for b in range(branches):
             entropies[b] = softmax(outputs, rows.masks, i, b, widest, sizes[b], p[b], log_p[b])
+            if not part_counts(rows.counts, i, b):
+                entropies[b] = 0.0
+                p[b, :] = 0.0
+                continue
             entropy += entropies[b]
             statistics[COUNT + b] += entropies[b]
             log_prob += log_p[b, discrete[i, b]]
         for k in range(dimensions):
-            if not counts(counting, k, discrete, i):
+            if not part_counts(rows.counts, i, branches + k):
                 continue
             deviation = continuous[i, k] - (outputs[i, branches * widest + k] + mean_bias[k])
             log_prob -= 0.5 * (deviation * deviation * precision[k] + log_variance[k] + LOG_2_PI)
@@ -255,10 +257,11 @@ def loss_gradient(
             for j in range(widest):  # p is 0 beyond the branch's own choices
                 d_entropy = (log_p[b, j] + entropies[b]) * entropy_coef / n
                 gradient.outputs[i, b * widest + j] = p[b, j] * (d_entropy - d_log_prob)
-            gradient.outputs[i, b * widest + discrete[i, b]] += d_log_prob
+            if part_counts(rows.counts, i, b):
+                gradient.outputs[i, b * widest + discrete[i, b]] += d_log_prob
         for k in range(dimensions):
             column = branches * widest + k
-            if not counts(counting, k, discrete, i):
+            if not part_counts(rows.counts, i, branches + k):
                 gradient.outputs[i, column] = 0.0
                 continue
             deviation = continuous[i, k] - (outputs[i, column] + mean_bias[k])
@@ -274,7 +277,7 @@ def loss_gradient(
         gradient.values[i] = error / n if free else 0.0
 
     entropy /= n
-    shares = shares_of_entropy(counting, discrete, dimensions)
+    shares = shares_of_entropy(rows.counts, len(outputs), dimensions)
     for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row; the mean over them counts
         share = shares[k] / n
         entropy += share * 0.5 * (LOG_2_PI + 1.0 + log_variance[k])
