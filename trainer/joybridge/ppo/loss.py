@@ -106,7 +106,8 @@ def joint_log_probs(
 @torch.no_grad()
 def acted_log_probs(network: Network, batch: Actions, rows: int) -> Tensor:
     """Return the joint log-probabilities of the actions under the network as it is, [n], so many rows at once."""
-    parts = (batch.rows(index) for index in torch.arange(len(batch), device=batch.discrete.device).split(rows))
+    index = torch.arange(len(batch), device=batch.discrete.device)
+    parts = (batch.rows(index[start : start + rows]) for start in range(0, len(batch), rows))
     return torch.cat(
         [joint_log_probs(network(p.observations), network.log_variance, p, network.distributions)[0] for p in parts]
     )
