@@ -20,6 +20,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
+from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
@@ -62,6 +63,10 @@ class Actor:
             for _ in range(count)
         ]
         network = Network(self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders)
+        if config.ortho_init:
+            orthogonal(network, seed)
+        if config.log_std_init:
+            set_log_std(network, config.log_std_init, self.gaussians)
         self.network = network.to(self.accelerator)
 
     def see(self, observations: Sequence[Array]) -> Observation:

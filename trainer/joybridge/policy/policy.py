@@ -54,7 +54,7 @@ class Policy:
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
         self.learner = Learner(
             name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
-            threads=self.config.threads,
+            threads=self.config.threads, adam_eps=self.config.adam_eps,
         )  # fmt: skip
         self.conditions = Conditions(actor.layout, behavior.device) or None
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None

@@ -60,7 +60,7 @@ class Batch(Actions):
 
     log_probs: Tensor  # [n]: joint, when the action was sampled
     values: Tensor  # [n]: when the action was sampled
-    advantages: Tensor  # [n], normalized
+    advantages: Tensor  # [n], normalized unless each minibatch is, or none
     returns: Tensor  # [n]
 
 
@@ -113,6 +113,12 @@ def acted_log_probs(network: Network, batch: Actions, rows: int) -> Tensor:
     )
 
 
+def advantage_moments(advantages: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the mean and the deviation by which a minibatch is normalized, as Stable-Baselines3 and CleanRL do."""
+    deviation = advantages.std() if len(advantages) > 1 else torch.ones_like(advantages[0])
+    return advantages.mean(), deviation + 1e-8
+
+
 def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tuple[Tensor, Tensor]:
     """Return the loss of a minibatch and its statistics [len(STATISTICS) + branches].
 
@@ -120,16 +126,21 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     that acted (the third one of http://joschu.net/blog/kl-approx.html), the fraction of ratios beyond the clip range,
     and the entropy of each branch.
     """
-    clip = coefficients.clip_range
+    clip, advantages = coefficients.clip_range, batch.advantages
+    if coefficients.normalize_minibatch:
+        mean, deviation = advantage_moments(advantages)
+        advantages = (advantages - mean) / deviation
     outputs = network(batch.observations)
     log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch, network.distributions)
     log_ratio = log_probs - batch.log_probs
     ratio = torch.exp(log_ratio)
-    surrogate = torch.min(ratio * batch.advantages, ratio.clamp(1 - clip, 1 + clip) * batch.advantages)
-    clipped_value = batch.values + (outputs.value - batch.values).clamp(-clip, clip)
-    errors = torch.max((batch.returns - outputs.value).square(), (batch.returns - clipped_value).square())
+    surrogate = torch.min(ratio * advantages, ratio.clamp(1 - clip, 1 + clip) * advantages)
+    errors = (batch.returns - outputs.value).square()
+    if coefficients.clip_vloss:
+        clipped_value = batch.values + (outputs.value - batch.values).clamp(-clip, clip)
+        errors = torch.max(errors, (batch.returns - clipped_value).square())
     policy_loss, value_loss = -surrogate.mean(), errors.mean()
-    loss = policy_loss + 0.5 * value_loss - coefficients.entropy_coef * entropy
+    loss = policy_loss + coefficients.vf_coef * value_loss - coefficients.entropy_coef * entropy
     approx_kl = (ratio - 1.0 - log_ratio).mean()
     clip_fraction = ((ratio - 1.0).abs() > clip).float().mean()
     statistics = torch.stack([policy_loss, value_loss, entropy, approx_kl, clip_fraction])

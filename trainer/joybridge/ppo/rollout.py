@@ -148,14 +148,18 @@ class RolloutBuffer:
         decided[self.pending[unknown], unknown] = False
         return decided
 
-    def batch(self, advantages: Array, decided: Array) -> Batch:
-        """Return the decided timesteps with these advantages [steps, lanes], normalized, as one flat batch."""
+    def batch(self, advantages: Array, decided: Array, *, normalize: bool = True) -> Batch:
+        """Return the decided timesteps with these advantages [steps, lanes] as one flat batch.
+
+        normalize: the advantages, by their mean and deviation.
+        """
         whole = decided.all()
 
         def flat(array: Array) -> torch.Tensor:
             return torch.from_numpy(array.reshape(decided.size, *array.shape[2:]) if whole else array[decided])
 
         chosen = flat(advantages).numpy()
+        normalized = (chosen - chosen.mean()) / (chosen.std() + 1e-10) if normalize else chosen
         return Batch(
             observations=Observations(
                 flat(self.observations[:-1]), tuple(history.decided(decided) for history in self.histories)
@@ -166,7 +170,7 @@ class RolloutBuffer:
             counts=None if self.counts is None else flat(self.counts),
             log_probs=flat(self.log_probs),
             values=flat(self.values),
-            advantages=torch.from_numpy((chosen - chosen.mean()) / (chosen.std() + 1e-10)),
+            advantages=torch.from_numpy(normalized),
             returns=flat(advantages + self.values),
         )
 

@@ -92,7 +92,8 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
             rollout.final_values, decided,
             gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
         )  # fmt: skip
-        batch = rollout.batch(advantages, decided).to(policy.actor.accelerator)
+        normalize = config.normalize_advantage == "rollout"
+        batch = rollout.batch(advantages, decided, normalize=normalize).to(policy.actor.accelerator)
         coefficients = anneal(progress, config)
         try:
             statistics = ppo_update(

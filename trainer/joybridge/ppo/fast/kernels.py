@@ -79,6 +79,18 @@ class Rows(NamedTuple):
     returns: Array  # [n]
 
 
+class Terms(NamedTuple):
+    """What the loss of a minibatch is made of; see `Coefficients`."""
+
+    total: int  # rows of the minibatch, of which only a part may be at hand
+    clip_range: float
+    entropy_coef: float
+    vf_coef: float
+    clip_vloss: bool
+    mean: float  # of the advantages, which is taken from them
+    scale: float  # that they are multiplied with then
+
+
 class Gradient(NamedTuple):
     """Where the derivatives of the loss are written."""
 
@@ -198,27 +210,25 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
 
 
 @compiled
-def loss_gradient(
-    outputs: Array, values: Array, head: Head, rows: Rows, total: int, clip: float, entropy_coef: float,
-    gradient: Gradient,
-) -> Array:  # fmt: skip
+def loss_gradient(outputs: Array, values: Array, head: Head, rows: Rows, terms: Terms, gradient: Gradient) -> Array:
     """Differentiate the branched PPO loss (`ppo_loss` in `ppo/loss.py`) by the outputs of a network.
 
-    total: rows of the minibatch, of which these may be a part; over all parts, gradients and statistics add up to those
-    of the minibatch. With r the ratio, A the advantage, R the return, for a minibatch of n rows:
+    The rows may be a part of a minibatch; over all parts, gradients and statistics add up to those of the minibatch.
+    With r the ratio, A the advantage, R the return, for a minibatch of n rows:
 
         d loss / d log-probability  = -A r / n, or 0 where the clipped surrogate is the smaller
         d log-probability / d logit = 1[chosen] - p
         d entropy / d logit         = -p (log p + H), H the branch's entropy
         d log-probability / d mean  = (a - mean) / variance
-        d loss / d value            = (V - R) / n, or 0 where the clipped value is the worse
+        d loss / d value            = 2 c (V - R) / n, c its coefficient, or 0 where the clipped value is the worse
 
     Parts of an action that do not count in a row add nothing to its log-probability, its entropy and its gradient.
 
     Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
     """
     mean_bias, log_variance, sizes = head
-    continuous, discrete, n = rows.continuous, rows.discrete, total
+    continuous, discrete, n = rows.continuous, rows.discrete, terms.total
+    clip, entropy_coef = terms.clip_range, terms.entropy_coef
     branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
     p, log_p, entropies = np.zeros((branches, widest)), np.zeros((branches, widest)), np.empty(branches)
@@ -248,7 +258,7 @@ def loss_gradient(
         ratio = math.exp(log_ratio)
         kl += ratio - 1.0 - log_ratio
         clipped_rows += abs(ratio - 1.0) > clip
-        advantage = rows.advantages[i]
+        advantage = (rows.advantages[i] - terms.mean) * terms.scale
         unclipped = ratio * advantage
         clipped = min(max(ratio, 1.0 - clip), 1.0 + clip) * advantage
         policy_loss -= min(unclipped, clipped)
@@ -272,9 +282,9 @@ def loss_gradient(
         error = values[i] - rows.returns[i]
         moved = values[i] - rows.values[i]
         clipped_error = rows.values[i] + min(max(moved, -clip), clip) - rows.returns[i]
-        value_loss += max(error * error, clipped_error * clipped_error)
-        free = abs(moved) <= clip or error * error >= clipped_error * clipped_error
-        gradient.values[i] = error / n if free else 0.0
+        free = not terms.clip_vloss or abs(moved) <= clip or error * error >= clipped_error * clipped_error
+        value_loss += error * error if free else clipped_error * clipped_error
+        gradient.values[i] = 2.0 * terms.vf_coef * error / n if free else 0.0
 
     entropy /= n
     shares = shares_of_entropy(rows.counts, len(outputs), dimensions)
