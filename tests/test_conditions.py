@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace, JointTable, make_acts, make_layouts
@@ -162,6 +162,17 @@ def test_the_ratio_is_1_before_an_update_and_only_counting_parts_change_it(layou
     (closed,) = full_agents("moving", {}, small("hybrid", autograd=False, game="moving"))
     statistics = learn(closed, 0.1)
     assert 0 <= statistics["approx_kl"] < 0.1
+
+
+def test_with_memory_the_old_policy_is_that_of_whole_sequences():
+    config = small("bucket-5", autograd=True, game="moving")
+    remembering = config.policy.model_copy(update={"memory": MemoryConfig(kind="gru", size=8, length=6)})
+    (policy,) = full_agents("moving", {}, config.model_copy(update={"policy": remembering}))
+    batch = policy.rollout.batch(np.ones_like(policy.rollout.rewards), policy.rollout.decided(), 6)
+    whole = acted_log_probs(policy.actor.network, replace(batch, counts=None), 3)
+    torch.testing.assert_close(whole, batch.log_probs, atol=2e-5, rtol=0)
+    counting = acted_log_probs(policy.actor.network, batch, 3)
+    assert not torch.allclose(counting, whole) and 0 <= learn(policy, 0.1)["approx_kl"] < 0.1
 
 
 def test_training_notes_what_all_policies_chose_before_a_hand_acts(simulator):

@@ -93,7 +93,8 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
             gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
         )  # fmt: skip
         normalize = config.normalize_advantage == "rollout"
-        batch = rollout.batch(advantages, decided, normalize=normalize).to(policy.actor.accelerator)
+        batch = rollout.batch(advantages, decided, config.memory.length, normalize=normalize)
+        batch = batch.to(policy.actor.accelerator)
         coefficients = anneal(progress, config)
         try:
             statistics = ppo_update(
