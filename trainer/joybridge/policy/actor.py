@@ -22,6 +22,7 @@ from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
 from joybridge.ppo.images import check_maps
+from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
@@ -75,6 +76,10 @@ class Actor:
         network = Network(
             self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
         )
+        if config.ortho_init:
+            orthogonal(network, seed)
+        if config.log_std_init:
+            set_log_std(network, config.log_std_init, self.gaussians)
         self.network = network.to(self.accelerator)
 
     def see(self, observations: Sequence[Array]) -> Observation:

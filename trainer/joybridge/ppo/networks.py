@@ -84,7 +84,6 @@ class Network(nn.Module):
     """
 
     pad: Tensor
-    counting: Tensor  # see `ActionSpace.counting`
     sums: Tensor | None
 
     def __init__(
@@ -103,7 +102,6 @@ class Network(nn.Module):
         for branch, size in enumerate(space.branches):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
-        self.register_buffer("counting", torch.from_numpy(space.counting()), persistent=False)
         sizes = [encoders[0].features if encoders else observation, *hidden]
         self.distributions = load_distributions(space.distributions)
         self._continuous, free = space.continuous, space.continuous  # outputs and parameters of continuous actions
