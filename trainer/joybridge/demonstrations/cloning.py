@@ -1,6 +1,7 @@
 """Demonstrations as targets of policies: what each policy would have had to do, and what it cannot say."""
 
 from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -54,12 +55,13 @@ def demonstrate(
 def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tuple[Actions | None, str]:
     """Return what a policy clones, None if nothing is shown to it, and a remark. Raises ConfigError."""
     numbered = number_pictures([part for demonstration in shown for part in demonstration.stretches], actor.behavior)
-    found = list(_decisions(actor, numbered))
+    begun = count()  # episodes
+    found = [part for stretch in numbered for part in _decisions(actor, stretch, begun)]
     if not found:
         return None, f"{actor.name}: no decision of a finished episode is demonstrated"
-    numbers, sources, axes, choices, episodes_of = (
+    numbers, sources, episodes_of, axes, choices = (
         np.concatenate(parts)
-        for parts in zip(*((p.numbers, p.sources, p.act.axes, p.act.choices, p.episodes) for p in found), strict=True)
+        for parts in zip(*((p.numbers, p.sources, p.episodes, p.act.axes, p.act.choices) for p in found), strict=True)
     )
     masks = None
     if any(part.masks is not None for part in found):
@@ -84,17 +86,17 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
             f"; axes are moved to the nearest value of {config.layout}, by {moved[said].mean():.1%} of their range on "
             f"average, {moved[said].max():.1%} at most"
         )
+    rows = np.flatnonzero(said)
+    if actor.network.state_size:  # the decisions of an episode side by side
+        rows = rows[np.argsort(episodes_of[rows], kind="stable")]
     additions = _additions(layout, masks, discrete)
-    kept = np.flatnonzero(said)
-    if actor.network.state_size:
-        kept = kept[np.argsort(episodes_of[kept], kind="stable")]  # the rows of each episode side by side
-    own = [torch.from_numpy(np.ascontiguousarray(part[kept])) for part in (continuous, discrete)]
-    pictures = gather_pictures(actor.encoder, numbered, actor.behavior, sources[kept])
-    seen = Observations(torch.from_numpy(numbers[kept]), pictures)
-    masked = None if additions is None else torch.from_numpy(additions[kept])
+    own = [torch.from_numpy(np.ascontiguousarray(part[rows])) for part in (continuous, discrete)]
+    pictures = gather_pictures(actor.encoder, numbered, actor.behavior, sources[rows])
+    seen = Observations(torch.from_numpy(numbers[rows]), pictures)
+    masked = None if additions is None else torch.from_numpy(additions[rows])
     learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked)
     if actor.network.state_size:
-        begins, lengths, parts = cut(episodes_of[kept], actor.config.memory.length)
+        begins, lengths, parts = cut(episodes_of[rows], actor.config.memory.length)
         states = np.zeros((len(begins), actor.network.state_size), np.float32)
         learned.sequences = Sequences(*map(torch.from_numpy, (begins, lengths, states, parts)))
     return learned.to(actor.accelerator), remark
@@ -105,36 +107,32 @@ class _Shown(NamedTuple):
 
     numbers: Array  # what they see but images, float32 [rows, frame_stack x numbers]
     sources: Array  # the numbers of the pictures that they see, [rows, frame_stack]
+    episodes: Array  # the number of the episode of each, [rows]
     act: ActArrays
     masks: Sequence[Array] | None
-    episodes: Array  # their numbers, [rows]
 
 
-def _decisions(actor: Actor, numbered: Sequence[Numbered]) -> Iterator[_Shown]:
-    """Yield what is demonstrated, one decision after the other."""
-    index, frames, begun = actor.behavior, actor.config.frame_stack, 0
-    for part in numbered:
-        stretch, lanes = part.stretch, part.lanes
-        if not lanes:  # a dataset is of another behavior
-            continue
-        ends = stretch.ends(index)
-        numbers, sources = FrameStack(lanes, actor.encoder.size, frames), FrameStack(lanes, 1, frames, np.int64)
-        numbers.begin(actor.see(stretch.steps[0][index].observations).numbers)
-        sources.begin(part.numbers(0))
-        episodes = begun + np.arange(lanes)
-        begun += lanes
-        for number, act in enumerate(stretch.acts):
-            rows = stretch.demonstrated(number, index) & (number <= ends)
-            if rows.any():
-                masks = stretch.steps[number][index].masks
-                own = None if masks is None else [mask[rows] for mask in masks]
-                done = ActArrays(act[index].axes[rows], act[index].choices[rows])
-                yield _Shown(numbers.now[rows], sources.now[rows], done, own, episodes[rows])
-            after = stretch.steps[number + 1][index]
-            episodes[after.ended] = begun + np.arange(len(after.ended))
-            begun += len(after.ended)
-            numbers.push(actor.see(after.observations).numbers, after)
-            sources.push(part.numbers(number + 1), after)
+def _decisions(actor: Actor, numbered: Numbered, begun: Iterator[int]) -> Iterator[_Shown]:
+    """Yield what is demonstrated in a stretch, one decision after the other. begun: numbers the episodes."""
+    index, stretch, frames = actor.behavior, numbered.stretch, actor.config.frame_stack
+    ends = stretch.ends(index)
+    if not len(ends):  # a dataset is of another behavior
+        return
+    numbers, sources = FrameStack(len(ends), actor.encoder.size, frames), FrameStack(len(ends), 1, frames, np.int64)
+    numbers.begin(actor.see(stretch.steps[0][index].observations).numbers)
+    sources.begin(numbered.numbers(0))
+    episodes = np.array([next(begun) for _ in ends])
+    for number, act in enumerate(stretch.acts):
+        lanes = stretch.demonstrated(number, index) & (number <= ends)
+        if lanes.any():
+            masks = stretch.steps[number][index].masks
+            own = None if masks is None else [mask[lanes] for mask in masks]
+            done = ActArrays(act[index].axes[lanes], act[index].choices[lanes])
+            yield _Shown(numbers.now[lanes], sources.now[lanes], episodes[lanes], done, own)
+        after = stretch.steps[number + 1][index]
+        numbers.push(actor.see(after.observations).numbers, after)
+        sources.push(numbered.numbers(number + 1), after)
+        episodes[after.ended] = [next(begun) for _ in after.ended]
 
 
 def _join_masks(parts: Sequence[Sequence[Array] | None], rows: Sequence[int], branch: int, choices: int) -> Array:
