@@ -75,6 +75,11 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
+    if actor.network.state_size:
+        raise ExportError(
+            f"{actor.name}: networks with a memory cannot be exported; train it with memory.kind=none and a longer "
+            "frame_stack, or play it with the trainer"
+        )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
     rows = [*choices, *range(padded, padded + space.continuous)]
