@@ -266,7 +266,7 @@ def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(
         (
             {"policy": SMALL.model_copy(update={"memory": MemoryConfig(kind="gru", size=8)})},
             [],
-            "networks with a memory cannot be exported; train it with memory.kind=none",
+            "networks with memory cannot be exported; train it with policy.memory.kind=none",
         ),
         ({"game": "duel"}, [], "duel has several behaviors; choose one with --behavior: runner, judge"),
     ],
