@@ -71,8 +71,10 @@ def test_names_that_are_no_maps_are_refused(name):
 
 
 def test_a_device_without_two_axes_is_refused_with_what_to_write():
-    with pytest.raises(ConfigError, match=r"'map-4x4' cannot express this device: .* of the 3 that .* x=map-16x10"):
+    with pytest.raises(ConfigError, match=r"'map-4x4' cannot express this device: .* and there are 3; .* x=map-16x10"):
         make_layouts("map-4x4", make_device([(-1, 1)] * 3, []))
+    with pytest.raises(ConfigError, match="and there are 1; take bucket-N"):
+        make_layouts("map-4x4", make_device([(-1, 1)], []))
 
 
 def test_demonstrated_places_become_the_nearest_cells():
