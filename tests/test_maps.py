@@ -154,6 +154,7 @@ def test_the_logit_of_a_cell_is_of_its_place_in_the_image(kind, relative, height
             seen = logits[:, 0] if side == 0 else logits[0]
             np.testing.assert_allclose(seen, truth, atol=1e-3)
             assert places[0] < pixels / 2 < places[-1] or len(places) == 1
+            assert abs(places[0] + places[-1] - pixels) < 8  # about in the middle of the image
 
 
 def test_the_middle_of_a_window_is_where_a_spot_excites_it_most():
