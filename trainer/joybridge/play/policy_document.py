@@ -114,7 +114,7 @@ def _images(actor: Actor) -> list[Document]:
     documents = []
     for (name, image), body in zip(actor.encoder.images.items(), encoder.bodies, strict=True):
         blank = torch.zeros(1, image.channels * frames, image.height, image.width, device=actor.accelerator)
-        steps = [*_steps([*body.stages, nn.Flatten(), body.dense], blank)]
+        steps = [*_steps([*body.stages, nn.Flatten(), *body.dense], blank)]
         documents.append({"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps})
     return documents
 
