@@ -421,6 +421,13 @@ def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
         runtime.Policy(tmp_path / "policy.json")
 
 
+def test_layouts_that_point_are_refused(simulator, tmp_path, capsys):
+    run = make_run(tmp_path / "run", simulator, layout="map-4x4", **seeing("simple", "9", 1, "relu", True))
+    assert main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 1
+    assert "error: visitor: layouts with a map point with convolutions, which cannot be" in capsys.readouterr().err
+    assert not (tmp_path / "policy.onnx").exists()
+
+
 def test_distributions_that_the_format_does_not_have_are_refused(simulator, tmp_path, capsys):
     run = make_run(tmp_path / "run", simulator, layout="beta, force=squashed")
     assert main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 1
