@@ -25,6 +25,7 @@ from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
+from joybridge.ppo.own import OwnEncoder
 from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -65,11 +66,20 @@ class Actor:
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
-        count = 0 if not pictures else 1 if shared or config.shared_encoder else 2
-        encoders = [
-            ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
-            for _ in range(count)
-        ]
+        count = 1 if shared or config.shared_encoder else 2
+        encoders: list[ImageEncoder | OwnEncoder] = []
+        if config.network:
+            encoders += [
+                OwnEncoder(config.network, self.encoder.numbers, self.encoder.images, config.frame_stack, seed + index)
+                for index in range(count)
+            ]
+        elif pictures:
+            encoders += [
+                ImageEncoder(
+                    config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation
+                )
+                for _ in range(count)
+            ]
         memory = None if config.memory.kind == "none" else MemoryKind(config.memory.kind, config.memory.size)
         network = Network(
             self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory

@@ -15,6 +15,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.memory import Memory, Recall
 from joybridge.ppo.observation_tensors import Observations
+from joybridge.ppo.own import OwnEncoder
 
 
 class Outputs(NamedTuple):
@@ -85,11 +86,11 @@ class Network(nn.Module):
 
     def __init__(
         self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int,
-        activation: str = "swish", encoders: Sequence[ImageEncoder] = (), memory: MemoryKind | None = None,
+        activation: str = "swish", encoders: Sequence[ImageEncoder | OwnEncoder] = (), memory: MemoryKind | None = None,
     ) -> None:  # fmt: skip
         """Make a network for observations of `observation` numbers; `shared`: one tower for both.
 
-        encoders: what comes before the towers, if observations contain images: one for both, or one each. memory: of
+        encoders: what comes before the towers, if anything does: one for both, or one each. memory: of
         each tower.
         """
         super().__init__()
@@ -123,7 +124,8 @@ class Network(nn.Module):
         return [tower.memory for tower in towers if tower.memory is not None]
 
     def _initialize(self, generator: torch.Generator) -> None:
-        encoded = [module for encoder in self.encoders for module in encoder.modules()]
+        ours = [encoder for encoder in self.encoders if isinstance(encoder, ImageEncoder)]
+        encoded = [module for encoder in ours for module in encoder.modules()]
         layers = [module for module in encoded if isinstance(module, nn.Conv2d | nn.Linear)]
         layers += [layer for tower in (self.actor, self.critic) if tower is not None for layer in tower.layers]
         for layer in layers:
