@@ -55,8 +55,8 @@ def folder(tmp_path, monkeypatch):
     """Return the current folder, which holds the modules of the page and those above."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL):
-        Path(re.match(r"# (\w+\.py)\n", text)[1]).write_text(text)
+    for text, name in re.findall(r"```python\n(# (\w+\.py)\n.*?)```", PAGE.read_text(), re.DOTALL):
+        Path(name).write_text(text)
     Path("parts.py").write_text(OWN)
     yield tmp_path
     for name in ("my_network", "my_loss", "parts", "strange"):
