@@ -21,6 +21,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
+from joybridge.ppo.images import check_maps
 from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
@@ -66,8 +67,11 @@ class Actor:
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
+        check_maps(role.name, [form for _, form in space.maps], pictures)
         count = 1 if shared or config.shared_encoder else 2
         encoders: list[ImageEncoder | OwnEncoder] = []
+        if config.network and space.maps:
+            raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
         if config.network:
             encoders += [
                 OwnEncoder(config.network, self.encoder.numbers, self.encoder.images, config.frame_stack, seed + index)

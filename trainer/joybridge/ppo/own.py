@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from joybridge.config.errors import ConfigError
 from joybridge.contract.limits import element_count
+from joybridge.ppo.convolutions import Encoded
 from joybridge.ppo.images import Image
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.v1 import bridge_pb2 as pb
@@ -82,8 +83,8 @@ class OwnEncoder(nn.Module):
             raise ConfigError(f"network: {name} returns {shape} for one row, expected [1, features]")
         self.features = features.shape[1]
 
-    def forward(self, observations: Observations) -> Tensor:
-        """Return features [n, features]."""
+    def forward(self, observations: Observations) -> Encoded:
+        """Return features [n, features], and no maps."""
         n = len(observations.numbers)
         frames = observations.numbers.view(n, self.frame_stack, sum(self.sizes))
         parts = torch.split(frames, self.sizes, dim=2)
@@ -91,5 +92,4 @@ class OwnEncoder(nn.Module):
             name: part.reshape(n, self.frame_stack, *shape)
             for (name, shape), part in zip(self.sensors.items(), parts, strict=True)
         }
-        features: Tensor = self.module(named | dict(zip(self.images, observations.images, strict=True)))
-        return features
+        return Encoded(self.module(named | dict(zip(self.images, observations.images, strict=True))), [])
