@@ -30,6 +30,7 @@ FORMS = {
     "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
+CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
 MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
 
 # Names of other libraries, with the key to use instead.
@@ -87,7 +88,10 @@ class PolicyConfig(Checked):
         "auto", description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
         "are plain numbers"
     )  # fmt: skip
-    shared_encoder: bool = Field(True, description="actor and critic share the convolutions")
+    network: str | None = Field(
+        None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
+    )
+    shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
     frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
@@ -131,6 +135,12 @@ class PolicyConfig(Checked):
     gae_lambda: float = Field(0.95, ge=0, le=1, description="lambda of generalized advantage estimation")
     cloning_coef: float = Field(
         1.0, ge=0, description="coefficient of the loss of cloning; beside PPO it falls linearly, to 0"
+    )
+    only_with: bool = Field(
+        True, description="leave axes that count only with a choice out of the loss where they do not count"
+    )
+    loss: str | None = Field(
+        None, pattern=CODE, description="MODULE:FUNCTION, a term of your own that is added to the loss"
     )
     threads: int = Field(
         1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
