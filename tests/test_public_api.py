@@ -59,6 +59,7 @@ PROMISED = [
     "joybridge.simulator.render",
     "joybridge.simulator.sight",
     "joybridge.layouts",
+    "joybridge.play.agent",
     "joybridge.client.client",
 ]
 

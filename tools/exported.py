@@ -115,7 +115,7 @@ def scores(run: Path, episodes: int) -> None:
     files = {"ONNX Runtime": run / "exported.onnx", "policy.py": run / "exported.json"}
     with simulator_process() as address:
         for file in files.values():
-            print(export(run, address, file, behavior=None, seed=1, deterministic=False))
+            print(export(run, address, file, behavior="", seed=1, deterministic=False))
         print(f"trainer: reward {score(run, address, None, episodes)}", flush=True)
         for name, file in files.items():
             print(f"{name}: reward {score(run, address, file, episodes)}", flush=True)

@@ -137,7 +137,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     exports.set_defaults(function=_export)
     exports.add_argument("output", type=_policy_file, help="e.g. policy.onnx or policy.json")
-    exports.add_argument("--behavior", metavar="NAME", help="which behavior to export, if the game has several")
+    exports.add_argument(
+        "--behavior", default="", metavar="NAME", help="which behavior to export, if the game has several"
+    )
 
     for plays_run in (evaluates, records, exports):
         add_overrides(

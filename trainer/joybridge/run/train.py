@@ -32,7 +32,7 @@ from joybridge.run.advice import Adviser
 from joybridge.run.checkpoint import best_score, has_checkpoint
 from joybridge.run.collect import Group, collect, group_bounds, open_groups
 from joybridge.run.curriculum import Curriculum
-from joybridge.run.folder import check_run, keep_config
+from joybridge.run.folder import check_run, keep_config, keep_spec
 from joybridge.run.logger import Logger
 from joybridge.run.profiler import Profiler
 from joybridge.run.recovery import Revive, recovering
@@ -95,6 +95,7 @@ def play_and_learn(
         say(remark)
     metric, sign = best_metric(config, policies[0])
     keep_config(config, run)
+    keep_spec(spec, run)
     timesteps, lanes = state.timesteps, policies[0].lanes
     curriculum = Curriculum(config, spec, policies)
     state.restore_lesson(curriculum)
