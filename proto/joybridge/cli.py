@@ -39,6 +39,7 @@ CORE = {
         "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
     ),
     "train": Command("joybridge.commands.__main__", "train", "train a configuration"),
+    "clone": Command("joybridge.commands.clone", "train", "learn from demonstrations alone, without playing the game"),
     "replay": Command("joybridge.commands.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(
         "joybridge.compare.compare", "compare", "train variants with several seeds, and write a page about them"

@@ -10,6 +10,7 @@ from joybridge.client.sharded_session import Snapshot
 from joybridge.config.arrays import select
 from joybridge.config.errors import CheckpointError
 from joybridge.contract.tensors import Array
+from joybridge.policy.actor import Actor
 from joybridge.policy.policy import Policy
 from joybridge.run.checkpoint import Manifest, load_checkpoint, save_checkpoint
 from joybridge.run.collect import Group
@@ -132,6 +133,11 @@ def take_weights(policies: Sequence[Policy], run: Path) -> int:
             raise CheckpointError(f"{policy.actor.name}: the trained network does not fit: {'; '.join(differences)}")
         policy.actor.load(network)
     return state.timesteps
+
+
+def actor_arrays(actor: Actor) -> dict[str, Array]:
+    """Return the arrays of a checkpoint that hold an actor and nothing that learns; see `policy_state`."""
+    return {f"{actor.name}/policy/network.{name}": array for name, array in actor.state().items()}
 
 
 def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Array]:
