@@ -85,6 +85,7 @@ def test_the_same_seed_clones_the_same_and_the_best_pass_is_kept(demos, tmp_path
         (["--config", "archer/hybrid"], r"error: archer/hybrid is for archer, but .* shows hybrid; name another"),
         (["--layout", "bucket-x"], "error: layout: unknown layout 'bucket-x'"),
         (["policy.scale_observations=running"], "cannot be scaled alike; set it to bounds or none"),
+        (["policy.memory.kind=gru"], "error: memory: player remembers, and demonstrations are cloned decision by"),
         (["policy.learning_rate=1e30"], "the loss is not finite; take a smaller policy.learning_rate"),
     ],
 )

@@ -46,6 +46,11 @@ def demonstrate(
 
 def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tuple[Actions | None, str]:
     """Return what a policy clones, None if nothing is shown to it, and a remark. Raises ConfigError."""
+    if actor.network.state_size:
+        raise ConfigError(
+            f"memory: {actor.name} remembers, and demonstrations are cloned decision by decision; set memory.kind to "
+            "none and frame_stack to what it needs to see"
+        )
     if actor.config.scale_observations == "running":
         raise ConfigError(
             f"scale_observations: the moments of {actor.name} change in training, so demonstrations cannot be scaled "

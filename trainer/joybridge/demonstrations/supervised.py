@@ -16,7 +16,7 @@ from joybridge.demonstrations.recorded import Demonstration
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
 from joybridge.ppo.cloning import add_cloning_gradient, cloning_loss, minibatches
-from joybridge.ppo.fast.kernels import Action, Noise
+from joybridge.ppo.fast.kernels import Noise
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.sampling import sample_actions
 from joybridge.ppo.update import Learner
@@ -25,6 +25,7 @@ from joybridge.v1 import bridge_pb2 as pb
 HELD_OUT = 10  # one episode in so many
 PATIENCE = 10  # passes without a smaller loss on held-out episodes, after which learning ends
 ROWS = 4096  # that are measured at once
+PARTS = ("continuous", "discrete")  # of an action
 
 
 @dataclass(frozen=True)
@@ -135,16 +136,15 @@ def _numpy(actions: Actions) -> tuple[Array, Array]:
 @torch.no_grad()
 def _likeliest(actor: Actor, device: pb.Device, actions: Actions) -> ActArrays:
     """Return what the likeliest actions of a policy make of the device."""
-    continuous, discrete = (np.zeros_like(part) for part in _numpy(actions))
+    taken = []
     for start in range(0, len(actions), ROWS):
         part = actions.slice(start, start + ROWS)
-        rows = slice(start, start + len(part))
-        noise = Noise(np.zeros_like(continuous[rows]), np.zeros(discrete[rows].shape, np.float32))
-        action = Action(continuous[rows], discrete[rows], np.zeros(len(part), np.float32))
+        continuous, discrete = _numpy(part)
+        noise = Noise(np.zeros_like(continuous), np.zeros(discrete.shape, np.float32))
         masks = None if part.masks is None else part.masks.numpy(force=True)
-        outputs, _ = actor.network.heads(part.observations)
-        sample_actions(actor.network, outputs, masks, noise, action, deterministic=True)
-    return _act(actor, device, continuous, discrete)
+        outputs = actor.network.heads(part.observations).outputs
+        taken.append(sample_actions(actor.network, outputs, masks, noise, deterministic=True))
+    return _act(actor, device, *(np.concatenate([getattr(one, part) for one in taken]) for part in PARTS))
 
 
 def _act(actor: Actor, device: pb.Device, continuous: Array, discrete: Array) -> ActArrays:
