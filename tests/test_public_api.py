@@ -60,6 +60,7 @@ PROMISED = [
     "joybridge.simulator.sight",
     "joybridge.layouts",
     "joybridge.play.agent",
+    "joybridge.run.results",
     "joybridge.client.client",
 ]
 

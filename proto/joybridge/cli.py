@@ -47,6 +47,7 @@ CORE = {
     "keys": Command("joybridge.config.keys", "train", "list the keys of configurations: default, meaning and range"),
     "evaluate": Command("joybridge.commands.__main__", "train", "measure how well the policy of a run plays"),
     "record": Command("joybridge.commands.__main__", "train", "record a video of the policy of a run"),
+    "runs": Command("joybridge.commands.runs", "train", "list the runs in a folder"),
     "export": Command("joybridge.commands.__main__", "export", "write the policy of a run as a file for your product"),
 }
 

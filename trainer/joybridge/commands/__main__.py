@@ -46,6 +46,7 @@ from joybridge.play.sweep import plot, read_sweep, table
 from joybridge.play.video_formats import video_format
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, play_config, run_config, run_name
+from joybridge.run.origin import remark
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
@@ -306,7 +307,8 @@ def _export(options: argparse.Namespace) -> None:
 def _player(options: argparse.Namespace) -> Iterator[str]:
     """Yield the address of a simulator for a run, after its configuration and its checkpoint have been checked."""
     config = play_config(options.run, options.overrides)
-    load_checkpoint(options.run, options.checkpoint)
+    if text := remark(load_checkpoint(options.run, options.checkpoint)[1].origin):
+        say(text)
     last = last_simulators(options.run)
     simulators = choose_simulators(wanted_simulators(options), last, config, say, trust=options.trust_run)
     with open_simulators(simulators, options.wait, say) as connect:

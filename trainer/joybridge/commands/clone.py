@@ -94,6 +94,7 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
     from joybridge.policy.actor import make_actors
     from joybridge.ppo.threads import use_one_thread
     from joybridge.run.checkpoint import Manifest, save_checkpoint
+    from joybridge.run.origin import keep_origin, own_origin
     from joybridge.run.run_state import actor_arrays
 
     use_one_thread()
@@ -122,4 +123,5 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
         arrays |= actor_arrays(actor)
     keep_config(config, run)
     keep_spec(spec, run)
-    save_checkpoint(run, arrays, Manifest(timesteps=0))
+    keep_origin(run)
+    save_checkpoint(run, arrays, Manifest(timesteps=0, origin=own_origin()))

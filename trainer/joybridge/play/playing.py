@@ -29,14 +29,14 @@ from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.fast.kernels import draw_noise
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.threads import use_one_thread
-from joybridge.run.folder import play_config
+from joybridge.run.folder import SPEC, play_config, run_spec
 from joybridge.run.run_state import load_state, policy_state
 from joybridge.v1 import bridge_pb2 as pb
 
 
 @dataclass(frozen=True)
 class Change:
-    """An option or a parameter of the game, or a limit of the hand, that differs from the training."""
+    """An option, a parameter or the version of the game, or a limit of the hand, that differs from the training."""
 
     trained: str | Value
     played: str | Value
@@ -207,6 +207,8 @@ def open_play(
     with closing(session):
         policies.begin(session.steps)
         changed = changed_settings(play_config(run, ()), config, spec)
+        if (run / SPEC).exists() and (was := run_spec(run).version) != spec.version:
+            changed["version"] = Change(was, spec.version)
         yield Play(config, changed, list(options), arenas, session, policies)
 
 

@@ -17,6 +17,7 @@ from joybridge.run.collect import Group
 from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import run_config
 from joybridge.run.logger import Logger
+from joybridge.run.origin import own_origin
 
 OF_THE_NETWORK = (
     "activation",
@@ -43,7 +44,7 @@ class RunState:
         save_checkpoint(run, self.arrays, self._manifest(), best=True)
 
     def _manifest(self) -> Manifest:
-        return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score)
+        return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score, origin=own_origin())
 
     def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group]) -> None:
         """Put policies, loggers and, if the sessions continue, hands into this state. Raises CheckpointError."""

@@ -22,6 +22,7 @@ from joybridge.run.collect import Group, group_bounds, open_groups
 from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import keep_config, keep_spec
 from joybridge.run.logger import Logger
+from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
 from joybridge.run.run_state import RunState, capture, take_weights
 from joybridge.v1 import bridge_pb2 as pb
@@ -141,6 +142,7 @@ def open_training(
     best_metric(config, policies[0])
     keep_config(config, run)
     keep_spec(spec, run)
+    keep_origin(run)
     curriculum = Curriculum(config, spec, policies)
     state.restore_lesson(curriculum)
     with ExitStack() as opened:
