@@ -15,7 +15,7 @@ from joybridge.demonstrations.episodes import Episode, finished_episodes, join_e
 from joybridge.demonstrations.recorded import Demonstration
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
-from joybridge.ppo.cloning import add_cloning_gradient, cloning_loss, minibatches
+from joybridge.ppo.cloning import add_cloning_gradient, cloning_loss, minibatches, refresh
 from joybridge.ppo.fast.kernels import Noise
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.sampling import sample_actions
@@ -25,7 +25,6 @@ from joybridge.v1 import bridge_pb2 as pb
 HELD_OUT = 10  # one episode in so many
 PATIENCE = 10  # passes without a smaller loss on held-out episodes, after which learning ends
 ROWS = 4096  # that are measured at once
-PARTS = ("continuous", "discrete")  # of an action
 
 
 @dataclass(frozen=True)
@@ -79,12 +78,12 @@ def fit(actor: Actor, shown: Shown, passes: int) -> Iterator[Fit]:
     """
     learner = Learner(actor.name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=True)
     size = min(actor.config.minibatch_size, len(shown.learned))
-    chosen = minibatches(shown.learned, size, np.random.default_rng([actor.seed, 1]))
+    rng = np.random.default_rng([actor.seed, 1])
     gradient = learner.weights.grad
     assert gradient is not None
     least, best, best_pass = np.inf, learner.weights.detach().clone(), 0
     for number in range(1, passes + 1):
-        losses = []
+        losses, chosen = [], minibatches(refresh(actor.network, shown.learned), size, rng)
         for _ in range(len(shown.learned) // size):
             gradient.zero_()
             losses.append(add_cloning_gradient(actor.network, next(chosen), 1.0))
@@ -104,8 +103,16 @@ def fit(actor: Actor, shown: Shown, passes: int) -> Iterator[Fit]:
 @torch.no_grad()
 def _loss(actor: Actor, actions: Actions) -> float:
     """Return the mean loss of actions."""
-    parts = (actions.slice(start, start + ROWS) for start in range(0, len(actions), ROWS))
+    parts = _parts(actor, actions)
     return sum(float(cloning_loss(actor.network, part)) * len(part) for part in parts) / len(actions)
+
+
+def _parts(actor: Actor, actions: Actions) -> Iterator[Actions]:
+    """Yield all actions, about ROWS at once, with what a policy remembers there."""
+    fresh, units = refresh(actor.network, actions), actions.units
+    size = max(1, ROWS * units // len(actions))
+    for start in range(0, units, size):
+        yield fresh.minibatch(torch.arange(start, min(start + size, units), device=actions.discrete.device))
 
 
 def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[tuple[str, str, str]]:
@@ -114,9 +121,8 @@ def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[tuple[str
     A branch: how often the choice is the same; without the policy: with the most frequent choice. An axis: how far it
     is off on average, in shares of its range; without: from the median.
     """
-    ours, theirs = _likeliest(actor, device, actions), _act(actor, device, *_numpy(actions))
-    rows = []
-    layout = actor.layout
+    ours, theirs = _played(actor, device, actions)
+    rows, layout = [], actor.layout
     for axis in sorted({axis for part in (*layout.continuous, *layout.discrete) for axis in covers(part)[0]}):
         span = device.axes[axis].high - device.axes[axis].low
         wanted = theirs.axes[:, axis]
@@ -129,25 +135,23 @@ def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[tuple[str
     return rows
 
 
-def _numpy(actions: Actions) -> tuple[Array, Array]:
-    return actions.continuous.numpy(force=True), actions.discrete.numpy(force=True)
-
-
 @torch.no_grad()
-def _likeliest(actor: Actor, device: pb.Device, actions: Actions) -> ActArrays:
-    """Return what the likeliest actions of a policy make of the device."""
-    taken = []
-    for start in range(0, len(actions), ROWS):
-        part = actions.slice(start, start + ROWS)
-        continuous, discrete = _numpy(part)
+def _played(actor: Actor, device: pb.Device, actions: Actions) -> tuple[ActArrays, ActArrays]:
+    """Return what a policy's likeliest actions make of the device, and what the demonstrated ones do."""
+    ours, theirs = [], []
+    for part in _parts(actor, actions):
+        continuous, discrete = part.continuous.numpy(force=True), part.discrete.numpy(force=True)
         noise = Noise(np.zeros_like(continuous), np.zeros(discrete.shape, np.float32))
         masks = None if part.masks is None else part.masks.numpy(force=True)
         outputs = actor.network.heads(part.observations).outputs
-        taken.append(sample_actions(actor.network, outputs, masks, noise, deterministic=True))
-    return _act(actor, device, *(np.concatenate([getattr(one, part) for one in taken]) for part in PARTS))
+        taken = sample_actions(actor.network, outputs, masks, noise, deterministic=True)
+        ours.append((taken.continuous, taken.discrete))
+        theirs.append((continuous, discrete))
+    return _act(actor, device, ours), _act(actor, device, theirs)
 
 
-def _act(actor: Actor, device: pb.Device, continuous: Array, discrete: Array) -> ActArrays:
+def _act(actor: Actor, device: pb.Device, parts: Sequence[tuple[Array, Array]]) -> ActArrays:
+    continuous, discrete = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     act = ActArrays(
         np.zeros((len(discrete), len(device.axes)), np.float32),
         np.zeros((len(discrete), len(device.branches)), np.int32),
