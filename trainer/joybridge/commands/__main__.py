@@ -48,6 +48,7 @@ from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoin
 from joybridge.run.folder import check_run, play_config, run_config, run_name
 from joybridge.run.origin import remark
 from joybridge.run.run_lock import PARENT_SECONDS, locked
+from joybridge.run.sinks import check_sinks
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
 
@@ -110,9 +111,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays.add_argument("--deterministic", action="store_true", help="take the most probable action instead of sampling")
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
     evaluates.set_defaults(function=_evaluate)
-    evaluates.add_argument(
-        "--episodes", type=at_least(1), default=210, help="minimum number of episodes; default %(default)s"
-    )
+    evaluates.add_argument("--episodes", type=at_least(1), default=210, help="number of episodes; default %(default)s")
     evaluates.add_argument(
         "--over", metavar="KEY=VALUE,VALUE,…",
         help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
@@ -174,6 +173,7 @@ def _train(options: argparse.Namespace) -> None:
     if options.demos:
         options.overrides.append(f"demonstrations={options.demos}")
     config = load_config(path, options.overrides, options.behavior)
+    check_sinks(config.log_to)
     if config.demonstrations:
         find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)

@@ -15,7 +15,7 @@ from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
-    "log_interval", "evaluate_over",
+    "log_interval", "log_to", "evaluate_over",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
 OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
@@ -151,6 +151,9 @@ class Config(Checked):
         None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
     )
     log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
+    log_to: list[Literal["tensorboard", "wandb", "mlflow"]] = Field(
+        ["tensorboard"], description="where rows of metrics go besides the CSV files of the run"
+    )
     checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
     keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")

@@ -160,7 +160,9 @@ class Play:
             f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
             for key, change in self.changed.items()
         ]
-        return "; ".join([f"policy after {self.timesteps:,} timesteps", *changed])
+        likeliest = self.players[0].deterministic
+        actions = "the most probable actions" if likeliest else "sampled actions (--deterministic: the most probable)"
+        return "; ".join([f"policy after {self.timesteps:,} timesteps, {actions}", *changed])
 
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.

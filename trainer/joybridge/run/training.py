@@ -154,7 +154,8 @@ def open_training(
         if record_faults:
             opened.enter_context(recording(groups, run / "faults"))
         loggers = [
-            opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps))) for policy in policies
+            opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps, config)))
+            for policy in policies
         ]
         training = Training(config, policies, groups, loggers, curriculum, audience)
         training.begin(state)
