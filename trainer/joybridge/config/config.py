@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
-from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
@@ -180,6 +180,10 @@ class Config(Checked):
         "alone",
         description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
     )
+    evaluate_during: EvaluateDuring | None = Field(
+        None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
+        "and `parameters` that differ, see Held-out settings in docs/training.md"
+    )  # fmt: skip
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )

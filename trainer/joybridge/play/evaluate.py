@@ -11,7 +11,7 @@ from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
 from joybridge.play.input_statistics import InputMeasures, Inputs
 from joybridge.play.playing import Change, Play, open_play
-from joybridge.policy.episodes import Episodes
+from joybridge.policy.episodes import Episodes, equal_shares
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
 
@@ -63,7 +63,7 @@ def evaluate(
             for index, lanes in behaviors.items()
             if inputs
         ]
-        tables = _play(play, _shares(play, episodes), say, measured)
+        tables = _play(play, equal_shares(episodes, play.arenas, len(play.choices)), say, measured)
     results = {index: measures.result() for index, measures in measured}
     return {
         player.actor.name: _summarize(tables[player.actor.name], play, player.actor.behavior, results)
@@ -137,14 +137,6 @@ def _cell(value: float | None) -> str:
     return "–" if value is None else f"{value:.3f}"
 
 
-def _shares(play: Play, episodes: int) -> Array:
-    """Return how many episodes of each arena count, [arenas]: as equally as it goes, also between choices."""
-    in_turn = np.arange(play.arenas).reshape(len(play.choices), -1).T.ravel()  # the first arena of each choice, …
-    shares = np.full(play.arenas, episodes // play.arenas)
-    shares[in_turn[: episodes % play.arenas]] += 1
-    return shares
-
-
 def _play(
     play: Play, shares: Array, say: Callable[[str], None], measured: Sequence[tuple[int, InputMeasures]]
 ) -> dict[str, Episodes]:
@@ -157,24 +149,8 @@ def _play(
             measures.add(decision.before[index], decision.acts[index], decision.after[index])
         if number % 1000 == 0:
             say(f"{number} decisions")
-        if all((_episodes(table) >= _of_lanes(shares, table)).all() for table in tables.values()):
+        if all(table.has(shares) for table in tables.values()):
             break
     for table in tables.values():
-        table.finished = _first(table.finished, _of_lanes(shares, table))
+        table.keep(shares)
     return tables
-
-
-def _of_lanes(shares: Array, table: Episodes) -> Array:
-    """Return the shares of the arenas as those of their lanes."""
-    return np.repeat(shares, len(table.reward) // len(shares))
-
-
-def _episodes(table: Episodes) -> Array:
-    """Return the finished episodes of each lane."""
-    return np.bincount(table.finished[:, 0].astype(int), minlength=len(table.reward))
-
-
-def _first(finished: Array, shares: Array) -> Array:
-    """Return the first episodes of each lane, lane by lane."""
-    lanes = finished[:, 0].astype(int)
-    return np.concatenate([finished[lanes == lane][:share] for lane, share in enumerate(shares.tolist())])
