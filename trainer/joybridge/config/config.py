@@ -10,13 +10,13 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
-from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.presets import preset_of
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
-    "log_interval", "evaluate_over",
+    "log_interval", "log_to", "evaluate_over",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
 OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
@@ -183,6 +183,9 @@ class Config(Checked):
         None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
     )
     log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
+    log_to: list[Literal["tensorboard", "wandb", "mlflow"]] = Field(
+        ["tensorboard"], description="where rows of metrics go besides the CSV files of the run"
+    )
     checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
     keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
@@ -209,6 +212,10 @@ class Config(Checked):
         "alone",
         description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
     )
+    evaluate_during: EvaluateDuring | None = Field(
+        None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
+        "and `parameters` that differ, see Held-out settings in docs/training.md"
+    )  # fmt: skip
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
