@@ -60,6 +60,8 @@ PROMISED = [
     "joybridge.simulator.render",
     "joybridge.simulator.sight",
     "joybridge.layouts",
+    "joybridge.play.agent",
+    "joybridge.run.results",
     "joybridge.client.client",
 ]
 

@@ -42,6 +42,7 @@ CORE = {
         "joybridge.adapters.tape_command", "simulator", "regression tests of a pygame program: input tapes"
     ),
     "train": Command("joybridge.commands.__main__", "train", "train a configuration"),
+    "clone": Command("joybridge.commands.clone", "train", "learn from demonstrations alone, without playing the game"),
     "replay": Command("joybridge.commands.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(
         "joybridge.compare.compare", "compare", "train variants with several seeds, and write a page about them"
@@ -52,6 +53,7 @@ CORE = {
     "drive": Command(
         "joybridge.commands.drive", "train", "let the policy of a run play a pygame program in its window"
     ),
+    "runs": Command("joybridge.commands.runs", "train", "list the runs in a folder"),
     "export": Command("joybridge.commands.__main__", "export", "write the policy of a run as a file for your product"),
 }
 

@@ -22,6 +22,7 @@ _COLUMNS = {
     "timesteps", "seconds", "lesson", "episodes", "reward", "reward_std", "length", *STATISTICS, "value",
     "explained_variance", "grad_norm", "epochs", "cloning_loss", "learning_rate", "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
+HELD_OUT = "held_out_"  # begins the columns of `evaluate_during`
 KEYS = ("run", "experiment", "seed", "total_timesteps", "policy")  # what a table of several runs adds to a row
 
 
@@ -32,7 +33,7 @@ def column_name(metric: str) -> str:
 
 def is_trainers(column: str) -> bool:
     """Return whether the trainer writes a column for every game; the others are metrics of the game."""
-    return column in _COLUMNS or column.startswith("entropy_")
+    return column in _COLUMNS or column.startswith(("entropy_", "loss_", HELD_OUT))
 
 
 def metrics_name(policy: str) -> str:

@@ -11,8 +11,6 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from joybridge.client.client import Session
 from joybridge.client.sharded_session import ShardedSession, open_session
 from joybridge.config.config import Config, play_settings
@@ -21,23 +19,20 @@ from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.play.policy_view import PolicyView
-from joybridge.policy.actor import Actor, make_actors
+from joybridge.policy.actor import make_actors
 from joybridge.policy.config_fit import fitting_spec
-from joybridge.policy.encoder import Stacks
 from joybridge.policy.hand import make_hands
+from joybridge.policy.player import Player
 from joybridge.policy.stratify import balanced_options
-from joybridge.ppo.distributions import fill_masks
-from joybridge.ppo.fast.kernels import draw_noise
-from joybridge.ppo.observation import Observation
 from joybridge.ppo.threads import use_one_thread
-from joybridge.run.folder import play_config
+from joybridge.run.folder import SPEC, play_config, run_spec
 from joybridge.run.run_state import load_state, policy_state
 from joybridge.v1 import bridge_pb2 as pb
 
 
 @dataclass(frozen=True)
 class Change:
-    """An option or a parameter of the game, or a limit of the hand, that differs from the training."""
+    """An option, a parameter or the version of the game, or a limit of the hand, that differs from the training."""
 
     trained: str | Value
     played: str | Value
@@ -52,49 +47,6 @@ class Played:
     after: list[StepArrays]
     rewards: list[Array]  # [lanes], as the policy gets them
     pictures: list[Array]  # uint8 [height, width, 3] of the first arena, where it was drawn
-
-
-class Player:
-    """An actor and what it remembers of its lanes while it plays."""
-
-    def __init__(self, actor: Actor, lanes: int, seed: int, *, deterministic: bool) -> None:
-        """Begin in so many lanes. deterministic: always the likeliest action. `seed` fixes the samples."""
-        self.actor, self.deterministic = actor, deterministic
-        self.lanes = lanes
-        self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
-        size = actor.network.state_size
-        self._memory = np.zeros((lanes, size), np.float32) if size else None
-        self._rng = np.random.default_rng([seed, actor.seed])
-        space = actor.layout.space
-        self._masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
-
-    @property
-    def observations(self) -> Observation:
-        """What the policy observes and remembers now."""
-        return self._stack.now._replace(memory=self._memory)
-
-    def begin(self, step: StepArrays) -> None:
-        """Take the first observations of new episodes."""
-        self._stack.begin(self.actor.see(step.observations))
-        if self._memory is not None:
-            self._memory[:] = 0.0
-
-    def act(self, step: StepArrays, act: ActArrays) -> None:
-        """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
-        layout, space = self.actor.layout, self.actor.layout.space
-        fill_masks(None if step.masks is None else layout.masks(step.masks), self._masks)
-        self.noise = draw_noise(self._rng, (self.lanes, space.continuous), (self.lanes, len(space.branches)))
-        seen = self.observations
-        acted = self.actor.act(seen, self._masks, self.noise, deterministic=self.deterministic).of_deciding(seen, step)
-        self._memory, action = acted.memory, acted.action
-        layout.write(action.continuous, action.discrete, act, step.masks)
-
-    def store(self, step: StepArrays) -> Array:
-        """Take what followed the action; return the rewards [lanes]."""
-        self._stack.push(self.actor.see(step.observations), step)
-        if self._memory is not None:
-            self._memory[step.ended] = 0.0
-        return self.actor.encoder.rewards(step)
 
 
 class Policies:
@@ -161,7 +113,9 @@ class Play:
             f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
             for key, change in self.changed.items()
         ]
-        return "; ".join([f"policy after {self.timesteps:,} timesteps", *changed])
+        likeliest = self.players[0].deterministic
+        actions = "the most probable actions" if likeliest else "sampled actions (--deterministic: the most probable)"
+        return "; ".join([f"policy after {self.timesteps:,} timesteps, {actions}", *changed])
 
     def view(self) -> PolicyView:
         """Return what draws the images that the policies see."""
@@ -212,6 +166,8 @@ def open_play(
     with closing(session):
         policies.begin(session.steps)
         changed = changed_settings(play_config(run, ()), config, spec)
+        if (run / SPEC).exists() and (was := run_spec(run).version) != spec.version:
+            changed["version"] = Change(was, spec.version)
         yield Play(config, changed, list(options), arenas, session, policies)
 
 

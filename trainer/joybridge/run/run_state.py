@@ -10,17 +10,20 @@ from joybridge.client.sharded_session import Snapshot
 from joybridge.config.arrays import select
 from joybridge.config.errors import CheckpointError
 from joybridge.contract.tensors import Array
+from joybridge.policy.actor import Actor
 from joybridge.policy.policy import Policy
 from joybridge.run.checkpoint import Manifest, load_checkpoint, save_checkpoint
 from joybridge.run.collect import Group
 from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import run_config
 from joybridge.run.logger import Logger
+from joybridge.run.origin import own_origin
 
 OF_THE_NETWORK = (
     "activation",
     "scale_observations",
     "image_encoder",
+    "network",
 )  # keys of a policy that the shapes of its network do not show
 
 
@@ -42,7 +45,7 @@ class RunState:
         save_checkpoint(run, self.arrays, self._manifest(), best=True)
 
     def _manifest(self) -> Manifest:
-        return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score)
+        return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score, origin=own_origin())
 
     def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group]) -> None:
         """Put policies, loggers and, if the sessions continue, hands into this state. Raises CheckpointError."""
@@ -132,6 +135,11 @@ def take_weights(policies: Sequence[Policy], run: Path) -> int:
             raise CheckpointError(f"{policy.actor.name}: the trained network does not fit: {'; '.join(differences)}")
         policy.actor.load(network)
     return state.timesteps
+
+
+def actor_arrays(actor: Actor) -> dict[str, Array]:
+    """Return the arrays of a checkpoint that hold an actor and nothing that learns; see `policy_state`."""
+    return {f"{actor.name}/policy/network.{name}": array for name, array in actor.state().items()}
 
 
 def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Array]:
