@@ -80,6 +80,7 @@ def test_pages_are_in_docs_but_for_readmes_and_what_is_generated():
         "CONTRIBUTING.md",
         "CHANGELOG.md",
         "results/environments.md",
+        "results/pygame-programs.md",
     }
 
 
