@@ -26,9 +26,8 @@ from joybridge.policy.encoder import Stacks
 from joybridge.policy.hand import make_hands
 from joybridge.policy.stratify import balanced_options
 from joybridge.ppo.distributions import fill_masks
-from joybridge.ppo.fast.kernels import Action, draw_noise
+from joybridge.ppo.fast.kernels import draw_noise
 from joybridge.ppo.observation import Observation
-from joybridge.ppo.rollout import Decision
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import play_config
 from joybridge.run.run_state import load_state, policy_state
@@ -64,12 +63,7 @@ class Player:
         self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
         self._rng = np.random.default_rng([seed, actor.seed])
         space = actor.layout.space
-        branches = len(space.branches)
-        self._masks = np.zeros((lanes, branches, space.widest), np.float32)
-        self._action = Action(
-            np.zeros((lanes, space.continuous), np.float32), np.zeros((lanes, branches), np.int64),
-            np.zeros(lanes, np.float32),
-        )  # fmt: skip
+        self._masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
 
     @property
     def observations(self) -> Observation:
@@ -82,12 +76,11 @@ class Player:
 
     def act(self, step: StepArrays, act: ActArrays) -> None:
         """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
-        action = self._action
-        fill_masks(None if step.masks is None else self.actor.layout.masks(step.masks), self._masks)
-        self.noise = draw_noise(self._rng, action.continuous.shape, action.discrete.shape)
-        values = np.empty(self.lanes, np.float32)
-        decision = Decision(self._stack.now, self._masks, self.noise, action, values)
-        self.actor.act(step, decision, act, deterministic=self.deterministic)
+        layout, space = self.actor.layout, self.actor.layout.space
+        fill_masks(None if step.masks is None else layout.masks(step.masks), self._masks)
+        self.noise = draw_noise(self._rng, (self.lanes, space.continuous), (self.lanes, len(space.branches)))
+        action, _ = self.actor.act(self._stack.now, self._masks, self.noise, deterministic=self.deterministic)
+        layout.write(action.continuous, action.discrete, act, step.masks)
 
     def store(self, step: StepArrays) -> Array:
         """Take what followed the action; return the rewards [lanes]."""

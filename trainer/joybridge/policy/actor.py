@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -9,7 +10,6 @@ import torch
 from joybridge.config.arrays import select
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles
@@ -18,20 +18,26 @@ from joybridge.policy.fit import misfits
 from joybridge.policy.scaling import make_scaling
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
-from joybridge.ppo.fast.kernels import NO_MASKS
+from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
-from joybridge.ppo.rollout import Decision
 from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 
 SCALING = "scaling."  # begins the names of arrays that are not the network's
 
 
+class Acted(NamedTuple):
+    """What an actor does in some lanes."""
+
+    action: Action
+    values: Array  # [lanes]: of what it saw
+
+
 class Actor:
-    """One policy: from the step of its behavior to actions of its part of the device."""
+    """One policy: from what its lanes observe to actions of its part of the device."""
 
     def __init__(
         self, role: Role, behavior: pb.Behavior, config: PolicyConfig, seed: int, accelerator: str = "cpu"
@@ -65,22 +71,21 @@ class Actor:
             frames = self.scaling.apply(frames)
         return Observation(frames, self.encoder.pictures(observations))
 
-    def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
-        """Sample actions and values into `decision`, and write the actions into the policy's part of `act`.
+    def act(
+        self, observations: Observation, masks: Array | None, noise: Noise, *, deterministic: bool = False
+    ) -> Acted:
+        """Return actions, for `layout.write`, and values.
 
-        step: of the policy's behavior; its masks count. act: axes [lanes, axes] and choices [lanes, branches] of the
-        behavior's device. deterministic: take the likeliest actions instead.
+        masks: [lanes, branches, widest], added to the logits; None: all choices are allowed. deterministic: take the
+        likeliest actions instead of those that the noise gives.
         """
-        observations, masks, noise, action, values = decision
-        if self._compiled is None or self.layout.space.distributions:
-            with torch.inference_mode():
-                outputs, estimates = self._heads(observations)
-                values[:] = estimates.numpy(force=True)
-                sample_actions(self.network, outputs, masks, noise, action, deterministic=deterministic)
-        else:
+        if self._compiled is not None and not self.layout.space.distributions:
             allowed = NO_MASKS if masks is None else masks
-            decide(*self._compiled, observations.numbers, allowed, noise, deterministic, action, values)
-        self.layout.write(action.continuous, action.discrete, act, step.masks)
+            return Acted(*decide(*self._compiled, observations.numbers, allowed, noise, deterministic))
+        with torch.inference_mode():
+            outputs, values = self._heads(observations)
+            action = sample_actions(self.network, outputs, masks, noise, deterministic=deterministic)
+            return Acted(action, values.numpy(force=True))
 
     def values(self, observations: Observation) -> Array:
         """Return the values, float32 [rows], of observations."""

@@ -8,7 +8,7 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
-from joybridge.policy.actor import Actor
+from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
 from joybridge.ppo.cloning import Cloning, minibatches
@@ -58,6 +58,7 @@ class Policy:
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones
+        self._acted: dict[int, Acted] = {}  # what each group does until its outcome is known
         self.updates = 0
         self._begin_rollout()
 
@@ -74,9 +75,10 @@ class Policy:
 
     def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], group: int = 0) -> None:
         """Sample actions for the present observations and write them into the policy's part of `acts`."""
-        actor, step = self.actor, steps[self.actor.behavior]
-        allowed = None if step.masks is None else actor.layout.masks(step.masks)
-        actor.act(step, self.rollout.next_decision(allowed, group), acts[actor.behavior])
+        actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
+        masks = rollout.mask(None if step.masks is None else actor.layout.masks(step.masks), group)
+        self._acted[group] = acted = actor.act(rollout.present(group), masks, rollout.noise_of(group))
+        actor.layout.write(acted.action.continuous, acted.action.discrete, acts[actor.behavior], step.masks)
 
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
@@ -96,6 +98,7 @@ class Policy:
             sources, next_sources, new = history.push(t, lanes, pictures)
             push_frames(sources, new, step, next_sources)
         learned = rewards - self._eased * actor.encoder.penalties(step) if self._eased else rewards
+        rollout.put(*self._acted[group], group)
         rollout.store(step, learned, final_values, group)
         self.episodes.add(step, rewards, lanes)
 

@@ -1,7 +1,6 @@
 """The rollout of one policy: what its lanes observed, did and earned since its last update, in preallocated arrays."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,16 +15,6 @@ from joybridge.ppo.images import Image
 from joybridge.ppo.loss import Batch
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import Observations
-
-
-class Decision(NamedTuple):
-    """One decision of a group: what it is based on, and where its action and its values belong."""
-
-    observations: Observation
-    masks: Array | None  # [lanes, branches, widest], added to the logits; None: all choices are allowed
-    noise: Noise
-    action: Action
-    values: Array  # [lanes]
 
 
 class RolloutBuffer:
@@ -79,27 +68,32 @@ class RolloutBuffer:
         """Draw the random numbers of all decisions."""
         self.noise = draw_noise(rng, self.continuous.shape, self.discrete.shape)
 
-    def next_decision(self, allowed: Sequence[Array] | None, group: int = 0) -> Decision:
-        """Return a group's next decision, whose action and values are still to be written.
+    def present(self, group: int = 0) -> Observation:
+        """Return what a group's next decision is based on."""
+        return self.observation(self.rows[group], self.groups[group])
 
-        allowed: which choices each branch allows, bool [lanes, choices]; None: all.
-        """
+    def noise_of(self, group: int = 0) -> Noise:
+        """Return the random numbers behind a group's next decision."""
         t, lanes = self.rows[group], self.groups[group]
-        return Decision(
-            self.observation(t, lanes),
-            self._set_masks(allowed, t, lanes),
-            Noise(self.noise.normal[t, lanes], self.noise.uniform[t, lanes]),
-            Action(self.continuous[t, lanes], self.discrete[t, lanes], self.log_probs[t, lanes]),
-            self.values[t, lanes],
-        )
+        return Noise(self.noise.normal[t, lanes], self.noise.uniform[t, lanes])
+
+    def put(self, action: Action, values: Array, group: int = 0) -> None:
+        """Store the next decision of a group: what it does, and the values [lanes] of what it sees."""
+        t, lanes = self.rows[group], self.groups[group]
+        self.continuous[t, lanes], self.discrete[t, lanes], self.log_probs[t, lanes] = action
+        self.values[t, lanes] = values
 
     def observation(self, t: int, lanes: slice = slice(None)) -> Observation:
         """Return what decision t sees in some lanes; -1: what follows the last one."""
         images = tuple(history.window(t, lanes).gather() for history in self.histories)
         return Observation(self.observations[t, lanes], images)
 
-    def _set_masks(self, allowed: Sequence[Array] | None, t: int, lanes: slice) -> Array | None:
-        """Store which choices a decision allows; return what to add to the logits, None where all are allowed."""
+    def mask(self, allowed: Sequence[Array] | None, group: int = 0) -> Array | None:
+        """Store which choices a group's next decision allows, bool [lanes, choices] per branch; None: all.
+
+        Return what to add to the logits, [lanes, branches, widest]; None while no choice was ever forbidden.
+        """
+        t, lanes = self.rows[group], self.groups[group]
         if self.masks is None:
             if allowed is None:
                 return None
