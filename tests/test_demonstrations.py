@@ -26,8 +26,8 @@ from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.demonstrations.recorded import Demonstration, Stretch
 from joybridge.layouts import list_roles, make_acts, make_layouts
-from joybridge.play.playing import Player
 from joybridge.policy.actor import Actor
+from joybridge.policy.player import Player
 from joybridge.ppo.cloning import add_cloning_gradient
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.observation_tensors import Observations

@@ -1,4 +1,4 @@
-"""A session in parts, each with some of its arenas: their bounds, their actions, and their steps as one."""
+"""A session in parts: bounds of arenas, actions of a part, steps of all parts as one, and some lanes of a step."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 
-__all__ = ["join", "part_of", "split"]
+__all__ = ["join", "part_of", "rows_of", "split"]
 
 
 def split(arenas: int, parts: int) -> list[int]:
@@ -21,6 +21,22 @@ def part_of(acts: Sequence[ActArrays], bounds: Sequence[Sequence[int]], part: in
         ActArrays(act.axes[lanes[part] : lanes[part + 1]], act.choices[lanes[part] : lanes[part + 1]])
         for act, lanes in zip(acts, bounds, strict=True)
     ]
+
+
+def rows_of(step: StepArrays, lanes: Array) -> StepArrays:
+    """Return the step of some lanes of a behavior, by their numbers, ascending."""
+    ended = np.isin(step.ended, lanes)
+    finals, metrics, parameters = step.final_observations, step.metrics, step.parameters
+    return StepArrays(
+        [sensor[lanes] for sensor in step.observations], step.rewards[lanes], step.terminated[lanes],
+        step.truncated[lanes],
+        None if step.masks is None else [mask[lanes] for mask in step.masks],
+        None if step.deciding is None else step.deciding[lanes],
+        np.flatnonzero(np.isin(lanes, step.ended)).astype(np.int32),
+        None if finals is None else [sensor[ended] for sensor in finals],
+        None if metrics is None else metrics[ended],
+        None if parameters is None else parameters[ended],
+    )  # fmt: skip
 
 
 def join(parts: list[list[StepArrays]]) -> list[StepArrays]:

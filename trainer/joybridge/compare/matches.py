@@ -96,11 +96,3 @@ def seat_shares(matches: Sequence[Match]) -> Array:
     first = places == places.min(axis=1, keepdims=True)
     shares: Array = (first / first.sum(axis=1, keepdims=True)).mean(axis=0)
     return shares
-
-
-def places_of(scores: Array) -> list[float]:
-    """Return the places [seats] of scores, the highest first; equal scores share the mean of their places."""
-    higher = (scores[None, :] > scores[:, None]).sum(axis=1)
-    equal = (scores[None, :] == scores[:, None]).sum(axis=1)
-    places: list[float] = (1 + higher + (equal - 1) / 2).tolist()
-    return places

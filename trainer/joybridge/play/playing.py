@@ -11,8 +11,6 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from joybridge.client.client import Session
 from joybridge.client.sharded_session import ShardedSession, open_session
 from joybridge.config.config import Config, play_settings
@@ -20,14 +18,11 @@ from joybridge.config.game_settings import Value, drawn, fixed, value_text
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
-from joybridge.policy.actor import Actor, make_actors
+from joybridge.policy.actor import make_actors
 from joybridge.policy.config_fit import fitting_spec
-from joybridge.policy.encoder import Stacks
 from joybridge.policy.hand import make_hands
+from joybridge.policy.player import Player
 from joybridge.policy.stratify import balanced_options
-from joybridge.ppo.distributions import fill_masks
-from joybridge.ppo.fast.kernels import draw_noise
-from joybridge.ppo.observation import Observation
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import play_config
 from joybridge.run.run_state import load_state, policy_state
@@ -51,41 +46,6 @@ class Played:
     after: list[StepArrays]
     rewards: list[Array]  # [lanes], as the policy gets them
     pictures: list[Array]  # uint8 [height, width, 3] of the first arena, where it was drawn
-
-
-class Player:
-    """An actor and what it remembers of its lanes while it plays."""
-
-    def __init__(self, actor: Actor, lanes: int, seed: int, *, deterministic: bool) -> None:
-        """Begin in so many lanes. deterministic: always the likeliest action. `seed` fixes the samples."""
-        self.actor, self.deterministic = actor, deterministic
-        self.lanes = lanes
-        self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
-        self._rng = np.random.default_rng([seed, actor.seed])
-        space = actor.layout.space
-        self._masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
-
-    @property
-    def observations(self) -> Observation:
-        """What the policy observes now."""
-        return self._stack.now
-
-    def begin(self, step: StepArrays) -> None:
-        """Take the first observations of new episodes."""
-        self._stack.begin(self.actor.see(step.observations))
-
-    def act(self, step: StepArrays, act: ActArrays) -> None:
-        """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
-        layout, space = self.actor.layout, self.actor.layout.space
-        fill_masks(None if step.masks is None else layout.masks(step.masks), self._masks)
-        self.noise = draw_noise(self._rng, (self.lanes, space.continuous), (self.lanes, len(space.branches)))
-        action, _ = self.actor.act(self._stack.now, self._masks, self.noise, deterministic=self.deterministic)
-        layout.write(action.continuous, action.discrete, act, step.masks)
-
-    def store(self, step: StepArrays) -> Array:
-        """Take what followed the action; return the rewards [lanes]."""
-        self._stack.push(self.actor.see(step.observations), step)
-        return self.actor.encoder.rewards(step)
 
 
 class Policies:
