@@ -63,7 +63,7 @@ def made(name: str, masked: bool):
         noise = draw_noise(rng, (LANES, space.continuous), (LANES, len(space.branches)))
         observations = Observations(torch.from_numpy(rng.normal(size=(LANES, 5)).astype(np.float32)))
         with torch.no_grad():
-            outputs, values = network.heads(observations)
+            outputs, values, _ = network.heads(observations)
         action = draw(network, outputs, masks, noise, deterministic=False)
         batch = Batch(
             observations, torch.from_numpy(action.continuous), torch.from_numpy(action.discrete),

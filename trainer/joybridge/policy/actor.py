@@ -10,6 +10,7 @@ import torch
 from joybridge.config.arrays import select
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles
@@ -20,7 +21,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
-from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.ppo.sampling import sample_actions
@@ -34,6 +35,13 @@ class Acted(NamedTuple):
 
     action: Action
     values: Array  # [lanes]: of what it saw
+    memory: Array | None = None  # [lanes, state_size]: what it remembers now; None: an actor without memory
+
+    def of_deciding(self, observation: Observation, step: StepArrays) -> "Acted":
+        """Return the same, but lanes that wait in `step` remember what they did in `observation`."""
+        if self.memory is None or observation.memory is None or step.deciding is None:
+            return self
+        return self._replace(memory=np.where(step.deciding[:, None], self.memory, observation.memory))
 
 
 class Actor:
@@ -61,7 +69,10 @@ class Actor:
             ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
             for _ in range(count)
         ]
-        network = Network(self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders)
+        memory = None if config.memory.kind == "none" else MemoryKind(config.memory.kind, config.memory.size)
+        network = Network(
+            self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
+        )
         self.network = network.to(self.accelerator)
 
     def see(self, observations: Sequence[Array]) -> Observation:
@@ -83,26 +94,26 @@ class Actor:
             allowed = NO_MASKS if masks is None else masks
             return Acted(*decide(*self._compiled, observations.numbers, allowed, noise, deterministic))
         with torch.inference_mode():
-            outputs, values = self._heads(observations)
+            outputs, values, memory = self._heads(observations)
             action = sample_actions(self.network, outputs, masks, noise, deterministic=deterministic)
-            return Acted(action, values.numpy(force=True))
+            return Acted(action, values.numpy(force=True), None if memory is None else memory.numpy(force=True))
 
     def values(self, observations: Observation) -> Array:
         """Return the values, float32 [rows], of observations."""
-        return self._heads(observations)[1].numpy(force=True)
+        return self._heads(observations).value.numpy(force=True)
 
     @torch.inference_mode()
-    def _heads(self, observations: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+    def _heads(self, observations: Observation) -> Heads:
         """Return what `Network.heads` does."""
         if self._compiled is None:
             return self.network.heads(to_tensors(observations, self.accelerator))
         outputs, values = heads(*self._compiled, observations.numbers)
-        return torch.from_numpy(outputs), torch.from_numpy(values)
+        return Heads(torch.from_numpy(outputs), torch.from_numpy(values), None)
 
     @cached_property
     def _compiled(self) -> tuple[Array, Form] | None:
         """The parameters as compiled functions take them, None where PyTorch computes the network."""
-        if self.network.encoders or self.accelerator.type != "cpu":
+        if self.network.encoders or self.network.state_size or self.accelerator.type != "cpu":
             return None
         return flatten_parameters(self.network).detach().numpy(), form(self.network)
 

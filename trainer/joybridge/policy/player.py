@@ -22,49 +22,58 @@ class Player:
         self.lanes = lanes
         self.rng = np.random.default_rng([seed, actor.seed])
         self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
+        size = actor.network.state_size
+        self._memory = np.zeros((lanes, size), np.float32) if size else None
 
     @property
     def observations(self) -> Observation:
-        """What the policy observes now."""
-        return self._stack.now
+        """What the policy observes and remembers now."""
+        return self._stack.now._replace(memory=self._memory)
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
         self._stack.begin(self.actor.see(step.observations))
+        if self._memory is not None:
+            self._memory[:] = 0.0
 
     def act(self, step: StepArrays, act: ActArrays, held: Array | None = None) -> None:
         """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on.
 
         held: the numbers of the lanes in which it acts, ascending; None: all.
         """
+        seen, mine, own = self.observations, step, act
         if held is not None:
-            mine = ActArrays(act.axes[held], act.choices[held])
-            self._act(rows_of(step, held), mine, self.observations.rows(held))
-            act.axes[held], act.choices[held] = mine.axes, mine.choices
-        else:
-            self._act(step, act, self.observations)
-
-    def _act(self, step: StepArrays, act: ActArrays, observations: Observation) -> None:
-        layout, space, lanes = self.actor.layout, self.actor.layout.space, len(observations.numbers)
+            seen, mine, own = seen.rows(held), rows_of(step, held), ActArrays(act.axes[held], act.choices[held])
+        lanes, layout, space = len(own.choices), self.actor.layout, self.actor.layout.space
         masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
-        fill_masks(None if step.masks is None else layout.masks(step.masks), masks)
+        fill_masks(None if mine.masks is None else layout.masks(mine.masks), masks)
         self.noise = draw_noise(self.rng, (lanes, space.continuous), (lanes, len(space.branches)))
-        action, _ = self.actor.act(observations, masks, self.noise, deterministic=self.deterministic)
-        layout.write(action.continuous, action.discrete, act, step.masks)
+        acted = self.actor.act(seen, masks, self.noise, deterministic=self.deterministic).of_deciding(seen, mine)
+        layout.write(acted.action.continuous, acted.action.discrete, own, mine.masks)
+        where = slice(None) if held is None else held
+        act.axes[where], act.choices[where] = own.axes, own.choices
+        if self._memory is not None:
+            self._memory[where] = acted.memory
 
     def store(self, step: StepArrays, held: Array | None = None) -> Array:
         """Take what followed the action, in some lanes or in all; return the rewards of these lanes."""
         mine = step if held is None else rows_of(step, held)
         self._stack.push(self.actor.see(mine.observations), mine, held)
+        if self._memory is not None:
+            self._memory[mine.ended if held is None else held[mine.ended]] = 0.0
         return self.actor.encoder.rewards(mine)
 
     def state(self) -> dict[str, Array]:
         """Return copies of what it remembers, for a checkpoint."""
-        return {"numbers": self.observations.numbers.copy()} | {
-            f"images.{index}": images.copy() for index, images in enumerate(self.observations.images)
-        }
+        numbers, images, memory = self.observations
+        state = {"numbers": numbers, **{f"images.{index}": image for index, image in enumerate(images)}}
+        if memory is not None:
+            state["memory"] = memory
+        return {name: array.copy() for name, array in state.items()}
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""
         images = select(state, "images.")
         self._stack.load(Observation(state["numbers"], tuple(images[str(index)] for index in range(len(images)))))
+        if self._memory is not None:
+            self._memory[:] = state["memory"]

@@ -47,7 +47,7 @@ class Policy:
         groups = [slice(first, end) for first, end in pairwise(bounds)]
         self.rollout = RolloutBuffer(
             self.config.rollout_steps, groups, actor.observation_size, actor.layout.space,
-            [*actor.encoder.images.values()], self.config.frame_stack,
+            [*actor.encoder.images.values()], self.config.frame_stack, actor.network.state_size,
         )  # fmt: skip
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
@@ -77,7 +77,11 @@ class Policy:
         """Sample actions for the present observations and write them into the policy's part of `acts`."""
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
         masks = rollout.mask(None if step.masks is None else actor.layout.masks(step.masks), group)
-        self._acted[group] = acted = actor.act(rollout.present(group), masks, rollout.noise_of(group))
+        observation = rollout.present(group)
+        acted = actor.act(observation, masks, rollout.noise_of(group))
+        if observation.memory is not None:
+            acted = acted.of_deciding(observation, step)
+        self._acted[group] = acted
         actor.layout.write(acted.action.continuous, acted.action.discrete, acts[actor.behavior], step.masks)
 
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
@@ -92,13 +96,16 @@ class Policy:
                 np.concatenate([stack[step.ended, 1:], pictures[:, None]], axis=1)
                 for stack, pictures in zip(before, last.images, strict=True)
             )
-            final_values = actor.values(Observation(final_observations(now, last.numbers, step), tuple(stacks)))
+            memory = self._acted[group].memory
+            remembered = None if memory is None else memory[step.ended]
+            numbers = final_observations(now, last.numbers, step)
+            final_values = actor.values(Observation(numbers, tuple(stacks), remembered))
         push_frames(now, seen.numbers, step, after)
         for history, pictures in zip(rollout.histories, seen.images, strict=True):
             sources, next_sources, new = history.push(t, lanes, pictures)
             push_frames(sources, new, step, next_sources)
         learned = rewards - self._eased * actor.encoder.penalties(step) if self._eased else rewards
-        rollout.put(*self._acted[group], group)
+        rollout.put(*self._acted[group], group=group)
         rollout.store(step, learned, final_values, group)
         self.episodes.add(step, rewards, lanes)
 
@@ -162,6 +169,7 @@ class Policy:
             "updates": np.array(self.updates),
             "observations": self.rollout.observations[0].copy(),
             "deciding": self.rollout.deciding[0].copy(),
+            **({} if self.rollout.memory is None else {"memory": self.rollout.memory[0].copy()}),
             **{f"images.{i}": history.window(0).gather() for i, history in enumerate(self.rollout.histories)},
         }
 
@@ -175,6 +183,8 @@ class Policy:
         self.updates = int(state["updates"])
         self.rollout.observations[0] = state["observations"]
         self.rollout.deciding[0] = state["deciding"]
+        if self.rollout.memory is not None:
+            self.rollout.memory[0] = state["memory"]
         for i, history in enumerate(self.rollout.histories):
             history.load(state[f"images.{i}"])
         self._begin_rollout()
