@@ -25,18 +25,19 @@ def part_of(acts: Sequence[ActArrays], bounds: Sequence[Sequence[int]], part: in
 
 def rows_of(step: StepArrays, lanes: Array) -> StepArrays:
     """Return the step of some lanes of a behavior, by their numbers, ascending."""
-    ended = np.isin(step.ended, lanes)
-    finals, metrics, parameters = step.final_observations, step.metrics, step.parameters
-    return StepArrays(
+    part = StepArrays(
         [sensor[lanes] for sensor in step.observations], step.rewards[lanes], step.terminated[lanes],
         step.truncated[lanes],
         None if step.masks is None else [mask[lanes] for mask in step.masks],
         None if step.deciding is None else step.deciding[lanes],
-        np.flatnonzero(np.isin(lanes, step.ended)).astype(np.int32),
-        None if finals is None else [sensor[ended] for sensor in finals],
-        None if metrics is None else metrics[ended],
-        None if parameters is None else parameters[ended],
     )  # fmt: skip
+    if len(step.ended):
+        rows, finals = np.isin(step.ended, lanes), step.final_observations
+        part.ended = np.flatnonzero(part.terminated | part.truncated).astype(np.int32)
+        part.final_observations = None if finals is None else [sensor[rows] for sensor in finals]
+        part.metrics = None if step.metrics is None else step.metrics[rows]
+        part.parameters = None if step.parameters is None else step.parameters[rows]
+    return part
 
 
 def join(parts: list[list[StepArrays]]) -> list[StepArrays]:

@@ -18,14 +18,14 @@ from joybridge.config.game_settings import Value, drawn, fixed, value_text
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
-from joybridge.policy.actor import make_actors
+from joybridge.policy.actor import trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.hand import make_hands
 from joybridge.policy.player import Player
 from joybridge.policy.stratify import balanced_options
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import play_config
-from joybridge.run.run_state import load_state, policy_state
+from joybridge.run.run_state import load_state
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -63,8 +63,7 @@ class Policies:
         state = load_state(run, checkpoint)
         self.timesteps = state.timesteps
         self.players = []
-        for actor in make_actors(config, spec):
-            actor.load(policy_state(state.arrays, actor.name))
+        for actor in trained_actors(config, spec, state.arrays):
             lanes = lane_count(spec.behaviors[actor.behavior], arenas)
             self.players.append(Player(actor, lanes, seed, deterministic=deterministic))
         self._hands = make_hands(config, spec, 0, arenas, seed)

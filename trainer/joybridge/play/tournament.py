@@ -13,7 +13,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
-from joybridge.policy.actor import Actor, make_actors
+from joybridge.policy.actor import Actor, trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.hand import make_hands
 from joybridge.policy.seats import Result
@@ -21,7 +21,6 @@ from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.checkpoint import checkpoints, read_checkpoint
 from joybridge.run.pool import thinned
-from joybridge.run.run_state import policy_state
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_ARENAS = 64
@@ -49,10 +48,7 @@ def find_trained(run: Path, limit: int) -> list[Trained]:
 def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Actor]:
     """Return the actors of a policy, of the run with this configuration. Raises CheckpointError and ConfigError."""
     arrays, _ = read_checkpoint(trained.run / "checkpoints" / f"{trained.timesteps:012d}")
-    actors = make_actors(config, spec)
-    for actor in actors:
-        actor.load(policy_state(arrays, actor.name))
-    return actors
+    return trained_actors(config, spec, arrays)
 
 
 def play_tournament(

@@ -142,11 +142,11 @@ class Stacks:
         for stack, pictures in zip(self._images, seen.images, strict=True):
             stack.push(pictures.reshape(len(pictures), -1), step, held)
 
-    def load(self, observations: Observation) -> None:
-        """Put what the next decisions are based on."""
-        self._numbers.now[:] = observations.numbers
+    def load(self, observations: Observation, held: Array) -> None:
+        """Put what the next decisions of some lanes are based on."""
+        self._numbers.now[held] = observations.numbers
         for stack, images in zip(self._images, observations.images, strict=True):
-            stack.now[:] = images.reshape(len(images), -1)
+            stack.now[held] = images.reshape(len(images), -1)
 
 
 def _require_known(where: str, names: Iterable[str], known: Sequence[str]) -> None:

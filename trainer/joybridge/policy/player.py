@@ -41,16 +41,18 @@ class Player:
 
         held: the numbers of the lanes in which it acts, ascending; None: all.
         """
-        seen, mine, own = self.observations, step, act
+        where = slice(None) if held is None else held
+        own, seen = ActArrays(act.axes[where], act.choices[where]), self.observations
         if held is not None:
-            seen, mine, own = seen.rows(held), rows_of(step, held), ActArrays(act.axes[held], act.choices[held])
+            seen = seen.rows(held)
+        allowed = None if step.masks is None else [mask[where] for mask in step.masks]
         lanes, layout, space = len(own.choices), self.actor.layout, self.actor.layout.space
         masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
-        fill_masks(None if mine.masks is None else layout.masks(mine.masks), masks)
+        fill_masks(None if allowed is None else layout.masks(allowed), masks)
         self.noise = draw_noise(self.rng, (lanes, space.continuous), (lanes, len(space.branches)))
-        acted = self.actor.act(seen, masks, self.noise, deterministic=self.deterministic).of_deciding(seen, mine)
-        layout.write(acted.action.continuous, acted.action.discrete, own, mine.masks)
-        where = slice(None) if held is None else held
+        acted = self.actor.act(seen, masks, self.noise, deterministic=self.deterministic)
+        acted = acted.of_deciding(seen, None if step.deciding is None else step.deciding[where])
+        layout.write(acted.action.continuous, acted.action.discrete, own, allowed)
         act.axes[where], act.choices[where] = own.axes, own.choices
         if self._memory is not None:
             self._memory[where] = acted.memory
@@ -63,17 +65,18 @@ class Player:
             self._memory[mine.ended if held is None else held[mine.ended]] = 0.0
         return self.actor.encoder.rewards(mine)
 
-    def state(self) -> dict[str, Array]:
-        """Return copies of what it remembers, for a checkpoint."""
-        numbers, images, memory = self.observations
+    def state(self, held: Array) -> dict[str, Array]:
+        """Return copies of what it remembers of some lanes, for a checkpoint."""
+        numbers, images, memory = self.observations.rows(held)
         state = {"numbers": numbers, **{f"images.{index}": image for index, image in enumerate(images)}}
         if memory is not None:
             state["memory"] = memory
-        return {name: array.copy() for name, array in state.items()}
+        return state
 
-    def load(self, state: dict[str, Array]) -> None:
+    def load(self, state: dict[str, Array], held: Array) -> None:
         """Take back what `state` returned."""
         images = select(state, "images.")
-        self._stack.load(Observation(state["numbers"], tuple(images[str(index)] for index in range(len(images)))))
+        pictures = tuple(images[str(index)] for index in range(len(images)))
+        self._stack.load(Observation(state["numbers"], pictures), held)
         if self._memory is not None:
-            self._memory[:] = state["memory"]
+            self._memory[held] = state["memory"]

@@ -20,7 +20,7 @@ class Table:
 
     def __init__(self, spec: pb.GameSpec, arenas: int, seed: int, number: int = 0) -> None:
         """Begin without players. number: of the table, among those with the same seed."""
-        self.seats = Seats(spec, arenas)
+        self.arenas, self.seats = arenas, Seats(spec, arenas)
         self.players: dict[int, list[Player]] = {}  # by the number of a holder: a player per policy
         self._lanes = [lane_count(behavior, arenas) for behavior in spec.behaviors]
         self._key, self._decisions = [seed, SAMPLES + number], 0
@@ -37,24 +37,26 @@ class Table:
     def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays]) -> None:
         """Write what the players do into their lanes of `acts`. Samples depend on the seed and the decision alone."""
         for holder, player in self._seated():
-            behavior = player.actor.behavior
-            held = self.seats.holders(behavior) == holder
+            behavior, held = player.actor.behavior, self._held(holder, player)
             if (deciding := steps[behavior].deciding) is not None:
-                held &= deciding
-            if held.any():
+                held = held[deciding[held]]
+            if len(held):
                 counter = [0, player.actor.seed, holder, self._decisions]
                 player.rng = np.random.Generator(np.random.Philox(key=self._key, counter=counter))
-                player.act(steps[behavior], acts[behavior], np.flatnonzero(held))
+                player.act(steps[behavior], acts[behavior], held)
         self._decisions += 1
 
     def sit(self, steps: Sequence[StepArrays]) -> None:
         """Change seats where episodes ended in a step, and let all players see what they hold now."""
         self.seats.sit(steps)
         for holder, player in self._seated():
-            behavior = player.actor.behavior
-            held = np.flatnonzero(self.seats.holders(behavior) == holder)
+            held = self._held(holder, player)
             if len(held):
-                player.store(steps[behavior], held)
+                player.store(steps[player.actor.behavior], held)
+
+    def _held(self, holder: int, player: Player) -> Array:
+        """Return the numbers of the lanes that a player of a holder has now."""
+        return np.flatnonzero(self.seats.holders(player.actor.behavior) == holder)
 
     def _seated(self) -> list[tuple[int, Player]]:
         return [(holder, player) for holder, players in self.players.items() for player in players]
@@ -63,8 +65,8 @@ class Table:
         """Return copies of everything but the policies, for a checkpoint."""
         arrays = {f"seats.{name}": array for name, array in self.seats.state().items()}
         for holder, player in self._seated():
-            prefix = f"players.{holder}.{player.actor.name}."
-            arrays |= {f"{prefix}{name}": array for name, array in player.state().items()}
+            remembered = player.state(self._held(holder, player))
+            arrays |= {f"players.{holder}.{player.actor.name}.{name}": array for name, array in remembered.items()}
         return arrays | {"decisions": np.array(self._decisions)}
 
     def load(self, state: dict[str, Array]) -> None:
@@ -72,4 +74,5 @@ class Table:
         self.seats.load(select(state, "seats."))
         self._decisions = int(state["decisions"])
         for holder, player in self._seated():
-            player.load(select(state, f"players.{holder}.{player.actor.name}."))
+            remembered = select(state, f"players.{holder}.{player.actor.name}.")
+            player.load(remembered, self._held(holder, player))
