@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from joybridge.client.client import describe
+from joybridge.config.arrays import select
 from joybridge.config.config import Config, OpponentsConfig, PolicyConfig, make_config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
@@ -93,7 +94,7 @@ def test_the_pool_grows_and_is_thinned_and_forgets_who_is_in_no_match(simulator)
     for updates in range(13):
         league.renew(100 * updates, updates, [policy.actor])
         league.renew(100 * updates, updates, [policy.actor])  # once is enough
-    state = league.state(seated=False)
+    state = select(league.state(seated=False), "league/")
     assert state["pool"][:, 1].tolist() == [0, 400, 1200]
     numbers = {int(name.split(".")[1]) for name in state if name.startswith("policies.")}
     assert numbers == set(state["pool"][:, 0].tolist()) and set(state["roster"].tolist()) <= numbers
@@ -104,7 +105,7 @@ def test_a_past_policy_plays_on_unchanged_while_the_learner_learns(simulator):
     league.renew(0, 0, [policy.actor])
     before = policy.actor.state()
     policy.actor.load({name: array + 1 for name, array in before.items()})
-    state = league.state(seated=False)
+    state = select(league.state(seated=False), "league/")
     assert all((state[f"policies.1.player.{name}"] == array).all() for name, array in before.items())
 
 

@@ -13,14 +13,14 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
-from joybridge.policy.actor import Actor, trained_actors
+from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.hand import make_hands
 from joybridge.policy.seats import Result
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.checkpoint import checkpoints, read_checkpoint
-from joybridge.run.pool import thinned
+from joybridge.run.pool import load_pooled, pooled, thinned
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_ARENAS = 64
@@ -28,27 +28,39 @@ DEALS = 2**61  # plus the number of an arena: the second word of the key of who 
 
 
 class Trained(NamedTuple):
-    """A policy of a run, after so many timesteps: what takes part in a tournament."""
+    """What a run had learned after so many timesteps: what takes part in a tournament."""
 
     run: Path
     timesteps: int
+    checkpoint: Path  # its folder
+    number: int | None = None  # in its pool of opponents; None: it is what the checkpoint has learned
 
 
 def find_trained(run: Path, limit: int) -> list[Trained]:
-    """Return at most `limit` policies of a run, evenly chosen from its checkpoints; the last one is among them.
+    """Return at most `limit` policies of a run, evenly chosen from its checkpoints and its pool of opponents.
 
-    Raises CheckpointError, and ConfigError if there is no checkpoint.
+    The last checkpoint is among them. Raises CheckpointError, and ConfigError if there is none.
     """
-    found = [int(folder.name) for folder in checkpoints(run)]
-    if not found:
+    folders = checkpoints(run)
+    if not folders:
         raise ConfigError(f"{run} holds no checkpoint; train it first, or name another run")
-    return [Trained(run, timesteps) for timesteps in thinned(found, limit)]
+    past = pooled(read_checkpoint(folders[-1])[0])
+    found = {timesteps: Trained(run, timesteps, folders[-1], number) for number, timesteps in past.items()}
+    found |= {int(folder.name): Trained(run, int(folder.name), folder) for folder in folders}
+    return [found[timesteps] for timesteps in thinned([*found], limit)]
 
 
 def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Actor]:
-    """Return the actors of a policy, of the run with this configuration. Raises CheckpointError and ConfigError."""
-    arrays, _ = read_checkpoint(trained.run / "checkpoints" / f"{trained.timesteps:012d}")
-    return trained_actors(config, spec, arrays)
+    """Return the actors of what was learned, of the run with this configuration.
+
+    Raises CheckpointError and ConfigError.
+    """
+    arrays, _ = read_checkpoint(trained.checkpoint)
+    if trained.number is None:
+        return trained_actors(config, spec, arrays)
+    actors = make_actors(config, spec)
+    load_pooled(actors, arrays, trained.number)
+    return actors
 
 
 def play_tournament(

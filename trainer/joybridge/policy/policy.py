@@ -11,7 +11,7 @@ from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
-from joybridge.ppo.cloning import Cloning, minibatches
+from joybridge.ppo.cloning import Cloning, minibatches, refresh
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.return_scale import ReturnScale
@@ -151,7 +151,8 @@ class Policy:
         if self.demonstrated is None:
             return None
         coef = self.config.cloning_coef * (1.0 if alone else max(0.0, 1.0 - progress))
-        chosen = minibatches(self.demonstrated, self.config.minibatch_size, self._rng(DEMONSTRATIONS))
+        shown = refresh(self.actor.network, self.demonstrated)
+        chosen = minibatches(shown, self.config.minibatch_size, self._rng(DEMONSTRATIONS))
         return Cloning(chosen, coef, alone)
 
     def restart(self) -> None:

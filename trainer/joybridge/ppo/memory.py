@@ -2,8 +2,11 @@
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
+
+from joybridge.contract.tensors import Array
 
 KINDS: dict[str, type[nn.GRU] | type[nn.LSTM]] = {"gru": nn.GRU, "lstm": nn.LSTM}
 
@@ -21,6 +24,7 @@ class Sequences(NamedTuple):
     begins: Tensor  # int64 [sequences]
     lengths: Tensor  # int64 [sequences]
     states: Tensor  # [sequences, state_size]
+    parts: Tensor  # int64 [sequences]: 0 for the first one of an episode, 1 for the one that continues it, and so on
 
     def rows(self, chosen: Tensor) -> Tensor:
         """Return the rows of the sequences with these numbers, one sequence after the other."""
@@ -32,6 +36,18 @@ class Sequences(NamedTuple):
     def to(self, device: torch.device) -> "Sequences":
         """Return the same on a device."""
         return Sequences(*(part.to(device) for part in self))
+
+
+def cut(episodes: Array, length: int) -> tuple[Array, Array, Array]:
+    """Return begins, lengths and parts of the sequences of rows whose episodes are side by side.
+
+    episodes: a number for each row, which changes where an episode begins. length: of the longest sequence.
+    """
+    number = np.arange(len(episodes))
+    new = np.concatenate([[True], episodes[1:] != episodes[:-1]])
+    place = number - np.maximum.accumulate(np.where(new, number, 0))
+    begins = np.flatnonzero(place % length == 0)
+    return begins, np.diff(begins, append=len(episodes)), place[begins] // length
 
 
 class Memory(nn.Module):

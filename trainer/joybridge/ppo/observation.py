@@ -1,9 +1,6 @@
 """Observations keep their form: numbers side by side, and images as bytes. Needs no torch."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from joybridge.contract.tensors import Array
 
@@ -16,12 +13,6 @@ class Observation(NamedTuple):
     memory: Array | None = None  # float32 [rows, state_size]: what is remembered; None: policies without memory
 
     def rows(self, chosen: Array) -> "Observation":
-        """Return copies of some rows. chosen: their numbers, or a bool for each row."""
+        """Return copies of some rows, by their numbers."""
         memory = None if self.memory is None else self.memory[chosen]
         return Observation(self.numbers[chosen], tuple(image[chosen] for image in self.images), memory)
-
-
-def join(parts: Sequence[Observation]) -> Observation:
-    """Return the rows of all parts, one after the other."""
-    images = zip(*(part.images for part in parts), strict=True)
-    return Observation(np.concatenate([part.numbers for part in parts]), tuple(map(np.concatenate, images)))

@@ -13,7 +13,7 @@ from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
 from joybridge.ppo.history import History
 from joybridge.ppo.images import Image
 from joybridge.ppo.loss import Batch
-from joybridge.ppo.memory import Sequences
+from joybridge.ppo.memory import Sequences, cut
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import Observations
 
@@ -183,13 +183,10 @@ class RolloutBuffer:
         """Return the decisions at these places, (steps, lanes), as sequences of one episode, at most so long."""
         steps, lanes = places
         ends = (self.terminated | self.truncated)[places]
-        new = np.ones(len(steps), bool)  # where an episode begins, or the part of it that this rollout holds
-        new[1:] = (lanes[1:] != lanes[:-1]) | ends[:-1]
-        number = np.arange(len(steps))
-        begins = np.flatnonzero((number - np.maximum.accumulate(np.where(new, number, 0))) % length == 0)
-        lengths = np.diff(begins, append=len(steps))
+        episodes = np.cumsum(ends) - ends + lanes * (len(ends) + 1)  # the parts of them that this rollout holds
+        begins, lengths, parts = cut(episodes, length)
         states = memory[steps[begins], lanes[begins]]
-        return Sequences(torch.from_numpy(begins), torch.from_numpy(lengths), torch.from_numpy(states))
+        return Sequences(*map(torch.from_numpy, (begins, lengths, states, parts)))
 
     def restart(self) -> None:
         """Begin the next rollout where this one ended."""

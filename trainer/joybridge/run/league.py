@@ -22,7 +22,7 @@ from joybridge.policy.seats import Result
 from joybridge.policy.table import Table
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import run_config
-from joybridge.run.pool import sampling_weights, thinned
+from joybridge.run.pool import LEAGUE, load_pooled, pooled, sampling_weights, thinned
 from joybridge.v1 import bridge_pb2 as pb
 
 LEARNER, PAST = "learner", "past"  # kinds of holders in the key `opponents.shares`; other names are runs
@@ -183,31 +183,29 @@ class League:
         """Return copies of everything, for a checkpoint. seated: also what opponents remember of their matches."""
         arrays = {
             "pool": np.array([*self._pool.items()], np.int64).reshape(-1, 2),
+            "roster": np.array(self._roster, np.int64),
             "results": np.array([[n, *result] for n, result in self._results.items()], float).reshape(-1, 3),
             "matches": self._matches.copy(),
             "counters": np.array([self._next, self._updates]),
-            "roster": np.array(self._roster, np.int64),
         }
         for number, actors in self._actors.items():
             for actor in actors:
                 arrays |= {f"policies.{number}.{actor.name}.{name}": array for name, array in actor.state().items()}
         for index, group in enumerate(self.groups if seated else ()):
             arrays |= {f"tables.{index}.{name}": array for name, array in group.table.state().items()}
-        return arrays
+        return {f"{LEAGUE}{name}": array for name, array in arrays.items()}
 
-    def load(self, state: dict[str, Array], *, seated: bool) -> None:
-        """Take back what `state` returned. Raises CheckpointError."""
+    def load(self, arrays: dict[str, Array], *, seated: bool) -> None:
+        """Take back what `state` returned from the arrays of a checkpoint. Raises CheckpointError."""
+        state = select(arrays, LEAGUE)
         self._next, self._updates = map(int, state["counters"])
-        self._roster = state["roster"].tolist()
         self._matches[:] = state["matches"]
-        self._pool = {int(number): int(timesteps) for number, timesteps in state["pool"]}
+        self._pool, self._roster = pooled(arrays), state["roster"].tolist()
         self._results = {int(number): np.array(result) for number, *result in state["results"].tolist()}
-        kept = {int(name.split(".")[1]) for name in state if name.startswith("policies.")}
-        for number in sorted(kept):
+        for number in sorted({int(name.split(".")[1]) for name in state if name.startswith("policies.")}):
             if number not in self._actors:
                 self._join(number, make_actors(self._config, self._spec, self._config.accelerator))
-            for actor in self._actors[number]:
-                actor.load(select(state, f"policies.{number}.{actor.name}."))
+            load_pooled(self._actors[number], arrays, number)
         for index, group in enumerate(self.groups if seated else ()):
             group.table.load(select(state, f"tables.{index}."))
 

@@ -4,7 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from joybridge.config.arrays import select
 from joybridge.contract.tensors import Array
+from joybridge.policy.actor import Actor
+
+LEAGUE = "league/"  # begins the names of the arrays of a checkpoint that are about opponents
 
 
 def thinned(timesteps: Sequence[int], limit: int) -> list[int]:
@@ -32,3 +36,15 @@ def sampling_weights(ahead: Sequence[float], sampling: str) -> Array:
         weights = p * (1 - p)
     shares: Array = weights / weights.sum()
     return shares
+
+
+def pooled(arrays: dict[str, Array]) -> dict[int, int]:
+    """Return the timesteps of the past policies in the arrays of a checkpoint, by their number, oldest first."""
+    pool = arrays.get(f"{LEAGUE}pool")
+    return {} if pool is None else dict(pool.tolist())
+
+
+def load_pooled(actors: Sequence[Actor], arrays: dict[str, Array], number: int) -> None:
+    """Let actors be an opponent in the arrays of a checkpoint. Raises CheckpointError where it does not fit."""
+    for actor in actors:
+        actor.load(select(arrays, f"{LEAGUE}policies.{number}.{actor.name}."))

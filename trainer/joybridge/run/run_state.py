@@ -61,7 +61,7 @@ class RunState:
                 for index, hand in enumerate(group.hands):
                     hand.load(select(self.arrays, f"hands/{group.index}/{index}/"))
             if league:
-                league.load(select(self.arrays, "league/"), seated=self.snapshots is not None)
+                league.load(self.arrays, seated=self.snapshots is not None)
         except (KeyError, TypeError, ValueError, RuntimeError) as error:  # arrays of other names, types or shapes
             raise CheckpointError(
                 f"the checkpoint does not fit this game, layout or version ({type(error).__name__}: {error}); "
@@ -119,7 +119,7 @@ def capture(
         for index, snapshot in enumerate(snapshots):
             arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}
     if league:
-        arrays |= {f"league/{name}": array for name, array in league.state(seated=parts is not None).items()}
+        arrays |= league.state(seated=parts is not None)
     return RunState(timesteps, arrays, parts)
 
 
