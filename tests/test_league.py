@@ -10,6 +10,7 @@ from joybridge.config.arrays import select
 from joybridge.config.config import Config, OpponentsConfig, PolicyConfig, make_config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.play.tournament import find_trained, load_actors
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
 from joybridge.policy.seats import Result
@@ -171,6 +172,16 @@ def test_a_policy_of_another_run_with_another_layout_and_other_sensors_plays(sim
     assert len(arrays["league/pool"]) == 0 and arrays["league/results"][0, 2] > 0
 
 
+def test_past_policies_of_a_run_are_rated_beside_its_checkpoints(simulator, tmp_path):
+    arrays, manifest = trained(NOUGHTS, tmp_path / "run", simulator)
+    players = find_trained(tmp_path / "run", 9)
+    assert [one.timesteps for one in players] == sorted({*arrays["league/pool"][:, 1].tolist(), manifest.timesteps})
+    number = int(arrays["league/pool"][1, 0])
+    (actor,) = load_actors(players[1], NOUGHTS, describe(simulator, "noughts", {}))
+    state = actor.state()
+    assert state and all((arrays[f"league/policies.{number}.player.{name}"] == state[name]).all() for name in state)
+
+
 def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):
     def refused(error=ConfigError, **changes):
         with pytest.raises(error) as caught:
@@ -184,7 +195,7 @@ def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):
     assert "opponents.shares: got {'past': 0}; expected a share above 0" in refused(opponents={"shares": {"past": 0}})
     ferry = NOUGHTS.model_copy(update={"game": "ferry", "total_timesteps": 96, "opponents": OpponentsConfig()})
     trained(ferry, tmp_path / "ferry", simulator)
-    wanted = f"opponents.shares: {tmp_path / 'ferry'} plays ferry, expected noughts"
+    wanted = f"opponents: {tmp_path / 'ferry'} plays ferry, expected noughts"
     assert wanted in refused(opponents={"shares": {str(tmp_path / "ferry"): 1}})
     for file in (tmp_path / "ferry" / "checkpoints").glob("*/SHA256SUMS"):
         file.write_text("")

@@ -3,14 +3,18 @@
 import json
 import shutil
 from collections import Counter
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from joybridge.client.client import describe
+from joybridge.commands.__main__ import main
+from joybridge.compare import rate as rating_command
 from joybridge.compare import rating_page
 from joybridge.compare.matches import read_matches
+from joybridge.compare.rating import rate
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.parts import rows_of
@@ -189,9 +193,37 @@ def test_a_player_plays_in_some_lanes_as_it_does_in_all_of_them(simulator):
                 table.sit(steps)
 
 
+def test_a_run_is_evaluated_with_another_one_in_all_seats_but_its_own(run, simulator, tmp_path, capsys):
+    def evaluated(*more):
+        command = ["evaluate", str(run), "--episodes", "40", "--json", "--simulator", simulator, *more]
+        assert main(command) == 0
+        return json.loads(capsys.readouterr().out.splitlines()[-1])["player"]
+
+    alone, against = evaluated(), evaluated("--others", str(run))
+    assert alone["episodes"] == 80 and alone["means"]["reward"] == 0  # both agents of a match, and one wins
+    assert against["episodes"] == 40 and against["means"]["reward"] != 0
+    video = ["record", str(run), str(tmp_path / "play.mp4"), "--seconds", "1", "--others", str(run)]
+    assert main([*video, "--simulator", simulator]) == 0
+
+
+def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, capsys):
+    archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
+    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    for played, message in (
+        (tmp_path / "archer", "--others: archer has one agent, which plays alone; leave the option out"),
+        (run, f"opponents: {tmp_path / 'archer'} plays archer, expected noughts; name a run of this game"),
+    ):
+        assert main(["evaluate", str(played), "--others", str(tmp_path / "archer"), "--simulator", simulator]) == 1
+        assert message in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["evaluate", str(run), "--others", str(run), "--inputs"])
+    assert "--inputs measures all agents" in capsys.readouterr().err
+
+
 def rated(simulator, *arguments, draw=False):
     """Rate runs in a small tournament. draw: also draw the pictures, which takes seconds."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rating_command, "rate", partial(rate, resamples=10))
         if not draw:
             patch.setattr(rating_page, "draw_themes", lambda *_: None)
         done = joybridge("rate", *map(str, arguments), "--matches", "40", "--simulator", simulator)

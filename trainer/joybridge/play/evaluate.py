@@ -34,12 +34,13 @@ class Evaluation:
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
     overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
+    others: Path | None = None,
 ) -> dict[str, Evaluation]:  # fmt: skip
     """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
 
     overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
     its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
-    with their devices.
+    with their devices. others: a run whose policies hold all seats but one of each arena; only this one counts.
 
     Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
     often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
@@ -47,7 +48,7 @@ def evaluate(
     """
     with open_play(
         run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint,
+        checkpoint=checkpoint, others=others,
     ) as play:  # fmt: skip
         say(play.heading())
         if demos:
@@ -145,12 +146,13 @@ def _play(
     limit = play.spec.max_episode_decisions
     for number, decision in enumerate(play.decisions(), 1):
         for player, rewards in zip(play.players, decision.rewards, strict=True):
-            tables[player.actor.name].add(decision.after[player.actor.behavior], rewards)
+            behavior = player.actor.behavior
+            tables[player.actor.name].add(decision.after[behavior], rewards, played=play.held[behavior])
         for index, measures in measured:
             measures.add(decision.before[index], decision.acts[index], decision.after[index])
         if number % 1000 == 0:
             say(f"{number} decisions")
-        if number >= limit * rounds if limit else all(_episodes(t).min() >= rounds for t in tables.values()):
+        if number >= limit * rounds if limit else _finished(play, tables) >= rounds:
             break
     if not limit:  # lanes with short episodes must not count more often than others
         for table in tables.values():
@@ -158,9 +160,13 @@ def _play(
     return tables
 
 
-def _episodes(table: Episodes) -> Array:
-    """Return the finished episodes of each lane."""
-    return np.bincount(table.finished[:, 0].astype(int), minlength=len(table.reward))
+def _finished(play: Play, tables: Mapping[str, Episodes]) -> int:
+    """Return how many episodes every lane that counts has finished at least."""
+    counts = []
+    for player in play.players:
+        table, held = tables[player.actor.name], play.held[player.actor.behavior]
+        counts += np.bincount(table.finished[:, 0].astype(int), minlength=len(held))[held].tolist()
+    return int(min(counts))
 
 
 def _first(finished: Array, rounds: int) -> Array:

@@ -214,7 +214,5 @@ def load_run(run: Path, config: Config, spec: pb.GameSpec) -> list[Actor]:
     """Return the actors of the newest checkpoint of another run. Raises CheckpointError and ConfigError."""
     other = run_config(run)
     if other.game != config.game:
-        raise ConfigError(
-            f"opponents.shares: {run} plays {other.game}, expected {config.game}; name a run of this game"
-        )
+        raise ConfigError(f"opponents: {run} plays {other.game}, expected {config.game}; name a run of this game")
     return trained_actors(other, spec, load_checkpoint(run)[0])
