@@ -127,10 +127,10 @@ def test_results_count_every_meeting_of_the_learner_and_fade(simulator):
     _, (policy,), league = make_league(MATCH, simulator)
     league.renew(0, 0, [policy.actor])
     assert league.row() == {}
-    league.count(Result(0, np.array([0, 1, 0]), np.array([1.0, 2.5, 2.5])))
+    league.count(Result(0, np.array([0, 1, 0]), np.array([3.0, 1.5, 1.5])))
     assert league.row()["ahead"] == (0.75 + 0.5) / 2
     for _ in range(2000):
-        league.count(Result(0, np.array([0, 1, 2]), np.array([3.0, 1.0, 2.0])))
+        league.count(Result(0, np.array([0, 1, 2]), np.array([1.0, 3.0, 2.0])))
     assert league.row()["ahead"] < 0.01
 
 

@@ -14,6 +14,7 @@ from joybridge.commands.__main__ import main
 from joybridge.compare import rate as rating_command
 from joybridge.compare import rating_page
 from joybridge.compare.matches import read_matches
+from joybridge.compare.rate import places_beside
 from joybridge.compare.rating import rate
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import StepArrays
@@ -78,17 +79,17 @@ def test_the_rewards_of_a_whole_episode_decide_a_match_over_all_behaviors():
     seats.begin(1, [4, 5, 6])
     assert seats.holders(0).tolist() == [0, 0, 4, 5] and seats.holders(1).tolist() == [0, 6]
     assert seats.finish([step([9, 9, 1, 0]), step([9, 2])]) == []
-    ((arena, holders, places),) = seats.finish([step([0, 0, 1, 4], [2, 3]), step([0, 0], [1])])
-    assert (arena, holders.tolist(), places.tolist()) == (1, [4, 5, 6], [2.5, 1, 2.5])
-    ((_, _, places),) = seats.finish([step([0, 0, 1, 2], [2, 3]), step([0, 0], [1])])
-    assert places.tolist() == [2, 1, 3]  # the rewards of the first match do not count in the second
+    (result,) = seats.finish([step([0, 0, 1, 4], [2, 3]), step([0, 0], [1])])
+    assert (result.arena, result.holders.tolist(), result.places.tolist()) == (1, [4, 5, 6], [2.5, 1, 2.5])
+    (result,) = seats.finish([step([0, 0, 1, 2], [2, 3]), step([0, 0], [1])])
+    assert result.places.tolist() == [2, 1, 3]  # the rewards of the first match do not count in the second
 
 
 def test_a_game_says_with_the_metric_place_who_was_first():
     seats = Seats(match_spec(place=True), 1)
     ended = [step([9, 0], [0, 1], [[5, 3], [5, 1.5]]), step([0], [0], [[5, 1.5]])]
-    ((_, _, places),) = seats.finish(ended)
-    assert places.tolist() == [3, 1.5, 1.5]
+    (result,) = seats.finish(ended)
+    assert result.places.tolist() == [3, 1.5, 1.5]
 
 
 def test_who_was_dealt_in_sits_down_when_the_episode_of_the_seat_ends():
@@ -99,9 +100,9 @@ def test_who_was_dealt_in_sits_down_when_the_episode_of_the_seat_ends():
     seats.sit(early)
     assert seats.holders(0).tolist() == [1, 2] and seats.present == {1, 2, 3}
     late = [step([-9, 1], [1]), step([0], [0])]  # the first has begun another episode, which is not of this match
-    ((arena, holders, places),) = seats.finish(late)
-    assert holders.tolist() == [1, 2, 3] and places.tolist() == [1, 2, 3]
-    seats.deal(arena, [7, 8, 9])
+    (result,) = seats.finish(late)
+    assert result.holders.tolist() == [1, 2, 3] and result.places.tolist() == [1, 2, 3]
+    seats.deal(result.arena, [7, 8, 9])
     seats.sit(late)
     assert seats.holders(0).tolist() == [1, 8] and seats.holders(1).tolist() == [9]
     assert seats.present == {1, 7, 8, 9}
@@ -114,8 +115,8 @@ def test_seats_continue_from_their_state():
     seats.begin(0, [1, 2, 3])
     seats.finish([step([5, 0], [0]), step([0])])
     other.load(seats.state())
-    ((_, holders, places),) = other.finish([step([0, 9], [1]), step([8], [0])])
-    assert holders.tolist() == [1, 2, 3] and places.tolist() == [3, 1, 2]
+    (result,) = other.finish([step([0, 9], [1]), step([8], [0])])
+    assert result.holders.tolist() == [1, 2, 3] and result.places.tolist() == [3, 1, 2]
 
 
 def test_rows_of_a_step_are_those_of_its_lanes():
@@ -160,7 +161,7 @@ def test_each_policy_acts_once_per_decision_and_only_where_it_holds_a_seat_that_
 
     monkeypatch.setattr(Actor, "act", act)
     players = {name: make_actors(NOUGHTS.model_copy(update={"seed": seed}), game) for seed, name in enumerate("abc")}
-    results = play_tournament(players, NOUGHTS, simulator, matches=6, seed=3, say=print)
+    results = play_tournament(players, NOUGHTS, address=simulator, matches=6, seed=3, say=print)
     assert len(results) == 6 and {int(holder) for result in results for holder in result.holders} == {0, 1, 2}
     assert max(batches) <= 6 and len(batches) <= 3 * 9 * 2  # an agent of each arena decides, in at most nine decisions
 
@@ -258,6 +259,27 @@ def test_another_seed_adds_matches_and_the_same_one_replaces_its_own(run, simula
     assert "| 0 [0, 0] |" in next(line for line in done.output.splitlines() if "other" in line)
 
 
+@pytest.mark.slow
+def test_scripts_of_a_game_are_players_and_can_be_the_anchor(simulator, tmp_path):
+    quick = {"players": "3", "lives": "0", "pauses": "short", "locomotion": "axes"}
+    config = NOUGHTS.model_copy(update={"game": "beastly_rivals_full", "options": quick, "total_timesteps": 192})
+    train(config, tmp_path / "run", [simulator], resume=False, report=lambda *_: None)
+    scripts = ["--script", "options.rivals=flee", "--script", "options.rivals=at_once"]
+    rated(simulator, tmp_path / "run", *scripts, "--policies", 1, "--anchor", "options.rivals=flee")
+    log = read_matches(tmp_path / "run" / "rating")
+    assert len(log) == 40 and {match.players[1:] for match in log} == {(script,) * 2 for script in scripts[1::2]}
+    assert all(sum(match.places) == 6 for match in log) and len({match.places[0] for match in log}) > 1
+    numbers = json.loads((tmp_path / "run" / "rating" / "rating.json").read_text())
+    assert numbers["ratings"]["options.rivals=flee"]["value"] == 0 and numbers["seats"] == []
+
+
+@pytest.mark.parametrize(
+    ("place", "places"), [(1.0, (1, 2, 3, 4)), (4.0, (4, 1, 2, 3)), (1.5, (1.5, 1.5, 3, 4)), (3.5, (3.5, 3.5, 1, 2))]
+)
+def test_places_beside_a_script_are_those_that_are_left(place, places):
+    assert places_beside(place, 4) == places
+
+
 def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
     def refused(*arguments):
         done = joybridge("rate", *map(str, arguments), "--simulator", simulator)
@@ -270,6 +292,8 @@ def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
     assert f"{tmp_path / 'archer'} plays archer, expected noughts as {run}" in refused(run, tmp_path / "archer")
     assert "has one checkpoint, and a tournament needs two players" in refused(run, "--policies", 1)
     assert "--anchor got 'perfect', expected one of run@128, run@256" in refused(run, "--anchor", "perfect")
+    script = ["--script", "parameters.beast_speed=1"]
+    assert "parameters.beast_speed" in refused(run, *script)
     shutil.copytree(run, tmp_path / "damaged")
     (tmp_path / "damaged" / "rating").mkdir()
     (tmp_path / "damaged" / "rating" / "matches.jsonl").write_text("{}\n")

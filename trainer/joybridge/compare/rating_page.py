@@ -31,6 +31,7 @@ class Tournament:
     """Rated matches.
 
     ratings: the best first. trained: (run, timesteps) of the players that are policies. command: that repeats it.
+    scripts: players whose seats are not drawn.
     """
 
     title: str
@@ -39,11 +40,18 @@ class Tournament:
     anchor: str
     trained: Mapping[str, tuple[str, int]]
     command: str
+    scripts: frozenset[str] = frozenset()
 
     @cached_property
     def payoff(self) -> Payoff:
         """Return who was ahead of whom, the best first."""
         return payoff(self.matches, list(self.ratings))
+
+    @cached_property
+    def seats(self) -> list[float]:
+        """Return the share of wins of each seat, in matches whose seats are all drawn; none if there are none."""
+        drawn = [match for match in self.matches if self.scripts.isdisjoint(match.players)]
+        return seat_shares(drawn).tolist() if drawn else []
 
     @cached_property
     def runs(self) -> dict[str, list[tuple[int, Estimate]]]:
@@ -60,7 +68,9 @@ def write_rating_page(tournament: Tournament, folder: Path) -> list[Path]:
 
     Raises StorageError.
     """
-    draws = {"payoff": _draw_payoff, "seats": _draw_seats} | ({"training": _draw_training} if tournament.runs else {})
+    draws = {"payoff": _draw_payoff}
+    draws |= {"seats": _draw_seats} if tournament.seats else {}
+    draws |= {"training": _draw_training} if tournament.runs else {}
     draw_themes({name: partial(draw, tournament) for name, draw in draws.items()}, folder / PICTURES)
     text = page_text(tournament)
     numbers = json.dumps(as_data(tournament), indent=1, ensure_ascii=False) + "\n"
@@ -90,7 +100,8 @@ def page_text(tournament: Tournament) -> str:
                 f"- {escaped(run)}: {grown} of {len(points) - 1} policies are rated higher than the one before."
             )
         blocks += ["## Over training", picture_block("training", CAPTIONS["training"]), "\n".join(lines)]
-    blocks += ["## Seats", picture_block("seats", CAPTIONS["seats"])]
+    if tournament.seats:
+        blocks += ["## Seats", picture_block("seats", CAPTIONS["seats"])]
     blocks += ["## Again", f"```\n{tournament.command}\n```"]
     return "\n\n".join(blocks) + "\n"
 
@@ -114,7 +125,7 @@ def as_data(tournament: Tournament) -> dict[str, object]:
         "ratings": {player: rating._asdict() for player, rating in tournament.ratings.items()},
         "trained": {player: {"run": run, "timesteps": t} for player, (run, t) in tournament.trained.items()},
         "payoff": [[None if math.isnan(share) else share for share in row] for row in shares],
-        "seats": seat_shares(tournament.matches).tolist(),
+        "seats": tournament.seats,
     }  # fmt: skip
 
 
@@ -161,7 +172,7 @@ def _draw_training(tournament: Tournament) -> Figure:
 
 
 def _draw_seats(tournament: Tournament) -> Figure:
-    shares = seat_shares(tournament.matches)
+    shares = tournament.seats
     figure = Figure(figsize=(6, 2.8), layout="constrained")
     axes = figure.subplots()
     axes.bar(range(1, len(shares) + 1), shares, 0.6, color=COLORS[0])

@@ -64,7 +64,7 @@ def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Act
 
 
 def play_tournament(
-    players: Mapping[str, Sequence[Actor]], config: Config, address: str, *, matches: int, seed: int,
+    players: Mapping[str, Sequence[Actor]], config: Config, *, address: str, matches: int, seed: int,
     say: Callable[[str], None],
 ) -> list[Result]:  # fmt: skip
     """Play at least so many matches; in the results, holders are indices of `players`.

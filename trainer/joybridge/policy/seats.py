@@ -22,7 +22,12 @@ class Result(NamedTuple):
 
     arena: int
     holders: Array  # int [seats]
-    places: Array  # [seats]; the lowest is the best, and equal players share the mean of their places
+    scores: Array  # [seats]: the rewards of the episode, or the negative of the place that the game says
+
+    @property
+    def places(self) -> Array:
+        """Return the places [seats]; the lowest is the best, and equal players share the mean of their places."""
+        return places_of(self.scores)
 
 
 class Seats:
@@ -75,7 +80,7 @@ class Seats:
             self._rewards[:, columns][ends] = 0.0
             over = True
         arenas = np.flatnonzero(self._ended.all(axis=1)) if over else ()
-        results = [Result(int(a), self._holders[a].copy(), places_of(self._scores[a])) for a in arenas]
+        results = [Result(int(a), self._holders[a].copy(), self._scores[a].copy()) for a in arenas]
         self._ended[arenas] = False
         return results
 
