@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
@@ -27,7 +27,8 @@ MAY_DIFFER = (  # from the training, when a trained policy plays
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
     "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
-    "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
+    "policies": "policies.NAME.KEY=VALUE", "shares": "opponents.shares.NAME=SHARE",
+    "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
 CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
@@ -148,6 +149,31 @@ class PolicyConfig(Checked):
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
+class OpponentsConfig(Checked):
+    """Who plays beside the learner in a game of several agents."""
+
+    shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
+        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, or the folder of "
+        "another run; one seat of a match is always the learner's; none: it holds all"
+    )  # fmt: skip
+    sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
+        "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
+        "those as strong as it"
+    )  # fmt: skip
+    pool_size: int = Field(
+        20, ge=1, le=1000, description="past policies that are kept, spread evenly over the training"
+    )
+    at_once: int = Field(4, ge=1, description="past policies that are drawn for the matches until the next update")
+    pool_updates: int = Field(20, ge=1, description="updates after which a policy is added to them")
+
+    @field_validator("shares")
+    @classmethod
+    def _some_share(cls, shares: dict[str, float]) -> dict[str, float]:
+        if shares and not sum(shares.values()):
+            raise ValueError("expected a share above 0")
+        return shares
+
+
 class Config(Checked):
     """A whole run."""
 
@@ -219,6 +245,7 @@ class Config(Checked):
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
+    opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
     hand_delay: int = Field(
         0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
     )
