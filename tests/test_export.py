@@ -26,6 +26,7 @@ from joybridge.policy.actor import SCALING, make_actors
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.run.checkpoint import Manifest, save_checkpoint
 from joybridge.run.folder import keep_config
+from tests.support.cpp_player import build_player
 
 pytestmark = pytest.mark.usefixtures("signals")
 
@@ -311,11 +312,7 @@ def players(tmp_path_factory):
         program = PLAY_ALL.replace("POLICY", (EXAMPLES / "javascript" / "policy.mjs").as_uri())
         commands["javascript"] = ["node", "--input-type=module", "-e", program]
     if shutil.which("c++"):
-        program = str(tmp_path_factory.mktemp("cpp") / "play_policy")
-        warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror"]
-        source = [str(Path(__file__).parent / "support" / "play_policy.cpp"), f"-I{EXAMPLES / 'cpp' / 'src'}"]
-        subprocess.run(["c++", "-std=c++20", *warnings, *source, "-o", program], check=True)
-        commands["c++"] = [program]
+        commands["c++"] = [build_player(tmp_path_factory.mktemp("cpp"))]
     return commands
 
 

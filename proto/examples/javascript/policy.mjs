@@ -69,7 +69,7 @@ export class Policy {
     const next = this.networks.map((network, index) => {
       const frame = scale(network, network.sensors.flatMap((name) => Array.from(sensors[name], Number)));
       const seen = Float32Array.from([...state[index], ...frame]);
-      const outputs = dense(network, seen);
+      const outputs = finite(dense(network, seen));
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
@@ -94,7 +94,7 @@ export class Policy {
       });
       return seen.slice(frame.length);
     });
-    return { axes, choices, state: next };
+    return { axes: finite(axes), choices, state: next };
   }
 
   /** Return a row of a table, never one that contains a masked choice. */
@@ -106,7 +106,8 @@ export class Policy {
     let total = 0;
     const sums = masked.map((logit) => (total += Math.exp(logit - highest)));
     const level = noise.uniform() * total;
-    return sums.findIndex((sum) => sum > level);
+    const row = sums.findIndex((sum) => sum > level);
+    return row < 0 ? masked.indexOf(highest) : row; // the level was rounded up to the total
   }
 }
 
@@ -128,6 +129,12 @@ function dense({ layers, activation }, inputs) {
     });
   });
   return Array.from(values);
+}
+
+/** Return numbers. Throws an Error if one is none. */
+function finite(numbers) {
+  if (!numbers.every(Number.isFinite)) throw new Error("a sensor is not finite, or the policy is damaged");
+  return numbers;
 }
 
 /** Return the choice of a branch of `count` choices at a share in -1..1. */

@@ -66,6 +66,8 @@ class Policy:
             following.append(seen[:, seen.shape[1] - older.shape[1] :])
             normal, uniform = self._noise(network, lanes, random)
             outputs, begin = _dense(network, seen), 0
+            if not np.isfinite(outputs).all():
+                raise ValueError("a sensor is not finite, or the policy is damaged")
             for column, table in enumerate(network["discrete"]):
                 end = begin + len(table["values"])
                 logits = self._mask(table, outputs[:, begin:end], allowed)
@@ -142,7 +144,8 @@ def _dense(network, values):
 def _sample(logits, uniform):
     """Return a choice per row with the probabilities softmax(logits); uniform: noise in [0, 1)."""
     sums = np.exp(logits.astype(float) - logits.max(axis=1, keepdims=True)).cumsum(axis=1)
-    return (sums <= uniform[:, None] * sums[:, -1:]).sum(axis=1)
+    row = (sums <= uniform[:, None] * sums[:, -1:]).sum(axis=1)
+    return np.where(row < logits.shape[1], row, logits.argmax(axis=1))  # the level may be rounded up to the total
 
 
 def _press(share, threshold, count):
