@@ -21,6 +21,7 @@ from joybridge.compare.variants import VARIANTS, check_game, differences, kept_s
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.run_lock import locked
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
 
@@ -220,6 +221,13 @@ def test_damaged_metrics_are_named_and_nothing_else_is_lost(whole, copied):
     forget("hybrid-s1")
     done = run_in(copied, "127.0.0.1:1")
     assert "out/runs/hybrid-s1 has no metrics; delete this folder, and repeat the command" in done.errors
+
+
+def test_a_second_comparison_in_the_same_folder_is_refused_while_the_first_one_runs(copied):
+    with locked(OUT):
+        done = run_in(copied, "127.0.0.1:1")
+    assert done.status == 1
+    assert re.search(r"out is being trained by process \d+ .*; end that training, or .* with --output", done.errors)
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,7 @@ def file_of(*records, **fields):
     [
         b"", b"\xff\xfe\n", b"[1]\n", b"{}\n", b"null\n", header(), header() + b"Q" * 20,
         file_of((b"?", b"")), file_of((b"Q", b"\xff\xff")), file_of((b"Q", b"")), file_of((b"S", b"")),
+        file_of((b"Q", b"\x0a\x00"), (b"Q", b"\x12\x00")),
         file_of((b"H", b"[")), file_of((b"D", b"")), header(format=1), b"[" * 100_000,
     ],
 )  # fmt: skip

@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
 
-from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
+from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
 from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
@@ -245,8 +246,10 @@ def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise ConfigError(f"override {override!r} is not of the form key=value")
-        value = parse_yaml(text, f"override {override!r}: {text!r}")
-        for part in reversed(key.split(".")):
+        value, parts = parse_yaml(text, f"override {override!r}: {text!r}"), key.split(".")
+        if len(parts) > DEEPEST:
+            raise ConfigError(f"the key of an override has {len(parts):,} parts, expected {DEEPEST} at most")
+        for part in reversed(parts):
             value = {part: value}
         data = merge(data, value)
     return data
@@ -280,7 +283,7 @@ def _expected(key: str, value: object, problem: str) -> str:
     name = key.rpartition(".")[2]
     if problem == "list_type" and isinstance(value, str | int | float):
         parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
-        return f"expected a list, for example {key}=[{parts}]"
+        return f"expected a list, for example {key}=[{printable(parts)}]"
     if problem == "value_error" and key.startswith("parameters.") and isinstance(value, str):
         return f"expected a number; if it is an option of the game, write options.{name}={value}"
     if problem in ("dict_type", "model_type"):
