@@ -71,6 +71,7 @@ def files(tmp_path_factory) -> tuple[Path, Path, Path]:
     command += ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
     subprocess.run([*command, "-keyout", str(key), "-out", str(certificate)], check=True, capture_output=True)
     token.write_text(TOKEN + "\n")
+    token.chmod(0o600)
     return certificate, key, token
 
 
@@ -129,6 +130,18 @@ def test_malformed_addresses_are_refused(text):
     else:
         with pytest.raises(argparse.ArgumentTypeError, match="expected HOST:PORT"):
             address(text)
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o660])
+def test_a_token_that_other_users_can_read_is_refused(mode, tmp_path):
+    token = tmp_path / "token"
+    token.write_text(TOKEN)
+    token.chmod(mode)
+    with pytest.raises(CredentialsError, match=r"other users can read; keep it with `chmod 600 .*token`") as caught:
+        load_credentials(token_file=token)
+    assert TOKEN not in str(caught.value)
+    token.chmod(0o600)
+    assert load_credentials(token_file=token).token == TOKEN
 
 
 # ------------------------------------------------------------------------------------------------------- TLS

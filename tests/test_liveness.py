@@ -1,5 +1,6 @@
 """A game that hangs, or a client that is silent, costs its own session and nothing else."""
 
+import socket
 import subprocess
 import threading
 import time
@@ -12,6 +13,7 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from joybridge.contract.codec import pack
+from joybridge.contract.local_socket import LENGTH
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.hanging_games import HANGING, PLACES, RAISED
@@ -108,6 +110,17 @@ def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(has
         player.play(1)
 
 
+def test_a_client_that_does_not_read_its_socket_hears_over_the_stream_why_it_ended(hasty):
+    with Player(hasty.address, "shooting_birds", local_transport=True) as greedy:
+        pictures = act(*greedy.acts(), draw=[0, 1] * 8).SerializeToString()
+        with socket.socket(socket.AF_UNIX) as unread:
+            unread.connect(greedy.socket)
+            for _ in range(9):
+                unread.sendall(LENGTH.pack(len(pictures)) + pictures)
+            status, text = greedy.stream.end()
+    assert status is StatusCode.DEADLINE_EXCEEDED and "for 2 s; open a new stream" in text
+
+
 def test_a_client_that_leaves_with_pictures_unread_is_no_error():
     with server("--address", "127.0.0.1:0", stderr=subprocess.PIPE) as process:
         with Player(process.address, "shooting_birds") as player, Player(process.address, "archer") as greedy:
@@ -137,6 +150,15 @@ def test_a_signal_ends_a_server_whose_games_hang_and_the_log_says_where():
     assert status == 0
     assert text.count("the server ends although a game is still working") == 2
     assert text.count("hanging_games.py") == 2 and "time.sleep(FOREVER)" in text
+
+
+def test_a_signal_ends_a_server_whose_game_has_closed_standard_error():
+    with server("--address", "127.0.0.1:0", *games(*PLACES), stderr=subprocess.PIPE) as process:
+        with Stream(process.address) as stream:
+            stream.ask(start("hangs", options={"how": "stderr"}))
+            stream.ask(press())
+        process.terminate()
+        assert process.wait(SECONDS) == 0
 
 
 def test_a_signal_ends_a_server_even_if_its_event_loop_hangs():

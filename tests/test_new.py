@@ -20,6 +20,8 @@ from joybridge.config.config import load_config
 from joybridge.config.metrics import read_rows
 from joybridge.games import BUILT_IN
 from joybridge.simulator import GameSpec, behavior, button, sensor
+from joybridge.simulator.catalog import load_game
+from joybridge.simulator.new_game import starter
 from joybridge.simulator.new_game.starter import starter_config
 from joybridge.simulator.new_game.write import TEMPLATE
 from tests.support.command_line import joybridge
@@ -224,6 +226,14 @@ def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, 
     assert config.game == game and 32 <= lanes <= 64 and config.arenas <= spec.max_arenas
     assert config.policy.rollout_steps == config.policy.time_horizon <= (spec.max_episode_decisions or 60)
     assert typed(capsys.readouterr().out)[1].endswith(f"train {game}.yaml --simulator {simulator} --run runs/{game}")
+
+
+def test_a_game_whose_name_looks_like_an_option_is_written_as_a_file(folder, monkeypatch):
+    described = load_game(BUILT_IN["orchard"]).describe({})
+    described.name = "-rf"
+    monkeypatch.setattr(starter, "describe_one", lambda address, game: described)
+    said = starter.write_config("127.0.0.1:1", None, folder)
+    assert " train ./-rf.yaml --simulator " in said and " record runs/-rf ./-rf.mp4" in said
 
 
 def test_sizes_follow_the_numbers_of_an_observation():

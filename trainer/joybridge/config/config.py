@@ -76,7 +76,7 @@ class PolicyConfig(Checked):
         "are plain numbers"
     )  # fmt: skip
     shared_encoder: bool = Field(True, description="actor and critic share the convolutions")
-    frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
+    frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
     )
@@ -130,7 +130,7 @@ class Config(Checked):
         "squashed, threshold-T, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
-    arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
+    arenas: int = Field(75, ge=1, le=2**20, description="copies of the game that are played at once")
     groups: int = Field(
         2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
     )
