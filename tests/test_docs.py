@@ -247,6 +247,18 @@ def test_the_reference_of_errors_has_every_reason_and_every_exception():
     assert all(docstring for _, _, docstring in found.values())
 
 
+CODES = [  # of version 0.1.0
+    "ACTION", "ADAPTER", "ARENA", "CATALOG", "CHECKPOINT", "COMMUNICATOR", "CONFIG", "CREDENTIALS", "DEVICE",
+    "DIVERGED", "DOOR", "EXPORT", "FAULT_FOUND", "GAME", "MESSAGE", "NEW_GAME", "NO_SUCH_GAME", "RECORDING",
+    "RUN_LOCKED", "SELECTION", "SERVER", "SETTING", "SIMULATOR", "SIMULATOR_LOST", "SIMULATOR_SHUT_DOWN", "SPEC",
+    "STORAGE", "TENSOR", "UNTRUSTED_RUN",
+]  # fmt: skip
+
+
+def test_codes_of_errors_stay_the_same():
+    assert set(CODES) <= {errors.code_of(name) for name in errors.found_exceptions()}
+
+
 def test_the_schema_for_editors_is_that_of_the_configuration():
     assert SCHEMA.read_text(encoding="utf-8") == schema(), "run `python -m tools.docs.schema`"
 
