@@ -63,7 +63,12 @@ def make_run(folder: Path, simulator: str, **settings) -> Path:
 @pytest.fixture(scope="module")
 def runtime():
     """Return the module in NumPy that the examples contain."""
-    spec = importlib.util.spec_from_file_location("policy", RUNTIME)
+    return load_runtime(RUNTIME)
+
+
+def load_runtime(path):
+    """Return the module in a file."""
+    spec = importlib.util.spec_from_file_location("policy", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

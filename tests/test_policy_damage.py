@@ -1,6 +1,5 @@
 """Damaged policies, and games that send no numbers, in the three runtimes: an answer or an error, nothing else."""
 
-import importlib.util
 import json
 import math
 import random
@@ -13,7 +12,7 @@ import pytest
 from joybridge.play.playing import open_play
 from joybridge.play.policy_document import encode
 from tests.support.cpp_player import build_player
-from tests.test_export import EXAMPLES, PLAY_ALL, RUNTIME, SMALL, documents, make_run
+from tests.test_export import EXAMPLES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run
 
 FINE, REFUSED = 0, 1  # exit statuses; the sanitizer's are others
 FILES = 200
@@ -134,10 +133,7 @@ def test_no_file_makes_the_javascript_runtime_act_without_numbers(policy, decisi
 
 
 def test_no_file_makes_the_python_runtime_act_without_numbers(policy, decision, tmp_path):
-    spec = importlib.util.spec_from_file_location("policy_of_strangers", RUNTIME)
-    assert spec is not None and spec.loader is not None
-    runtime = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(runtime)
+    runtime = load_runtime(RUNTIME)
     ends: list[bool | None] = []
     for text in (json.dumps(policy), *hostile(policy)):
         (tmp_path / "policy.json").write_text(text)
