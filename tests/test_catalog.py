@@ -58,6 +58,7 @@ def test_a_place_without_a_module_says_where_modules_are_looked_for(place):
         ("Installed = 3", "is not a subclass of"),
     ],
 )
+@pytest.mark.promise("X7")
 def test_an_installed_package_that_is_broken_takes_only_itself_away(source, reason, folder, monkeypatch, caplog):
     (folder / "broken_package.py").write_text(source)
     monkeypatch.syspath_prepend(folder)

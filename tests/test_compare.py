@@ -103,6 +103,7 @@ def assert_same(one: Path, other: Path) -> None:
 
 
 @pytest.mark.no_cover  # see `whole`
+@pytest.mark.promise("F2")
 def test_a_comparison_that_was_killed_and_is_repeated_ends_in_the_same_figures(whole, copied, simulator):
     # As a kill leaves it: a finished run, one that was interrupted after a checkpoint, two that have not begun.
     for name in ("hybrid-s1", "bucket-3-s0", "bucket-3-s1"):
@@ -223,6 +224,7 @@ def test_damaged_metrics_are_named_and_nothing_else_is_lost(whole, copied):
     assert "out/runs/hybrid-s1 has no metrics; delete this folder, and repeat the command" in done.errors
 
 
+@pytest.mark.promise("S1")
 def test_a_second_comparison_in_the_same_folder_is_refused_while_the_first_one_runs(copied):
     with locked(OUT):
         done = run_in(copied, "127.0.0.1:1")

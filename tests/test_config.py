@@ -113,6 +113,7 @@ MERGES = "game: g\noptions:\n  a0: &a0 {x: 1}\n" + "".join(
         ("game: !!python/object/apply:os.system [id]", "is not YAML"),
     ],
 )
+@pytest.mark.promise("X3")
 def test_a_file_of_a_stranger_is_refused_in_a_sentence(text, message, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "loop").symlink_to("loop")

@@ -55,6 +55,7 @@ def test_a_call_without_a_deadline_is_found(source, lines):
     assert calls_without_deadline(source) == lines
 
 
+@pytest.mark.promise("L1")
 def test_every_call_has_a_deadline():
     found = [
         f"{path.relative_to(ROOT)}:{line}" for path in product() for line in calls_without_deadline(path.read_text())

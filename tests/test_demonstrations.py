@@ -85,6 +85,7 @@ def test_a_demonstration_is_repeated_to_the_same_bytes(demos, simulator, capsys)
     assert record(demos / "again", simulator).read_bytes() == file.read_bytes()
 
 
+@pytest.mark.promise("D3")
 def test_another_game_under_the_same_name_is_noticed(tmp_path):
     class Other(Gauntlet):
         def step(self, acts):

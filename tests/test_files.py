@@ -9,6 +9,7 @@ from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
 
 
+@pytest.mark.promise("X6")
 def test_a_large_file_of_holes_is_not_read(tmp_path):
     hollow = tmp_path / "hollow"
     with hollow.open("wb") as file:

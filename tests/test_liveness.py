@@ -36,6 +36,7 @@ def press(draw=()):
 
 
 @pytest.mark.parametrize(("game", "how"), [("hangs", "loop"), ("hangs", "draw"), ("hangs_at_once", "sleep")])
+@pytest.mark.promise("P7")
 def test_a_game_that_hangs_disturbs_nobody_and_loses_its_session_after_the_limit(hasty, game, how):
     with (
         grpc.insecure_channel(hasty.address) as channel,
@@ -87,6 +88,7 @@ def test_a_game_that_raises_what_is_no_error_ends_its_session_only(hasty, game, 
     assert RAISED[how].__name__ in text
 
 
+@pytest.mark.promise("S2")
 def test_a_stream_without_a_start_is_ended_and_takes_no_place():
     arguments = ["--address", "127.0.0.1:0", "--sessions", "1", *LIMITS]
     with server(*arguments, stderr=subprocess.DEVNULL) as process, Stream(process.address) as silent:
@@ -97,6 +99,7 @@ def test_a_stream_without_a_start_is_ended_and_takes_no_place():
     assert text == "no start (see --start-seconds) for 1 s; open a new stream"
 
 
+@pytest.mark.promise("S2")
 def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(hasty):
     with Player(hasty.address, "shooting_birds") as player, Player(hasty.address, "shooting_birds") as silent:
         ended = threading.Event()
@@ -110,6 +113,7 @@ def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(has
         player.play(1)
 
 
+@pytest.mark.promise("S2")
 def test_a_client_that_does_not_read_its_socket_hears_over_the_stream_why_it_ended(hasty):
     with Player(hasty.address, "shooting_birds", local_transport=True) as greedy:
         pictures = act(*greedy.acts(), draw=[0, 1] * 8).SerializeToString()

@@ -343,6 +343,7 @@ def test_a_dataset_that_would_read_elsewhere_or_run_code_is_refused(tmp_path):
         load_demonstration(file, game)
 
 
+@pytest.mark.promise("X6")
 def test_a_dataset_that_is_too_large_is_refused_before_it_is_read(tmp_path, monkeypatch):
     game, _ = described(NUMBER, NUMBER)
     file = write(tmp_path, NUMBER, NUMBER, ([[0.0]] * 3, [[0.0]] * 2))

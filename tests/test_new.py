@@ -92,6 +92,7 @@ def test_it_says_what_to_type_next(written):
     assert written[1] == TYPED
 
 
+@pytest.mark.promise("E2")
 def test_what_it_writes_passes_the_kit(written):
     folder, (serve, check, *_) = written
     with serving(serve, folder) as address:
@@ -118,6 +119,7 @@ def test_what_it_writes_learns_and_can_be_watched(written):
     assert json.loads(shell("python product.py", folder).replace("'", '"'))["caught"] > 10
 
 
+@pytest.mark.promise("E2")
 def test_an_author_has_written_at_most_sixty_lines():
     path = TEMPLATE / "my_game.py"
     assert 40 < len(code_lines(path)) <= 60

@@ -27,6 +27,7 @@ def test_there_are_versions_and_each_names_its_commit():
 
 
 @pytest.mark.parametrize("folder", VERSIONS, ids=lambda folder: folder.name)
+@pytest.mark.promise("C4")
 def test_a_run_plays_as_it_did_or_its_format_is_named(folder, simulator, tmp_path):
     shutil.copytree(folder / "run", tmp_path / "run")
     assert load_config(tmp_path / "run/config.yaml").game == "archer"
@@ -43,6 +44,7 @@ def test_a_run_plays_as_it_did_or_its_format_is_named(folder, simulator, tmp_pat
 
 
 @pytest.mark.parametrize("folder", VERSIONS, ids=lambda folder: folder.name)
+@pytest.mark.promise("C4")
 def test_a_demonstration_is_read_or_its_format_is_named(folder, simulator):
     try:
         demonstration = load_demonstration(folder / "archer-0001.demo", describe(simulator, "archer", {}))
@@ -54,6 +56,7 @@ def test_a_demonstration_is_read_or_its_format_is_named(folder, simulator):
 
 
 @pytest.mark.parametrize("folder", VERSIONS, ids=lambda folder: folder.name)
+@pytest.mark.promise("C4")
 def test_a_policy_is_played_or_its_format_is_named(folder):
     try:
         policy = load_runtime(RUNTIME).Policy(folder / "policy.json")

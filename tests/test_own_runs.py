@@ -80,6 +80,7 @@ def test_no_command_starts_what_a_run_of_a_stranger_names(command, kind, run):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.promise("X3")
 def test_no_command_calls_an_address_or_reads_a_file_that_a_run_of_a_stranger_names(command, run, spy):
     place, listening = spy
     Path("secret").write_text(TOKEN)

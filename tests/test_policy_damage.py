@@ -87,6 +87,7 @@ def hostile(policy):
 
 
 @pytest.mark.slow  # each file has a process of its own
+@pytest.mark.promise("X6")
 def test_no_file_makes_the_c_runtime_leave_its_memory(policy, decision, tmp_path):
     if not shutil.which("c++"):
         pytest.skip("install a C++ compiler to play a policy there")

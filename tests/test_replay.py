@@ -54,6 +54,7 @@ def lost_session(folder, decisions, *, saved_after=None):
     return load_recording(folder / "arenas-5-6.fault")
 
 
+@pytest.mark.promise("O2")
 def test_a_game_that_fails_fails_again_in_the_same_step(simulator, tmp_path, caplog, capsys):
     with Session(simulator, "raises", arenas=2, seed=0) as session:
         session.record_faults(tmp_path / "faults")

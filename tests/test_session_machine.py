@@ -166,5 +166,6 @@ class Machine(RuleBasedStateMachine):
 
 
 @pytest.mark.nightly
+@pytest.mark.promise("P2")
 def test_a_thousand_sequences_of_requests_are_answered_or_refused_as_the_contract_says():
     run_state_machine_as_test(Machine, settings=settings(max_examples=SEQUENCES, stateful_step_count=15))

@@ -148,6 +148,7 @@ def test_others_get_nothing(hybrid, path, headers):
     assert (status, body) == (404, b"") and "Access-Control-Allow-Origin" not in given_headers
 
 
+@pytest.mark.promise("X2")
 def test_the_browser_gets_the_token_in_a_file_of_this_user_alone(monkeypatch):
     opened: list[str] = []
     at_exit: list[partial[None]] = []

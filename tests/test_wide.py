@@ -11,6 +11,7 @@ from tests.support.wide_game import SHAPE
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("transport", ["grpc", "local"])
+@pytest.mark.promise("P6")
 def test_an_observation_of_64_mib_arrives_as_it_was_sent(transport):
     with (
         server("--address", "127.0.0.1:0", *games("tests.support.wide_game:Wide")) as process,

@@ -41,6 +41,7 @@ def parts(steps):
     return [array if array is None else (str(array.dtype), array.shape, array.tobytes()) for array in arrays]
 
 
+@pytest.mark.promise("D1")
 def test_the_bytes_are_those_of_one_process_also_with_parameters_per_episode():
     place, options = "tests.support.games:Hybrid", {"size": "small", "masks": "on"}
     one: Any
@@ -108,6 +109,7 @@ def test_a_worker_answers_until_the_server_has_gone():
         ((0, 0, HANG, 0), r"arena 2: worker 1 \(arenas 2 to 3\) gave no result in 0.5 s; .* --step-seconds"),
     ],
 )
+@pytest.mark.promise("F3")
 def test_what_becomes_of_a_worker_is_said_with_the_arena(choices, text, capfd):
     game: Any = load_games([DOOMED], 2)["doomed"]({}, {}, 4, 0, 1)
     with closing(game):
@@ -139,6 +141,7 @@ def test_a_session_whose_worker_dies_ends_alone_and_nothing_outlives_the_server(
 
 
 @pytest.mark.parametrize(("workers", "stubborn"), [("1", "false"), ("2", "false"), ("2", "true")])
+@pytest.mark.promise("X7")
 def test_what_environments_hold_ends_with_the_session_and_with_the_server(workers, stubborn, tmp_path):
     place = f"tests.support.environments:Holding-v0 folder={tmp_path} stubborn={stubborn}"
 
