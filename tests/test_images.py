@@ -15,7 +15,7 @@ from joybridge.policy.encoder import push_frames
 from joybridge.ppo.convolutions import WHITE, ImageEncoder
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.history import History
-from joybridge.ppo.images import Image, encoder_kind, find_images
+from joybridge.ppo.images import MIN_PIXELS, Image, encoder_kind, find_images
 from joybridge.ppo.loss import Batch
 from joybridge.ppo.networks import Network
 from joybridge.ppo.observation import Observation
@@ -48,6 +48,13 @@ def test_what_a_game_calls_an_image_is_one_without_a_word_in_the_configuration()
     assert find_images("player", "auto", sensors) == {"screen": Image(24, 32, 1), "small": Image(6, 6, 3)}
     assert encoder_kind("auto", Image(24, 32, 1)) == "windows" and encoder_kind("auto", Image(6, 6, 3)) == "simple"
     assert find_images("player", "none", sensors) == {}
+
+
+@pytest.mark.parametrize("kind", MIN_PIXELS)
+def test_each_encoder_sees_the_smallest_image_that_it_is_said_to(kind):
+    size = MIN_PIXELS[kind]
+    encoder = ImageEncoder(kind, [Image(size, size, 1)], 0, 1, "relu")
+    assert encoder(Observations(torch.zeros(2, 0), (torch.zeros(2, 1, size, size, 1),))).shape == (2, encoder.features)
 
 
 def bytes_of(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:

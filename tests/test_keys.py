@@ -5,7 +5,7 @@ import re
 import pytest
 
 from joybridge.cli import main
-from joybridge.config.config import FORMS, Config, PolicyConfig, load_config
+from joybridge.config.config import FORMS, Config, MemoryConfig, PolicyConfig, load_config
 from joybridge.config.keys import INDENT, WIDTH, listing
 
 LINES = list(listing())
