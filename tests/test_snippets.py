@@ -54,8 +54,11 @@ MEANT = {
 }
 RUN_BY = {  # Python that is not run here: by what a test of its own says about it
     "my_layouts.py": "test_layouts.py",
+    "my_network.py": "test_own_parts.py",
+    "my_loss.py": "test_own_parts.py",
     'Policy("policy.json")': "test_new.py",
     "MaskablePPO(": "test_gym_learners.py",
+    '"CnnPolicy"': "test_gym_learners.py",
     "minari.load_dataset(": "test_minari.py",
 }
 READERS = {
@@ -64,6 +67,8 @@ READERS = {
     "birds.yaml",
     "config.yaml",
     "my_layouts.py",
+    "my_loss.py",
+    "my_network.py",
     "ppo.py",
     "reflection.proto",
     "Walker.yaml",

@@ -75,6 +75,16 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
+    if space.maps:
+        raise ExportError(
+            f"{actor.name}: layouts with a map point with convolutions, which cannot be exported; train it with "
+            "another layout, such as bucket-11, or play it with the trainer"
+        )
+    if actor.network.state_size:
+        raise ExportError(
+            f"{actor.name}: networks with memory cannot be exported; train it with policy.memory.kind=none, or play it "
+            "with the trainer"
+        )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
     rows = [*choices, *range(padded, padded + space.continuous)]
@@ -107,11 +117,10 @@ def _images(actor: Actor) -> list[Document]:
     encoder, frames = actor.network.encoders[0], actor.config.frame_stack  # the other one is the critic's
     assert isinstance(encoder, ImageEncoder)
     documents = []
-    for (name, image), white, layers in zip(
-        actor.encoder.images.items(), encoder.white, encoder.convolutions, strict=True
-    ):
+    for (name, image), body in zip(actor.encoder.images.items(), encoder.bodies, strict=True):
         blank = torch.zeros(1, image.channels * frames, image.height, image.width, device=actor.accelerator)
-        documents.append({"sensor": name, "shape": [*image], "white": white, "steps": [*_steps([layers], blank)]})
+        steps = [*_steps([*body.stages, nn.Flatten(), *body.dense], blank)]
+        documents.append({"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps})
     return documents
 
 

@@ -21,6 +21,7 @@ from joybridge.config.config import (
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
 from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.own_code import check_code
 
 MAX_NAME_CHARS = 120  # of the default name of a run
 
@@ -88,9 +89,11 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
 
     Only options and parameters of the game, the limits of the hand, the time to wait for a simulator and the transport
-    may differ from the training. Of a curriculum, the last lesson is played.
+    may differ from the training. Of a curriculum, the last lesson is played. Raises UntrustedRunError for code that
+    may not be imported.
     """
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
+    check_code(run, trained)
     given = read_overrides(overrides).get("parameters", {})
     for key in type(config).model_fields:
         if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):
