@@ -34,6 +34,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.errors import JoybridgeError
+from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb
 
 SEEDS = 5
@@ -121,7 +122,7 @@ def search(options: argparse.Namespace) -> int:
 
 
 def compare(options: argparse.Namespace) -> int:
-    """Train what is missing, write the page, and return 1 if a run has failed."""
+    """Train what is missing, write the page, and return 1 if a run has failed. Raises RunLockedError, and others."""
     if (options.output / SEARCH).exists():
         raise ConfigError(f"{options.output} holds a search; name another folder with --output")
     grid = [("layout", options.layouts)] if options.layouts else []
@@ -131,6 +132,12 @@ def compare(options: argparse.Namespace) -> int:
     for variant in variants:
         check_unchanged(variant, options.output)
     specs = find_specs(variants, options)
+    with locked(options.output, option="--output"):
+        return compare_variants(variants, specs, options)
+
+
+def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], options: argparse.Namespace) -> int:
+    """Train what is missing of variants of games with these specs, write the page, and return 1 if a run has failed."""
     policies = {
         variant.label: scored_policy(variant, spec, options.behavior)
         for variant, spec in zip(variants, specs, strict=True)

@@ -39,7 +39,7 @@ def is_trainers(column: str) -> bool:
 
 def metrics_name(policy: str) -> str:
     """Return the name of a policy in the names of files: never a path of its own."""
-    return re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)
+    return re.sub(r"[/\\%\0]|^\.+$", lambda match: "".join(f"%{ord(char):02X}" for char in match[0]), policy)
 
 
 def read_rows(path: Path) -> list[Row]:

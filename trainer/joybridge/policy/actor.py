@@ -27,6 +27,7 @@ from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.ppo.own import OwnEncoder
 from joybridge.ppo.sampling import sample_actions
+from joybridge.ppo.threads import compute_alike
 from joybridge.v1 import bridge_pb2 as pb
 
 SCALING = "scaling."  # begins the names of arrays that are not the network's
@@ -155,6 +156,8 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
     """Return untrained policies for all behaviors of a spec. Raises ConfigError."""
     if accelerator == "cuda" and not torch.cuda.is_available():
         raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
+    if accelerator == "cuda":
+        compute_alike()
     roles = fitting_roles(config, spec)
     children = np.random.SeedSequence(config.seed).spawn(len(roles))
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in children]

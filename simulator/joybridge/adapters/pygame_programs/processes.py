@@ -171,5 +171,5 @@ def _environment() -> dict[str, str]:
         "PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path),  # it imports from where this does
         "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1", "PYGAME_HIDE_SUPPORT_PROMPT": "1",
         "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "HOME": f"{OWN_FOLDER}/home",
-        "TMPDIR": f"{OWN_FOLDER}/tmp", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no threads before a fork
+        "TMPDIR": f"{OWN_FOLDER}/tmp", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # noqa: S108, no threads before a fork
     }  # fmt: skip
