@@ -16,6 +16,7 @@ from threading import Thread
 
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
+    add_own_game,
     add_simulator_options,
     add_trust_option,
     at_least,
@@ -182,6 +183,7 @@ def _train(options: argparse.Namespace) -> None:
         options.overrides.append(f"weights_from={options.weights_from}")
     if options.demos:
         options.overrides.append(f"demonstrations={options.demos}")
+    add_own_game(options, [options.config])
     config = load_config(path, options.overrides, options.behavior)
     check_sinks(config.log_to)
     if config.demonstrations:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from joybridge.client.command_line import (
+    add_own_game,
     add_simulator_options,
     at_least,
     check_simulator_options,
@@ -125,6 +126,7 @@ def compare(options: argparse.Namespace) -> int:
     """Train what is missing, write the page, and return 1 if a run has failed. Raises RunLockedError, and others."""
     if (options.output / SEARCH).exists():
         raise ConfigError(f"{options.output} holds a search; name another folder with --output")
+    add_own_game(options, [options.config, *options.also])
     grid = [("layout", options.layouts)] if options.layouts else []
     variants = make_variants(
         [options.config, *options.also], options.overrides, [*grid, *map(read_values, options.set)]

@@ -178,7 +178,7 @@ class OpponentsConfig(Checked):
 class Config(Checked):
     """A whole run."""
 
-    game: str = Field(description="which game is trained")
+    game: str = Field(description="which game is trained: its name, or pygame:PROGRAM")
     preset: Literal["sb3", "cleanrl", "paper"] | None = Field(
         None, description="settings of another program, for what is not set beside this key"
     )

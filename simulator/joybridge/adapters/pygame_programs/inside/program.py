@@ -64,9 +64,15 @@ def _script(place: str, package: str, script: str) -> Program:
             f"there is no file, no module that runs, and no installed package {package!r}; expected FILE, MODULE or "
             "PACKAGE:SCRIPT"
         ) from None
+    if not found:
+        modules = {
+            file.parts[0].removesuffix(".py") for file in distribution(package).files or () if file.suffix == ".py"
+        }
+        names = ", ".join(sorted(modules)) or "none"
+        raise ProgramError(f"the package {package!r} has no script; its modules are {names}: name the one that runs")
     chosen = [point for point in found if not script or point.name == script]
     if len(chosen) != 1:
-        names = ", ".join(point.name for point in found) or "none"
+        names = ", ".join(point.name for point in found)
         raise ProgramError(f"the package {package!r} has the scripts {names}; name one of them as {package}:SCRIPT")
     (point,) = chosen
     sys.argv[0] = point.name
