@@ -8,7 +8,7 @@ import numpy as np
 from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
 from joybridge.games.pictures import Eye
 from joybridge.games.pointer_game import PointerGame
-from joybridge.games.shooting_birds import picture
+from joybridge.games.shooting_birds import foes, picture
 from joybridge.games.shooting_birds import rules as r
 from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES
 from joybridge.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
@@ -47,10 +47,11 @@ OPTIONS = [
         ["random", *map(str, range(LEVELS))],
         description="the obstacles: a random level in each episode, or always the same",
     ),
+    foes.BIRDS_OPTION,
     *SIGHT_OPTIONS,
 ]
 
-PARAMETERS = [parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds")]
+PARAMETERS = [parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds"), *foes.PARAMETERS]
 
 NUMBERS = [
     sensor("gun", [2], 0.0, 2.0, "the gun", elements=["loaded", "ammo"]),
@@ -128,17 +129,18 @@ class ShootingBirds(PointerGame):
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
     ) -> None:
         """Begin a first episode in every arena."""
-        self.rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
+        rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
+        self.world = r.World(rules, OBSTACLES, foes.HABITS.index(options["birds"]))
         self.fixed_level = -1 if options["level"] == "random" else int(options["level"])
         super().__init__(options, parameters, arenas, first_arena, seed)
 
     def begin(self) -> None:
         """Fill all arenas as at the start of the program, with a first episode each."""
-        r.begin(self.arenas, self.streams, self.fixed_level)
+        r.begin(self.arenas, self.streams, self.world, self.fixed_level)
 
     def begin_episodes(self) -> None:
         """Begin a new episode in every arena; the birds fly on."""
-        reserve(self.streams, r.MOST_DRAWS)
+        reserve(self.streams, self.world.draws)
         r.begin_episodes(self.arenas, self.streams)
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
@@ -148,8 +150,8 @@ class ShootingBirds(PointerGame):
         velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
         shoot, reload = act.choices[:, -2:].T.copy()
         rewards = np.zeros((len(arenas), len(CHANNELS)))
-        reserve(self.streams, r.MOST_DRAWS)
-        r.tick(arenas, self.streams, self.rules, OBSTACLES, velocity, shoot, reload, rewards)
+        reserve(self.streams, self.world.draws)
+        r.tick(arenas, self.streams, self.world, velocity, shoot, reload, rewards)
         observations = self.observations(arenas)
         truncated = self.fields["tick"] >= r.EPISODE_TICKS
         step = StepArrays(observations, rewards.astype(np.float32), np.zeros(len(arenas), bool), truncated)
@@ -165,7 +167,7 @@ class ShootingBirds(PointerGame):
 
     def write_numbers(self, arenas: Array, *values: Array) -> None:
         """Write the values of every sensor of numbers."""
-        _observe(arenas, self.rules, OBSTACLES, *values)
+        _observe(arenas, self.world, *values)
 
     def paint(self, arenas: Array, eye: Eye, cursor: bool, images: Array) -> None:
         """Paint what the agents see."""
@@ -190,15 +192,18 @@ class ShootingBirds(PointerGame):
             raise ValueError("tick differs between arenas, but all episodes begin and end together")
         check_range("fixed level", arenas["fixed_level"], self.fixed_level, self.fixed_level)
         check_range("bird size", arenas["birds"]["kind"], 0, 2)
+        check_range("habit of a bird", arenas["birds"]["habit"], 0, foes.BLINKING)
+        check_range("timer of a bird", arenas["birds"]["timer"], -foes.DASH_TICKS, 10**6)
         for field in ("x", "y", "vx", "vy", "heading"):
             check_range(field, arenas[field], -1e6, 1e6)
-        for field in ("x", "y", "z", "vx", "vy", "phase"):
+        for field in ("x", "y", "z", "vx", "vy", "phase", "speed", "bound", "aim_x", "aim_y"):
             check_range(f"bird {field}", arenas["birds"][field], -1e6, 1e6)
 
 
 @compiled
-def _observe(arenas, rules, obstacles, gun, crosshair, rays, hovered):
+def _observe(arenas, world, gun, crosshair, rays, hovered):
     """Write the sensors of every arena."""
+    rules, obstacles = world.rules, world.obstacles
     for i in range(len(arenas)):
         arena = arenas[i]
         gun[i, 0] = 1.0 if arena.ammo > 0 else 0.0

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from joybridge.games.shooting_birds.levels import LEVELS
+from joybridge.games.shooting_birds import foes
+from joybridge.games.shooting_birds.levels import LEVELS, Obstacles
 from joybridge.games.shooting_birds.sensing import front
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import Streams, integer, reserve, uniform
-from joybridge.simulator.trigonometry import sine
 
-TICK = 0.02  # s
+TICK = foes.TICK
 EPISODE_TICKS = 2000
 BIRDS = 10
 MAGAZINE = 8
@@ -46,10 +46,26 @@ class Rules(NamedTuple):
 ORIGINAL = Rules(True, True, True, -1.1)
 CORRECTED = Rules(False, False, False, 0.0)
 
+
+class World(NamedTuple):
+    """What all arenas of a session share."""
+
+    rules: Rules
+    obstacles: Obstacles
+    habit: int  # of new birds: see foes.py
+
+    @property
+    def draws(self) -> int:
+        """Return the most random numbers that one arena draws per call."""
+        more = foes.BEGIN_DRAWS * (BIRDS + 1) + foes.STEER_DRAWS * BIRDS
+        return MOST_DRAWS + (0 if self.habit == foes.STRAIGHT else more)
+
+
 BIRD = np.dtype(
     [
         ("x", "f8"), ("y", "f8"), ("z", "f8"), ("vx", "f8"), ("vy", "f8"), ("phase", "f8"),
         ("kind", "i8"),  # its size: 0 large, 1 medium, 2 small
+        *foes.MEMORY,
     ]
 )  # fmt: skip
 ARENA = np.dtype(
@@ -61,27 +77,28 @@ ARENA = np.dtype(
         ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since the start, for the birds' flight
         ("birds", BIRD, (BIRDS,)),
         ("bird_speed", "f8"),  # a parameter: factor on the speed of new birds
+        ("turn_rate", "f8"), ("reaction_radius", "f8"), ("reaction_delay", "f8"), ("blink_period", "f8"),  # parameters
     ]
 )  # fmt: skip
 
-# The most random numbers that one arena draws per call: ten new birds, one hit bird, a new episode, phases.
+# The most that one arena of straight birds draws per call: ten new birds, one hit bird, a new episode, phases.
 MOST_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
 
 
-def begin(arenas: "np.recarray[Any, Any]", streams: Streams, fixed_level: int) -> None:
-    """Fill arenas, zeros but for `bird_speed`, as at the start of the program: ten new birds, and a first episode."""
+def begin(arenas: "np.recarray[Any, Any]", streams: Streams, world: World, fixed_level: int) -> None:
+    """Fill arenas, zeros but for the parameters, as at the start of the program: ten new birds, and a first episode."""
     arenas.fixed_level = fixed_level
-    reserve(streams, MOST_DRAWS)
-    _populate(arenas, streams)
+    reserve(streams, world.draws)
+    _populate(arenas, streams, world)
     begin_episodes(arenas, streams)
 
 
 @compiled
-def _populate(arenas, streams):
+def _populate(arenas, streams, world):
     for i in range(len(arenas)):
         for bird in arenas[i].birds:
             bird.phase = uniform(streams, i, -45.0, 45.0)  # once: a bird keeps its phase when it is replaced
-            spawn(bird, streams, i, arenas[i].bird_speed)
+            spawn(bird, streams, i, arenas[i], world)
 
 
 @compiled
@@ -103,20 +120,21 @@ def begin_episode(arena, streams, i):
 
 
 @compiled
-def spawn(bird, streams, i, bird_speed):
-    """Place a bird at the left or right edge, with a new height, size, depth and speed."""
+def spawn(bird, streams, i, arena, world):
+    """Place a bird of arena i at the left or right edge, with a new height, size, depth and speed."""
     from_left = uniform(streams, i, 0.0, 1.0) < 0.5
     bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
     bird.y = uniform(streams, i, SPAWN_LOW, SPAWN_HIGH)
     bird.kind = integer(streams, i, 3)
     bird.z = bird.kind - uniform(streams, i, 0.1, 0.2)
-    speed = uniform(streams, i, SLOWEST, FASTEST) * bird_speed
+    speed = uniform(streams, i, SLOWEST, FASTEST) * arena.bird_speed
     bird.vx = speed if from_left else -speed
     bird.vy = 0.0
+    foes.begin(bird, streams, i, world.habit)
 
 
 @compiled
-def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
+def tick(arenas, streams, world, velocity, shoot, reload, rewards):
     """Advance every arena by one tick under its action and add to `rewards` [arenas, channels].
 
     velocity: commanded velocity [arenas, 2]. shoot, reload: 0 or 1 [arenas]. Episodes that have reached their length
@@ -126,12 +144,12 @@ def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
         arena = arenas[i]
         arena.vx, arena.vy = velocity[i, 0], velocity[i, 1]
         if shoot[i]:
-            _shoot(arena, streams, i, rules, obstacles, rewards[i])
+            _shoot(arena, streams, i, world, rewards[i])
         if reload[i]:
             rewards[i, RELOAD] -= arena.ammo / MAGAZINE
             arena.ammo = MAGAZINE
             arena.reloads += 1
-        _fly(arena, streams, i)
+        _fly(arena, streams, i, world)
         _move_crosshair(arena)
         for bird in arena.birds:
             bird.x += bird.vx * TICK
@@ -141,11 +159,11 @@ def tick(arenas, streams, rules, obstacles, velocity, shoot, reload, rewards):
 
 
 @compiled
-def _shoot(arena, streams, i, rules, obstacles, rewards):
+def _shoot(arena, streams, i, world, rewards):
     """Shoot at what is in front under the crosshair, which is what the agent observed for this decision."""
-    target = front(arena, obstacles)
+    target = front(arena, world.obstacles)
     loaded = arena.ammo > 0
-    if loaded or rules.dry_shots_are_aimed:
+    if loaded or world.rules.dry_shots_are_aimed:
         if target >= 0:
             rewards[AIMED_HIT] += SIZE_REWARD[arena.birds[target].kind]
         else:
@@ -161,18 +179,17 @@ def _shoot(arena, streams, i, rules, obstacles, rewards):
     arena.hits += 1
     bird = arena.birds[target]
     true_size = bird.kind
-    spawn(bird, streams, i, arena.bird_speed)
-    rewards[HIT] += SIZE_REWARD[bird.kind if rules.hit_pays_replacement else true_size]
+    spawn(bird, streams, i, arena, world)
+    rewards[HIT] += SIZE_REWARD[bird.kind if world.rules.hit_pays_replacement else true_size]
 
 
 @compiled
-def _fly(arena, streams, i):
-    """Set the vertical speed of every bird and replace those that have left."""
-    time = arena.clock * TICK
+def _fly(arena, streams, i, world):
+    """Set the velocity of every bird and replace those that have left."""
+    foes.steer(arena, streams, i)
     for bird in arena.birds:
-        bird.vy = sine(2.0 * time + bird.phase)
         if abs(bird.x) > BIRD_LIMIT_X:
-            spawn(bird, streams, i, arena.bird_speed)
+            spawn(bird, streams, i, arena, world)
 
 
 @compiled
