@@ -19,9 +19,13 @@ from tests.support.measured import interpreted
 from tests.support.wire import pack_step
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
-DEFAULTS = {"rules": "original", "locomotion": "unit_circle", "level": "random", "birds": "straight"} | {
-    option.name: option.default_choice for option in SIGHT_OPTIONS
-}
+DEFAULTS = {
+    "rules": "original",
+    "locomotion": "unit_circle",
+    "level": "random",
+    "levels": "original",
+    "birds": "straight",
+} | {option.name: option.default_choice for option in SIGHT_OPTIONS}
 WEIGHTS = np.array([1, 1, 1, 1, 0, 0])
 NEAR = 1e-6  # of float32
 STILL = (0.0, 0.0)

@@ -10,7 +10,7 @@ import pytest
 from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds import rules as r
 from joybridge.games.shooting_birds.game import CHANNELS
-from joybridge.games.shooting_birds.levels import OBSTACLES, Obstacles
+from joybridge.games.shooting_birds.levels import FLIGHTS, OBSTACLES, Obstacles
 from joybridge.games.shooting_birds.sensing import cast_rays, front
 from joybridge.simulator.randomness import open_streams, reserve
 
@@ -21,7 +21,7 @@ PAY = (0.25, 0.75, 2.0)  # of a large, a medium and a small bird
 RADIUS = (1.26, 0.84, 0.42)
 AWAY = 1000.0  # the height at which a bird meets nothing
 NEAR = 1e-12
-PLAIN = r.World(r.ORIGINAL, OBSTACLES, 0)
+PLAIN = r.World(r.ORIGINAL, OBSTACLES, FLIGHTS, 0, -1)
 
 Point = tuple[float, float]
 
@@ -48,7 +48,7 @@ class Scene:
     ) -> None:
         self.rules, self.streams = rules, open_streams(1, 0, 1)
         self.things = obstacles() if things is None else things
-        self.world = r.World(rules, self.things, 0)
+        self.world = r.World(rules, self.things, FLIGHTS, 0, -1)
         self.arenas = np.zeros(1, r.ARENA).view(np.recarray)
         self.arena: Any = self.arenas[0]
         self.birds: Any = self.arenas.birds[0]
@@ -528,7 +528,7 @@ def test_in_the_original_a_hit_pays_1_on_average_and_each_size_a_third_of_the_ti
     arenas, streams = np.zeros(3000, r.ARENA).view(np.recarray), open_streams(8, 0, 3000)
     arenas.birds.kind, arenas.birds.z, arenas.ammo = kind, kind - 0.15, 8
     rewards, press = np.zeros((3000, len(CHANNELS))), np.ones(3000, np.int32)
-    world = r.World(r.ORIGINAL, obstacles(), 0)
+    world = r.World(r.ORIGINAL, obstacles(), FLIGHTS, 0, -1)
     r.tick(arenas, streams, world, np.zeros((3000, 2)), press, 0 * press, rewards)
     assert [np.mean(rewards[:, HIT] == pay) for pay in PAY] == pytest.approx([1 / 3] * 3, abs=0.03)
     assert rewards[:, HIT].mean() == pytest.approx(1.0, abs=0.04)
@@ -567,7 +567,7 @@ def crowd() -> Any:
     """Return 4096 arenas as at the start of the program."""
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
     arenas.bird_speed = 1.0
-    r.begin(arenas, open_streams(5, 0, len(arenas)), PLAIN, -1)
+    r.begin(arenas, open_streams(5, 0, len(arenas)), PLAIN)
     return arenas
 
 
@@ -601,7 +601,7 @@ def test_new_birds_are_of_each_size_equally_often_and_their_depth_is_0_1_to_0_2_
 def test_bird_speed_scales_the_speed_of_new_birds_and_nothing_else(crowd, factor):
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
     arenas.bird_speed = factor
-    r.begin(arenas, open_streams(5, 0, len(arenas)), PLAIN, -1)
+    r.begin(arenas, open_streams(5, 0, len(arenas)), PLAIN)
     assert (arenas.birds.vx == factor * crowd.birds.vx).all()
     arenas.birds.vx, arenas.bird_speed = crowd.birds.vx, 1.0
     assert arenas.tobytes() == crowd.tobytes()
@@ -640,7 +640,7 @@ def test_there_are_always_ten_birds_within_the_edges():
     arenas, streams = np.zeros(20, r.ARENA).view(np.recarray), open_streams(2, 0, 20)
     rewards = np.zeros((20, len(CHANNELS)))
     arenas.bird_speed = 4.0
-    r.begin(arenas, streams, PLAIN, -1)
+    r.begin(arenas, streams, PLAIN)
     press, replaced = np.ones(20, np.int32), 0
     for _ in range(500):
         reserve(streams, r.MOST_DRAWS)
@@ -720,7 +720,7 @@ def test_a_new_episode_resets_crosshair_gun_level_and_counters_and_nothing_else(
 
 def test_a_fixed_level_is_that_of_every_episode():
     arenas, streams = np.zeros(50, r.ARENA).view(np.recarray), open_streams(0, 0, 50)
-    r.begin(arenas, streams, PLAIN, 4)
+    r.begin(arenas, streams, PLAIN._replace(fixed_level=4))
     assert (arenas.level == 4).all()
     r.begin_episodes(arenas, streams)
     assert (arenas.level == 4).all() and len(set(arenas.ammo)) > 1

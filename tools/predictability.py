@@ -77,7 +77,7 @@ def network_error(inputs: Array, moved: Array, radius: Array, split: int) -> flo
     for epoch in range(EPOCHS):
         for group in optimizer.param_groups:
             group["lr"] = 2e-3 * (1.0 - epoch / EPOCHS)
-        for batch in torch.split(torch.randperm(split), BATCH):  # type: ignore[no-untyped-call]
+        for batch in torch.split(torch.randperm(split), BATCH):
             optimizer.zero_grad()
             (network(rows[batch]) - target[batch]).norm(dim=1).mean().backward()
             optimizer.step()

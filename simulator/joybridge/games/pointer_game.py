@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from joybridge.games.locomotion import LOCOMOTIONS, observe_heading
-from joybridge.games.pictures import Eye, Field, View, open_eye
+from joybridge.games.pictures import Eye, Field, View, look, make_eye, open_eye
 from joybridge.games.record_game import RecordGame
 from joybridge.games.sight import image_sensor, sees_state, views
 from joybridge.simulator import Array, StepArrays, quiet_step
@@ -31,7 +31,11 @@ class PointerGame(RecordGame):
         """Begin a first episode in every arena."""
         self.locomotion = LOCOMOTIONS[options["locomotion"]]
         self._sees_state, self._cursor = sees_state(options), options["cursor"] == "drawn"
-        self._eyes = [(view, open_eye(view, self.field)) for view in self.views(options).values()]
+        self._own_field = self.own_field(arenas)
+        self._eyes = [
+            (view, make_eye(view, self._own_field) if self._own_field else open_eye(view, self.field))
+            for view in self.views(options).values()
+        ]
         super().__init__(options, parameters, arenas, first_arena, seed)
 
     @classmethod
@@ -45,6 +49,19 @@ class PointerGame(RecordGame):
         images = [image_sensor(name, view) for name, view in cls.views(options).items()]
         numbers = cls.numbers if sees_state(options) else []
         return [*numbers, *images, *LOCOMOTIONS[options["locomotion"]].sensors]
+
+    def own_field(self, arenas: int) -> Field | None:
+        """Return what images show if every arena has a level of its own; None: `field`.
+
+        The game calls `look_at_ground` whenever its levels have changed.
+        """
+        return None
+
+    def look_at_ground(self) -> None:
+        """Let images show the present levels of an own field."""
+        for _, eye in self._eyes:
+            if self._own_field:
+                look(eye, self._own_field)
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""

@@ -69,6 +69,8 @@ def steer(arena, streams, i):
     turn = arena.turn_rate * TICK
     turn_cosine, turn_sine = cosine(turn), sine(turn)
     for bird in arena.birds:
+        if bird.wait > 0:
+            continue
         if bird.habit == JINKING or bird.habit == DODGING:
             if bird.habit == JINKING:
                 _jink(bird, streams, i)

@@ -5,12 +5,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from joybridge.games import level_sets
 from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
-from joybridge.games.pictures import Eye
+from joybridge.games.pictures import Eye, Field
 from joybridge.games.pointer_game import PointerGame
-from joybridge.games.shooting_birds import foes, picture
+from joybridge.games.shooting_birds import foes, generator, picture
 from joybridge.games.shooting_birds import rules as r
-from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES
+from joybridge.games.shooting_birds.levels import FLIGHTS, LEVELS, OBSTACLES, PLACEMENTS
 from joybridge.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
 from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator import (
@@ -47,11 +48,16 @@ OPTIONS = [
         ["random", *map(str, range(LEVELS))],
         description="the obstacles: a random level in each episode, or always the same",
     ),
+    level_sets.LEVELS_OPTION,
     foes.BIRDS_OPTION,
     *SIGHT_OPTIONS,
 ]
 
-PARAMETERS = [parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds"), *foes.PARAMETERS]
+PARAMETERS = [
+    parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds"),
+    *foes.PARAMETERS,
+    *level_sets.PARAMETERS,
+]
 
 NUMBERS = [
     sensor("gun", [2], 0.0, 2.0, "the gun", elements=["loaded", "ammo"]),
@@ -130,18 +136,49 @@ class ShootingBirds(PointerGame):
     ) -> None:
         """Begin a first episode in every arena."""
         rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
-        self.world = r.World(rules, OBSTACLES, foes.HABITS.index(options["birds"]))
-        self.fixed_level = -1 if options["level"] == "random" else int(options["level"])
+        fixed_level = r.ANY_LEVEL if options["level"] == "random" else int(options["level"])
+        self.world = r.World(rules, OBSTACLES, FLIGHTS, foes.HABITS.index(options["birds"]), fixed_level)
+        self.generated = generator.make_room(arenas) if options["levels"] == "generated" else None
+        if self.generated:
+            self.world = self.world._replace(
+                obstacles=self.generated.obstacles, flights=self.generated.flights, fixed_level=r.GENERATED
+            )
         super().__init__(options, parameters, arenas, first_arena, seed)
 
     def begin(self) -> None:
         """Fill all arenas as at the start of the program, with a first episode each."""
-        r.begin(self.arenas, self.streams, self.world, self.fixed_level)
+        r.begin(self.arenas, self.streams, self.world)
+        self._make_levels()
+        if self.generated:
+            r.populate(self.arenas, self.streams, self.world)
 
     def begin_episodes(self) -> None:
         """Begin a new episode in every arena; the birds fly on."""
         reserve(self.streams, self.world.draws)
         r.begin_episodes(self.arenas, self.streams)
+        self._make_levels()
+
+    def show_levels(self, numbers: Array) -> None:
+        """Go on in the generated levels of these numbers, one per arena."""
+        self.fields["number"] = numbers
+        self._make_levels()
+
+    def _make_levels(self) -> None:
+        """Make the levels that the arenas play, if they are not those of the paper's game."""
+        if self.generated:
+            generator.generate(self.fields["number"], self.generated)
+            self.look_at_ground()
+
+    def own_field(self, arenas: int) -> Field | None:
+        """Return what images show where every arena has a level of its own."""
+        return picture.field_of(self.world.obstacles, arenas) if self.generated else None
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Restore what `save` returned. Raises ValueError for a state that the game cannot be in."""
+        super().restore(state)
+        if self.generated:
+            self.fields["level"] = np.arange(len(self.arenas))
+        self._make_levels()
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one tick. All episodes end together, truncated."""
@@ -162,6 +199,7 @@ class ShootingBirds(PointerGame):
             step.parameters = self.played_parameters(step.ended)
             self.draw_parameters(step.ended)
             r.begin_episodes(arenas, self.streams)
+            self._make_levels()
             step.observations = self.observations(arenas)
         return [step]
 
@@ -181,16 +219,20 @@ class ShootingBirds(PointerGame):
         """Return a picture of one arena, uint8 [height, width, 3]."""
         from joybridge.games.shooting_birds.drawing import draw  # imported here because only pictures need pygame
 
-        return draw(self.arenas[arena], *PICTURE)
+        level = int(self.fields["level"][arena])
+        placements = self.generated.placed(level) if self.generated else PLACEMENTS[level]
+        return draw(self.arenas[arena], self.world.obstacles, placements, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""
-        check_range("level", arenas["level"], 0, LEVELS - 1)
+        check_range("level", arenas["level"], 0, 2**31 if self.generated else LEVELS - 1)
+        check_range("number", arenas["number"], 0, level_sets.SET_SIZE * len(level_sets.SETS) - 1)
+        check_range("wait of a bird", arenas["birds"]["wait"], 0, 10**6)
         check_range("ammo", arenas["ammo"], 0, r.MAGAZINE)
         check_range("tick", arenas["tick"], 0, r.EPISODE_TICKS - 1)
         if (arenas["tick"] != arenas["tick"][0]).any():
             raise ValueError("tick differs between arenas, but all episodes begin and end together")
-        check_range("fixed level", arenas["fixed_level"], self.fixed_level, self.fixed_level)
+        check_range("fixed level", arenas["fixed_level"], self.world.fixed_level, self.world.fixed_level)
         check_range("bird size", arenas["birds"]["kind"], 0, 2)
         check_range("habit of a bird", arenas["birds"]["habit"], 0, foes.BLINKING)
         check_range("timer of a bird", arenas["birds"]["timer"], -foes.DASH_TICKS, 10**6)

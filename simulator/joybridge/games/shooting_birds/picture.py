@@ -1,20 +1,23 @@
 """What agents see of Shooting Birds: bright birds; what hides one from the gun hides it here."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
 from joybridge.contract.tensors import Array
 from joybridge.games.pictures import Field, Palette, copy_background, paint_bar, paint_disc, paint_ring
-from joybridge.games.shooting_birds.levels import BARN_DEPTH, LEVELS, OBSTACLES, TREE_DEPTH
+from joybridge.games.shooting_birds.levels import BARN_DEPTH, LEVELS, OBSTACLES, TREE_DEPTH, Obstacles
 from joybridge.games.shooting_birds.rules import BIRDS, MAGAZINE, WALL_X, WALL_Y
 from joybridge.games.shooting_birds.sensing import BIRD_RADIUS
 from joybridge.simulator.compiled import compiled
 
 HALF_WIDTH, HALF_HEIGHT = 19.2, 12.0  # of the screen: a little more than the walls enclose
 
-SKY, TREE, BARN, WALL = range(4)  # kinds of ground
+SKY, FAR, NEAR, WALL = range(4)  # kinds of ground: trees are far, and barns near, in the paper's levels
 GROUND_GRAYS = [0, 36, 44, 20]
 GROUND_COLORS = [(16, 34, 66), (20, 62, 28), (84, 30, 22), (20, 20, 20)]
-# Large birds fly in front of everything, medium ones behind barns, small ones behind barns and trees.
+# Large birds fly in front of everything, medium ones behind what is near, small ones behind everything.
 HIDES = np.array([[0, 0, 0, 1], [0, 0, 1, 1], [0, 1, 1, 1]], bool)
 
 CURSOR, AMMO = 3, 4  # things, after the birds by size
@@ -24,24 +27,38 @@ CURSOR_RADIUS, CURSOR_OPACITY = 2.2, 160  # wider than any bird, so that none is
 OPAQUE = 256
 
 
-def ground(level: int, x: Array, y: Array) -> Array:
+def ground(obstacles: Obstacles, level: int, x: Array, y: Array) -> Array:
     """Return what is nearest to the viewer at places x [w], y [h] of a level, uint8 [h, w]."""
     kinds = np.full((len(y), len(x)), SKY, np.uint8)
-    boxes = OBSTACLES.boxes[level, : OBSTACLES.box_count[level]]
-    discs = OBSTACLES.discs[level, : OBSTACLES.disc_count[level]]
-    for depth, kind in ((TREE_DEPTH, TREE), (BARN_DEPTH, BARN)):
+    boxes = obstacles.boxes[level, : obstacles.box_count[level]]
+    discs = obstacles.discs[level, : obstacles.disc_count[level]]
+    for depth, kind in ((TREE_DEPTH, FAR), (BARN_DEPTH, NEAR)):
         for left, bottom, right, top, _ in boxes[boxes[:, 4] == depth]:
-            kinds[np.ix_((y >= bottom) & (y <= top), (x >= left) & (x <= right))] = kind
+            kinds[_within(-y, -top, -bottom), _within(x, left, right)] = kind
         for center_x, center_y, radius, _ in discs[discs[:, 3] == depth]:
-            kinds[(x - center_x) ** 2 + ((y - center_y) ** 2)[:, None] <= radius * radius] = kind
+            rows = _within(-y, -center_y - radius, -center_y + radius)
+            columns = _within(x, center_x - radius, center_x + radius)
+            inside = (x[columns] - center_x) ** 2 + ((y[rows] - center_y) ** 2)[:, None] <= radius * radius
+            kinds[rows, columns][inside] = kind
     kinds[:, np.abs(x) > WALL_X] = WALL
     kinds[np.abs(y) > WALL_Y] = WALL
     return kinds
 
 
+def _within(increasing: Array, low: float, high: float) -> slice:
+    """Return where increasing values are within low..high."""
+    return slice(np.searchsorted(increasing, low, "left"), np.searchsorted(increasing, high, "right"))
+
+
 FIELD = Field(
-    HALF_WIDTH, HALF_HEIGHT, LEVELS, ground, HIDES, Palette(GROUND_GRAYS, GRAYS), Palette(GROUND_COLORS, COLORS)
-)
+    HALF_WIDTH, HALF_HEIGHT, LEVELS, partial(ground, OBSTACLES), HIDES, Palette(GROUND_GRAYS, GRAYS),
+    Palette(GROUND_COLORS, COLORS),
+)  # fmt: skip
+
+
+def field_of(obstacles: Obstacles, levels: int) -> Field:
+    """Return the field with other obstacles, those of so many levels."""
+    return replace(FIELD, levels=levels, ground=partial(ground, obstacles))
 
 
 @compiled

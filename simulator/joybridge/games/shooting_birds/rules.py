@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from joybridge.contract.tensors import Array
+from joybridge.games.level_sets import draw_level
 from joybridge.games.shooting_birds import foes
 from joybridge.games.shooting_birds.levels import LEVELS, Obstacles
 from joybridge.games.shooting_birds.sensing import front
@@ -26,8 +28,9 @@ TOUCH = RADIUS + SKIN  # distance from center to wall at which the contact begin
 WALL_X, WALL_Y = 19.0, 11.5
 PUSH_PASSES, PUSH_SHARE, PUSH_MOST = 3, 0.2, 0.2  # the contact solver's corrections of the position per tick
 
-SPAWN_LEFT, SPAWN_RIGHT, SPAWN_LOW, SPAWN_HIGH = -19.7, 19.6, -8.48, 8.26
-SLOWEST, FASTEST, BIRD_LIMIT_X = 1.5, 6.0, 20.0
+SPAWN_LEFT, SPAWN_RIGHT, BIRD_LIMIT_X = -19.7, 19.6, 20.0
+WAITING_X = 1000.0  # where birds wait that will enter later
+ANY_LEVEL, GENERATED = -1, -2  # in place of a fixed level
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)  # reward channels
 SIZE_REWARD = np.array([0.25, 0.75, 2.0])  # large, medium, small
@@ -52,19 +55,22 @@ class World(NamedTuple):
 
     rules: Rules
     obstacles: Obstacles
+    flights: Array  # how birds enter the levels, records of dtype FLIGHT
     habit: int  # of new birds: see foes.py
+    fixed_level: int  # ANY_LEVEL: a random one in each episode; GENERATED: each arena's row has its own
 
     @property
     def draws(self) -> int:
         """Return the most random numbers that one arena draws per call."""
-        more = foes.BEGIN_DRAWS * (BIRDS + 1) + foes.STEER_DRAWS * BIRDS
-        return MOST_DRAWS + (0 if self.habit == foes.STRAIGHT else more)
+        more = 0 if self.habit == foes.STRAIGHT else foes.BEGIN_DRAWS * (BIRDS + 1) + foes.STEER_DRAWS * BIRDS
+        return MOST_DRAWS + more + (2 * (BIRDS + 1) if self.fixed_level == GENERATED else 0)
 
 
 BIRD = np.dtype(
     [
         ("x", "f8"), ("y", "f8"), ("z", "f8"), ("vx", "f8"), ("vy", "f8"), ("phase", "f8"),
         ("kind", "i8"),  # its size: 0 large, 1 medium, 2 small
+        ("wait", "i8"),  # ticks until it enters; 0: it is there
         *foes.MEMORY,
     ]
 )  # fmt: skip
@@ -72,12 +78,14 @@ ARENA = np.dtype(
     [
         ("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"),  # the crosshair
         ("heading", "f8"),  # rad; only the locomotion "steer" turns it
-        ("ammo", "i8"), ("level", "i8"), ("fixed_level", "i8"),  # fixed_level -1: a random one each episode
+        ("ammo", "i8"), ("level", "i8"), ("fixed_level", "i8"),  # level: its row in the tables of World
+        ("number", "i8"),  # of the generated level
         ("shots", "i8"), ("hits", "i8"), ("reloads", "i8"),  # in this episode; shots without ammo are not counted
         ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since the start, for the birds' flight
         ("birds", BIRD, (BIRDS,)),
         ("bird_speed", "f8"),  # a parameter: factor on the speed of new birds
         ("turn_rate", "f8"), ("reaction_radius", "f8"), ("reaction_delay", "f8"), ("blink_period", "f8"),  # parameters
+        ("first_level", "f8"), ("level_count", "f8"),  # parameters
     ]
 )  # fmt: skip
 
@@ -85,16 +93,21 @@ ARENA = np.dtype(
 MOST_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
 
 
-def begin(arenas: "np.recarray[Any, Any]", streams: Streams, world: World, fixed_level: int) -> None:
-    """Fill arenas, zeros but for the parameters, as at the start of the program: ten new birds, and a first episode."""
-    arenas.fixed_level = fixed_level
+def begin(arenas: "np.recarray[Any, Any]", streams: Streams, world: World) -> None:
+    """Fill arenas, zeros but for the parameters, as at the start of the program: ten new birds, and a first episode.
+
+    Generated levels need birds only when they have been made: see `populate`.
+    """
+    arenas.fixed_level = world.fixed_level
     reserve(streams, world.draws)
-    _populate(arenas, streams, world)
+    if world.fixed_level != GENERATED:
+        populate(arenas, streams, world)
     begin_episodes(arenas, streams)
 
 
 @compiled
-def _populate(arenas, streams, world):
+def populate(arenas, streams, world):
+    """Put ten new birds into every arena."""
     for i in range(len(arenas)):
         for bird in arenas[i].birds:
             bird.phase = uniform(streams, i, -45.0, 45.0)  # once: a bird keeps its phase when it is replaced
@@ -114,22 +127,32 @@ def begin_episode(arena, streams, i):
     arena.x = uniform(streams, i, -11.1, 8.9)
     arena.y = uniform(streams, i, -10.0, 10.0)
     arena.ammo = 1 + integer(streams, i, MAGAZINE - 1)  # 1..7, so the magazine is never full
-    level = integer(streams, i, LEVELS)
-    arena.level = level if arena.fixed_level < 0 else arena.fixed_level
+    if arena.fixed_level == GENERATED:
+        arena.level, arena.number = i, draw_level(arena, streams, i)
+    else:
+        level = integer(streams, i, LEVELS)
+        arena.level = level if arena.fixed_level == ANY_LEVEL else arena.fixed_level
     arena.shots = arena.hits = arena.reloads = arena.tick = 0
 
 
 @compiled
 def spawn(bird, streams, i, arena, world):
     """Place a bird of arena i at the left or right edge, with a new height, size, depth and speed."""
+    flight = world.flights[arena.level]
     from_left = uniform(streams, i, 0.0, 1.0) < 0.5
     bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
-    bird.y = uniform(streams, i, SPAWN_LOW, SPAWN_HIGH)
-    bird.kind = integer(streams, i, 3)
+    line = flight.lines[integer(streams, i, flight.line_count) if flight.line_count > 1 else 0]
+    bird.y = uniform(streams, i, line[0], line[1])
+    size = uniform(streams, i, 0.0, 1.0)
+    bird.kind = 0 if size < flight.large else (1 if size < flight.medium else 2)
     bird.z = bird.kind - uniform(streams, i, 0.1, 0.2)
-    speed = uniform(streams, i, SLOWEST, FASTEST) * arena.bird_speed
+    speed = uniform(streams, i, flight.slowest, flight.fastest) * arena.bird_speed
     bird.vx = speed if from_left else -speed
     bird.vy = 0.0
+    bird.wait = 0
+    if flight.pause > 0.0:
+        bird.wait = int(uniform(streams, i, 0.0, 2.0 * flight.pause) / TICK)
+        bird.x = bird.x if bird.wait == 0 else WAITING_X
     foes.begin(bird, streams, i, world.habit)
 
 
@@ -152,8 +175,9 @@ def tick(arenas, streams, world, velocity, shoot, reload, rewards):
         _fly(arena, streams, i, world)
         _move_crosshair(arena)
         for bird in arena.birds:
-            bird.x += bird.vx * TICK
-            bird.y += bird.vy * TICK
+            if bird.wait == 0:
+                bird.x += bird.vx * TICK
+                bird.y += bird.vy * TICK
         arena.tick += 1
         arena.clock += 1
 
@@ -185,10 +209,14 @@ def _shoot(arena, streams, i, world, rewards):
 
 @compiled
 def _fly(arena, streams, i, world):
-    """Set the velocity of every bird and replace those that have left."""
+    """Set the velocity of every bird, let those enter whose time it is, and replace those that have left."""
     foes.steer(arena, streams, i)
     for bird in arena.birds:
-        if abs(bird.x) > BIRD_LIMIT_X:
+        if bird.wait > 0:
+            bird.wait -= 1
+            if bird.wait == 0:
+                bird.x = SPAWN_LEFT if bird.vx > 0.0 else SPAWN_RIGHT
+        elif abs(bird.x) > BIRD_LIMIT_X:
             spawn(bird, streams, i, arena, world)
 
 
