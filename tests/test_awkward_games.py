@@ -84,7 +84,7 @@ def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, m
 
     def spy(self, steps, acts, group=0):
         shown = self.actor.encoder.frames(steps[self.actor.behavior].observations)
-        seen.append((self.rollout.next_decision(None, group).observations.numbers.copy(), shown.copy()))
+        seen.append((self.rollout.present(group).numbers.copy(), shown.copy()))
         act(self, steps, acts, group)
 
     monkeypatch.setattr(Policy, "act", spy)

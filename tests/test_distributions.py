@@ -13,7 +13,7 @@ from joybridge.ppo.distributions import (
     fill_masks,
     gaussian_log_probs,
 )
-from joybridge.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
+from joybridge.ppo.fast.kernels import NO_MASKS, Head, Noise, sample
 from joybridge.ppo.networks import Network
 from joybridge.ppo.observation_tensors import Observations
 
@@ -54,18 +54,15 @@ def test_gaussian_log_probs_are_summed_and_their_entropy_is_the_mean_over_dimens
 
 def sampled(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=False, masks=None):
     """Return the choices, continuous actions and log-probabilities that the compiled sampling gives."""
-    lanes, dimensions = len(outputs), len(log_variance)
-    discrete, continuous = np.zeros((lanes, len(sizes)), np.int64), np.zeros((lanes, dimensions), np.float32)
-    log_probs = np.zeros(lanes, np.float32)
     head = Head(
-        np.zeros(dimensions, np.float32),
+        np.zeros(len(log_variance), np.float32),
         np.array(log_variance, np.float32),
         np.array(sizes, np.int64),
         np.zeros((0, 0, 0), bool),
     )
     masks = NO_MASKS if masks is None else masks.numpy()
-    sample(outputs.numpy(), head, masks, Noise(normal, uniform), likeliest, Action(continuous, discrete, log_probs))
-    return torch.from_numpy(discrete), torch.from_numpy(continuous), torch.from_numpy(log_probs)
+    action = sample(outputs.numpy(), head, masks, Noise(normal, uniform), likeliest)
+    return torch.from_numpy(action.discrete), torch.from_numpy(action.continuous), torch.from_numpy(action.log_probs)
 
 
 def test_sampled_branches_follow_their_probabilities_and_never_take_a_forbidden_choice():

@@ -147,7 +147,7 @@ def test_stacks_that_are_gathered_equal_stacks_that_are_copied(waits):
             push_frames(now, new, step, after)
             expected = naive(expected, pictures, step)
         marked = rng.random((STEPS, LANES)) < 0.5
-        np.testing.assert_array_equal(history.decided(marked).gather(), np.stack(seen)[marked])
+        np.testing.assert_array_equal(history.at(*np.nonzero(marked)).gather(), np.stack(seen)[marked])
         history.restart()
     fresh = History(STEPS, LANES, SHAPE, STACK)
     fresh.load(history.window(0).gather())

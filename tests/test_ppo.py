@@ -14,7 +14,7 @@ from joybridge.config.metrics import STATISTICS
 from joybridge.layouts import ActionSpace, make_layouts
 from joybridge.ppo.distributions import FORBIDDEN, counting_actions
 from joybridge.ppo.fast.gradient import ClosedFormGradient
-from joybridge.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
+from joybridge.ppo.fast.kernels import NO_MASKS, Head, Noise, sample
 from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
 from joybridge.ppo.networks import Network, Outputs, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
@@ -276,12 +276,11 @@ def test_an_axis_that_does_not_count_adds_nothing_in_the_old_and_in_the_new_poli
     assert float(entropy) == pytest.approx(1.755444, abs=1e-6)
     (gradient,) = torch.autograd.grad(log_probs.sum(), means)
     assert gradient[0, 0] == gradient[0, 2] == 0.0 and gradient[0, 1] == pytest.approx(0.3 / 0.25)
-    old = np.zeros((1, 3), np.float32), np.zeros((1, 1), np.int64), np.zeros(1, np.float32)
     head = Head(np.full(3, 0.1, np.float32), log_variance.numpy(), np.array([3]), space.counting())
     flat = np.concatenate([logits.numpy().ravel(), np.zeros(3)]).astype(np.float32)[None]
     noise = Noise(np.array([[5.0, 0.6, -5.0]], np.float32), np.array([[0.6]], np.float32))
-    sample(flat, head, NO_MASKS, noise, False, Action(*old))
-    assert old[1][0, 0] == 1 and old[2][0] == pytest.approx(-1.609765, abs=1e-6)
+    sampled = sample(flat, head, NO_MASKS, noise, False)
+    assert sampled.discrete[0, 0] == 1 and sampled.log_probs[0] == pytest.approx(-1.609765, abs=1e-6)
 
 
 @pytest.mark.parametrize("layout", ["hybrid", "beta", "squashed"])

@@ -113,7 +113,7 @@ def test_the_next_rollout_begins_where_the_last_ended():
 
 
 def masks_of(rollout: RolloutBuffer, allowed: list[list[bool]] | None, group: int = 0) -> np.ndarray | None:
-    return rollout.next_decision(None if allowed is None else [np.array(allowed)], group).masks
+    return rollout.mask(None if allowed is None else [np.array(allowed)], group)
 
 
 def test_masks_are_kept_from_the_first_one_on():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.layouts import ActionSpace, list_roles
+from joybridge.layouts import list_roles
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.fast.gradient import ClosedFormGradient
-from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
+from joybridge.ppo.fast.kernels import Noise, draw_noise
 from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
@@ -49,11 +49,6 @@ def networks(name: str):
 draw = torch.inference_mode()(sample_actions)
 
 
-def empty(space: ActionSpace, lanes: int = LANES) -> Action:
-    continuous = np.zeros((lanes, space.continuous), np.float32)
-    return Action(continuous, np.zeros((lanes, len(space.branches)), np.int64), np.zeros(lanes, np.float32))
-
-
 def made(name: str, masked: bool):
     """Yield what is sampled by each policy of a layout."""
     rng = np.random.default_rng(3)
@@ -68,9 +63,8 @@ def made(name: str, masked: bool):
         noise = draw_noise(rng, (LANES, space.continuous), (LANES, len(space.branches)))
         observations = Observations(torch.from_numpy(rng.normal(size=(LANES, 5)).astype(np.float32)))
         with torch.no_grad():
-            outputs, values = network.heads(observations)
-        action = empty(space)
-        draw(network, outputs, masks, noise, action, deterministic=False)
+            outputs, values, _ = network.heads(observations)
+        action = draw(network, outputs, masks, noise, deterministic=False)
         batch = Batch(
             observations, torch.from_numpy(action.continuous), torch.from_numpy(action.discrete),
             torch.from_numpy(masks), torch.from_numpy(action.log_probs), values, torch.ones(LANES),
@@ -96,22 +90,21 @@ def test_samples_are_allowed_and_their_log_probabilities_are_those_of_the_loss(n
 def test_a_row_is_sampled_alike_alone_and_among_others(name):
     for network, outputs, masks, _, noise, action, _ in made(name, masked=True):
         for size in (1, 7, 33):
-            again = empty(network.space)
+            parts = []
             for begin in range(0, LANES, size):
                 rows = slice(begin, begin + size)
-                part, some = Noise(*(array[rows] for array in noise)), Action(*(array[rows] for array in again))
-                draw(network, outputs[rows], masks[rows], part, some, deterministic=False)
-            for whole, pieces in zip(action, again, strict=True):
-                assert whole.tobytes() == pieces.tobytes()
+                part = Noise(*(array[rows] for array in noise))
+                parts.append(draw(network, outputs[rows], masks[rows], part, deterministic=False))
+            for whole, pieces in zip(action, zip(*parts, strict=True), strict=True):
+                assert whole.tobytes() == np.concatenate(pieces).tobytes()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_deterministic_play_ignores_the_noise_and_takes_allowed_choices(name):
     for network, outputs, masks, allowed, noise, _, _ in made(name, masked=True):
-        first, second = empty(network.space), empty(network.space)
-        draw(network, outputs, masks, noise, first, deterministic=True)
+        first = draw(network, outputs, masks, noise, deterministic=True)
         other = Noise(noise.normal + 1, np.zeros_like(noise.uniform))
-        draw(network, outputs, masks, other, second, deterministic=True)
+        second = draw(network, outputs, masks, other, deterministic=True)
         np.testing.assert_array_equal(first.discrete, second.discrete)
         np.testing.assert_array_equal(first.continuous, second.continuous)
         for column, mask in enumerate(allowed):

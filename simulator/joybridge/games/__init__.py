@@ -9,6 +9,7 @@ BUILT_IN = {
     "marble": "joybridge.games.marble.game:Marble",
     "archer": "joybridge.games.archer.game:Archer",
     "noughts": "joybridge.games.noughts.game:Noughts",
+    "recall": "joybridge.games.recall.game:Recall",
     "platform": "joybridge.games.hybrid_suite.platform:Platform",
     "goal": "joybridge.games.hybrid_suite.goal:Goal",
     "hard_goal": "joybridge.games.hybrid_suite.goal:HardGoal",

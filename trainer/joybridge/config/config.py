@@ -57,6 +57,14 @@ Schedule = Literal["linear", "constant"]
 T = TypeVar("T", bound=BaseModel)
 
 
+class MemoryConfig(Checked):
+    """What one policy remembers of an episode."""
+
+    kind: Literal["none", "gru", "lstm"] = Field("none", description="a recurrent layer behind the hidden layers")
+    size: int = Field(64, ge=1, description="units of it")
+    length: int = Field(32, ge=1, description="decisions through which gradients flow back in time")
+
+
 class PolicyConfig(Checked):
     """What one policy observes, its rewards, and how it learns."""
 
@@ -80,6 +88,7 @@ class PolicyConfig(Checked):
         [100, 100], min_length=1, description="units per hidden layer"
     )
     activation: Literal["swish", "tanh", "relu", "elu"] = Field("swish", description="of the hidden layers")
+    memory: MemoryConfig = Field(MemoryConfig(), description="what it remembers of an episode")
     shared_body: bool | None = Field(
         None, description="one body for actor and critic; null: only if there are no Gaussians"
     )

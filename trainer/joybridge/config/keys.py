@@ -8,7 +8,9 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
 
-from joybridge.config.config import FORMS, OTHER_NAMES, Config, PolicyConfig
+from pydantic import BaseModel
+
+from joybridge.config.config import FORMS, OTHER_NAMES, Config
 
 INDENT, WIDTH = 38, 120  # columns
 TYPES = {"string": "text", "boolean": "true or false"}  # others are called as JSON schema calls them
@@ -65,11 +67,22 @@ def listing(word: str = "") -> Iterator[str]:
 
 def all_keys() -> Iterator[Key]:
     """Yield every key: those of the run, then those of its policies."""
-    run, policy = (model.model_json_schema()["properties"] for model in (Config, PolicyConfig))
-    schemas = {key: schema for key, schema in run.items() if not key.startswith("polic")}
-    schemas |= {f"policy.{key}": schema for key, schema in policy.items()} | {"policies": run["policies"]}
-    for name, schema in schemas.items():
+    run = _schemas(Config, "")
+    policies = run.pop("policies")
+    for name, schema in (run | {"policies": policies}).items():
         yield Key(name, _default(schema), schema["description"], _kind(schema))
+
+
+def _schemas(model: type[BaseModel], prefix: str) -> dict[str, Mapping[str, Any]]:
+    """Return the JSON schema of each key of a model; keys of the models in it are written with dots."""
+    schemas: dict[str, Mapping[str, Any]] = {}
+    for key, schema in model.model_json_schema()["properties"].items():
+        inner = model.model_fields[key].annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            schemas |= _schemas(inner, f"{prefix}{key}.")
+        else:
+            schemas[f"{prefix}{key}"] = schema
+    return schemas
 
 
 def _default(schema: Mapping[str, Any]) -> str:

@@ -19,6 +19,7 @@ from joybridge.policy.encoder import Stacks
 from joybridge.policy.policy import Policy
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.loss import Actions
+from joybridge.ppo.memory import Sequences, cut
 from joybridge.ppo.observation import Observation, join
 from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.v1 import bridge_pb2 as pb
@@ -51,9 +52,10 @@ def demonstrate(
 
 def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tuple[Actions | None, str]:
     """Return what a policy clones, None if nothing is shown to it, and a remark. Raises ConfigError."""
-    found = [part for demonstration in shown for part in _decisions(actor, demonstration)]
+    found = list(_decisions(actor, shown))
     if not found:
         return None, f"{actor.name}: no decision of a finished episode is demonstrated"
+    episodes_of = np.concatenate([part[4] for part in found])
     observations = join([part[0] for part in found])
     axes, choices = (np.concatenate([part[i] for part in found]) for i in (1, 2))
     masks = None
@@ -81,30 +83,49 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
         )
     additions = _additions(layout, masks, discrete)
     own = [torch.from_numpy(np.ascontiguousarray(part[said])) for part in (continuous, discrete)]
-    seen = to_tensors(observations.rows(said), actor.accelerator)
+    seen = to_tensors(observations.rows(said), torch.device("cpu"))
     masked = None if additions is None else torch.from_numpy(additions[said])
     learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked)
+    if actor.network.state_size:
+        learned = _in_sequences(actor, learned, episodes_of[said])
     return learned.to(actor.accelerator), remark
 
 
+def _in_sequences(actor: Actor, actions: Actions, episodes: Array) -> Actions:
+    """Return actions with the rows of each episode side by side, as sequences."""
+    order = np.argsort(episodes, kind="stable")
+    begins, lengths, parts = cut(episodes[order], actor.config.memory.length)
+    states = np.zeros((len(begins), actor.network.state_size), np.float32)
+    ordered = actions.rows(torch.from_numpy(order))
+    ordered.sequences = Sequences(*map(torch.from_numpy, (begins, lengths, states, parts)))
+    return ordered
+
+
 def _decisions(
-    actor: Actor, demonstration: Demonstration
-) -> Iterator[tuple[Observation, Array, Array, Sequence[Array] | None]]:
-    """Yield observations, axes, choices and masks of all lanes that a decision is demonstrated in."""
-    index = actor.behavior
-    for stretch in demonstration.stretches:
+    actor: Actor, shown: Sequence[Demonstration]
+) -> Iterator[tuple[Observation, Array, Array, Sequence[Array] | None, Array]]:
+    """Yield observations, axes, choices, masks and numbers of episodes of all lanes that a decision is demonstrated in.
+
+    Decisions of an episode have the same number, and the earlier one is yielded first.
+    """
+    index, begun = actor.behavior, 0
+    for stretch in (stretch for demonstration in shown for stretch in demonstration.stretches):
         ends, first = stretch.ends(index), stretch.steps[0][index]
         if not len(ends):  # a dataset is of another behavior
             continue
         stack = Stacks(actor.encoder, len(ends), actor.config.frame_stack)
         stack.begin(actor.see(first.observations))
+        episodes = begun + np.arange(len(ends))
+        begun += len(ends)
         for number, act in enumerate(stretch.acts):
             lanes = stretch.demonstrated(number, index) & (number <= ends)
             if lanes.any():
                 masks = stretch.steps[number][index].masks
                 own = None if masks is None else [mask[lanes] for mask in masks]
-                yield stack.now.rows(lanes), act[index].axes[lanes], act[index].choices[lanes], own
+                yield stack.now.rows(lanes), act[index].axes[lanes], act[index].choices[lanes], own, episodes[lanes]
             after = stretch.steps[number + 1][index]
+            episodes[after.ended] = begun + np.arange(len(after.ended))
+            begun += len(after.ended)
             stack.push(actor.see(after.observations), after)
 
 

@@ -9,7 +9,7 @@ from joybridge.gym.vector_env import BridgeVectorEnv
 # A list of its own: this package does not import the simulator.
 GAMES = (
     "archer", "beastly_rivals", "beastly_rivals_full", "catch_point", "ferry", "goal", "hard_goal", "hard_move",
-    "marble", "moving", "noughts", "orchard", "platform", "shooting_birds", "sliding",
+    "marble", "moving", "noughts", "orchard", "platform", "recall", "shooting_birds", "sliding",
 )  # fmt: skip
 
 

@@ -26,9 +26,8 @@ from joybridge.policy.encoder import Stacks
 from joybridge.policy.hand import make_hands
 from joybridge.policy.stratify import balanced_options
 from joybridge.ppo.distributions import fill_masks
-from joybridge.ppo.fast.kernels import Action, draw_noise
+from joybridge.ppo.fast.kernels import draw_noise
 from joybridge.ppo.observation import Observation
-from joybridge.ppo.rollout import Decision
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import play_config
 from joybridge.run.run_state import load_state, policy_state
@@ -62,36 +61,38 @@ class Player:
         self.actor, self.deterministic = actor, deterministic
         self.lanes = lanes
         self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
+        size = actor.network.state_size
+        self._memory = np.zeros((lanes, size), np.float32) if size else None
         self._rng = np.random.default_rng([seed, actor.seed])
         space = actor.layout.space
-        branches = len(space.branches)
-        self._masks = np.zeros((lanes, branches, space.widest), np.float32)
-        self._action = Action(
-            np.zeros((lanes, space.continuous), np.float32), np.zeros((lanes, branches), np.int64),
-            np.zeros(lanes, np.float32),
-        )  # fmt: skip
+        self._masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
 
     @property
     def observations(self) -> Observation:
-        """What the policy observes now."""
-        return self._stack.now
+        """What the policy observes and remembers now."""
+        return self._stack.now._replace(memory=self._memory)
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
         self._stack.begin(self.actor.see(step.observations))
+        if self._memory is not None:
+            self._memory[:] = 0.0
 
     def act(self, step: StepArrays, act: ActArrays) -> None:
         """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
-        action = self._action
-        fill_masks(None if step.masks is None else self.actor.layout.masks(step.masks), self._masks)
-        self.noise = draw_noise(self._rng, action.continuous.shape, action.discrete.shape)
-        values = np.empty(self.lanes, np.float32)
-        decision = Decision(self._stack.now, self._masks, self.noise, action, values)
-        self.actor.act(step, decision, act, deterministic=self.deterministic)
+        layout, space = self.actor.layout, self.actor.layout.space
+        fill_masks(None if step.masks is None else layout.masks(step.masks), self._masks)
+        self.noise = draw_noise(self._rng, (self.lanes, space.continuous), (self.lanes, len(space.branches)))
+        seen = self.observations
+        acted = self.actor.act(seen, self._masks, self.noise, deterministic=self.deterministic).of_deciding(seen, step)
+        self._memory, action = acted.memory, acted.action
+        layout.write(action.continuous, action.discrete, act, step.masks)
 
     def store(self, step: StepArrays) -> Array:
         """Take what followed the action; return the rewards [lanes]."""
         self._stack.push(self.actor.see(step.observations), step)
+        if self._memory is not None:
+            self._memory[step.ended] = 0.0
         return self.actor.encoder.rewards(step)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -9,7 +10,7 @@ import torch
 from joybridge.config.arrays import select
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles
@@ -18,20 +19,33 @@ from joybridge.policy.fit import misfits
 from joybridge.policy.scaling import make_scaling
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
-from joybridge.ppo.fast.kernels import NO_MASKS
+from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
-from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
-from joybridge.ppo.rollout import Decision
 from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 
 SCALING = "scaling."  # begins the names of arrays that are not the network's
 
 
+class Acted(NamedTuple):
+    """What an actor does in some lanes."""
+
+    action: Action
+    values: Array  # [lanes]: of what it saw
+    memory: Array | None = None  # [lanes, state_size]: what it remembers now; None: an actor without memory
+
+    def of_deciding(self, observation: Observation, step: StepArrays) -> "Acted":
+        """Return the same, but lanes that wait in `step` remember what they did in `observation`."""
+        if self.memory is None or observation.memory is None or step.deciding is None:
+            return self
+        return self._replace(memory=np.where(step.deciding[:, None], self.memory, observation.memory))
+
+
 class Actor:
-    """One policy: from the step of its behavior to actions of its part of the device."""
+    """One policy: from what its lanes observe to actions of its part of the device."""
 
     def __init__(
         self, role: Role, behavior: pb.Behavior, config: PolicyConfig, seed: int, accelerator: str = "cpu"
@@ -55,7 +69,10 @@ class Actor:
             ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
             for _ in range(count)
         ]
-        network = Network(self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders)
+        memory = None if config.memory.kind == "none" else MemoryKind(config.memory.kind, config.memory.size)
+        network = Network(
+            self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
+        )
         self.network = network.to(self.accelerator)
 
     def see(self, observations: Sequence[Array]) -> Observation:
@@ -65,39 +82,38 @@ class Actor:
             frames = self.scaling.apply(frames)
         return Observation(frames, self.encoder.pictures(observations))
 
-    def act(self, step: StepArrays, decision: Decision, act: ActArrays, *, deterministic: bool = False) -> None:
-        """Sample actions and values into `decision`, and write the actions into the policy's part of `act`.
+    def act(
+        self, observations: Observation, masks: Array | None, noise: Noise, *, deterministic: bool = False
+    ) -> Acted:
+        """Return actions, for `layout.write`, and values.
 
-        step: of the policy's behavior; its masks count. act: axes [lanes, axes] and choices [lanes, branches] of the
-        behavior's device. deterministic: take the likeliest actions instead.
+        masks: [lanes, branches, widest], added to the logits; None: all choices are allowed. deterministic: take the
+        likeliest actions instead of those that the noise gives.
         """
-        observations, masks, noise, action, values = decision
-        if self._compiled is None or self.layout.space.distributions:
-            with torch.inference_mode():
-                outputs, estimates = self._heads(observations)
-                values[:] = estimates.numpy(force=True)
-                sample_actions(self.network, outputs, masks, noise, action, deterministic=deterministic)
-        else:
+        if self._compiled is not None and not self.layout.space.distributions:
             allowed = NO_MASKS if masks is None else masks
-            decide(*self._compiled, observations.numbers, allowed, noise, deterministic, action, values)
-        self.layout.write(action.continuous, action.discrete, act, step.masks)
+            return Acted(*decide(*self._compiled, observations.numbers, allowed, noise, deterministic))
+        with torch.inference_mode():
+            outputs, values, memory = self._heads(observations)
+            action = sample_actions(self.network, outputs, masks, noise, deterministic=deterministic)
+            return Acted(action, values.numpy(force=True), None if memory is None else memory.numpy(force=True))
 
     def values(self, observations: Observation) -> Array:
         """Return the values, float32 [rows], of observations."""
-        return self._heads(observations)[1].numpy(force=True)
+        return self._heads(observations).value.numpy(force=True)
 
     @torch.inference_mode()
-    def _heads(self, observations: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+    def _heads(self, observations: Observation) -> Heads:
         """Return what `Network.heads` does."""
         if self._compiled is None:
             return self.network.heads(to_tensors(observations, self.accelerator))
         outputs, values = heads(*self._compiled, observations.numbers)
-        return torch.from_numpy(outputs), torch.from_numpy(values)
+        return Heads(torch.from_numpy(outputs), torch.from_numpy(values), None)
 
     @cached_property
     def _compiled(self) -> tuple[Array, Form] | None:
         """The parameters as compiled functions take them, None where PyTorch computes the network."""
-        if self.network.encoders or self.accelerator.type != "cpu":
+        if self.network.encoders or self.network.state_size or self.accelerator.type != "cpu":
             return None
         return flatten_parameters(self.network).detach().numpy(), form(self.network)
 

@@ -8,10 +8,10 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
-from joybridge.policy.actor import Actor
+from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
-from joybridge.ppo.cloning import Cloning, minibatches
+from joybridge.ppo.cloning import Cloning, minibatches, refresh
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.return_scale import ReturnScale
@@ -47,7 +47,7 @@ class Policy:
         groups = [slice(first, end) for first, end in pairwise(bounds)]
         self.rollout = RolloutBuffer(
             self.config.rollout_steps, groups, actor.observation_size, actor.layout.space,
-            [*actor.encoder.images.values()], self.config.frame_stack,
+            [*actor.encoder.images.values()], self.config.frame_stack, actor.network.state_size,
         )  # fmt: skip
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
@@ -58,6 +58,7 @@ class Policy:
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones
+        self._acted: dict[int, Acted] = {}  # what each group does until its outcome is known
         self.updates = 0
         self._begin_rollout()
 
@@ -74,9 +75,14 @@ class Policy:
 
     def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays], group: int = 0) -> None:
         """Sample actions for the present observations and write them into the policy's part of `acts`."""
-        actor, step = self.actor, steps[self.actor.behavior]
-        allowed = None if step.masks is None else actor.layout.masks(step.masks)
-        actor.act(step, self.rollout.next_decision(allowed, group), acts[actor.behavior])
+        actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
+        masks = rollout.mask(None if step.masks is None else actor.layout.masks(step.masks), group)
+        observation = rollout.present(group)
+        acted = actor.act(observation, masks, rollout.noise_of(group))
+        if observation.memory is not None:
+            acted = acted.of_deciding(observation, step)
+        self._acted[group] = acted
+        actor.layout.write(acted.action.continuous, acted.action.discrete, acts[actor.behavior], step.masks)
 
     def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
@@ -90,12 +96,16 @@ class Policy:
                 np.concatenate([stack[step.ended, 1:], pictures[:, None]], axis=1)
                 for stack, pictures in zip(before, last.images, strict=True)
             )
-            final_values = actor.values(Observation(final_observations(now, last.numbers, step), tuple(stacks)))
+            memory = self._acted[group].memory
+            remembered = None if memory is None else memory[step.ended]
+            numbers = final_observations(now, last.numbers, step)
+            final_values = actor.values(Observation(numbers, tuple(stacks), remembered))
         push_frames(now, seen.numbers, step, after)
         for history, pictures in zip(rollout.histories, seen.images, strict=True):
             sources, next_sources, new = history.push(t, lanes, pictures)
             push_frames(sources, new, step, next_sources)
         learned = rewards - self._eased * actor.encoder.penalties(step) if self._eased else rewards
+        rollout.put(*self._acted[group], group=group)
         rollout.store(step, learned, final_values, group)
         self.episodes.add(step, rewards, lanes)
 
@@ -138,7 +148,8 @@ class Policy:
         if self.demonstrated is None:
             return None
         coef = self.config.cloning_coef * (1.0 if alone else max(0.0, 1.0 - progress))
-        chosen = minibatches(self.demonstrated, self.config.minibatch_size, self._rng(DEMONSTRATIONS))
+        shown = refresh(self.actor.network, self.demonstrated)
+        chosen = minibatches(shown, self.config.minibatch_size, self._rng(DEMONSTRATIONS))
         return Cloning(chosen, coef, alone)
 
     def restart(self) -> None:
@@ -159,6 +170,7 @@ class Policy:
             "updates": np.array(self.updates),
             "observations": self.rollout.observations[0].copy(),
             "deciding": self.rollout.deciding[0].copy(),
+            **({} if self.rollout.memory is None else {"memory": self.rollout.memory[0].copy()}),
             **{f"images.{i}": history.window(0).gather() for i, history in enumerate(self.rollout.histories)},
         }
 
@@ -172,6 +184,8 @@ class Policy:
         self.updates = int(state["updates"])
         self.rollout.observations[0] = state["observations"]
         self.rollout.deciding[0] = state["deciding"]
+        if self.rollout.memory is not None:
+            self.rollout.memory[0] = state["memory"]
         for i, history in enumerate(self.rollout.histories):
             history.load(state[f"images.{i}"])
         self._begin_rollout()

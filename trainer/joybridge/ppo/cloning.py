@@ -1,6 +1,7 @@
 """Behavior cloning: the loss is minus the mean log-probability of what was demonstrated."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,22 @@ from joybridge.ppo.networks import Network
 MIN_LOG_VARIANCE = float(np.log(0.1**2))
 
 
+@torch.no_grad()
+def refresh(network: Network, actions: Actions) -> Actions:
+    """Return actions whose sequences begin with what `network` remembers there now; episodes begin with nothing."""
+    sequences = actions.sequences
+    if sequences is None:
+        return actions
+    states = torch.zeros_like(sequences.states)
+    fresh = replace(actions, sequences=sequences._replace(states=states))
+    for part in range(1, int(sequences.parts.max()) + 1):
+        units = torch.nonzero(sequences.parts == part)[:, 0]
+        memory = network.heads(fresh.minibatch(units - 1).observations).memory  # they are all of full length
+        assert memory is not None
+        states[units] = memory
+    return fresh
+
+
 class Cloning(NamedTuple):
     """What one update learns from demonstrations."""
 
@@ -24,11 +41,11 @@ class Cloning(NamedTuple):
 
 def minibatches(actions: Actions, size: int, rng: np.random.Generator) -> Iterator[Actions]:
     """Yield shuffled minibatches without end; each pass takes as many whole ones as there are."""
-    size = min(size, len(actions))
+    size = min(max(1, size * actions.units // len(actions)), actions.units)  # in units
     while True:
-        order = torch.from_numpy(rng.permutation(len(actions))).to(actions.discrete.device)
-        for start in range(0, len(actions) - size + 1, size):
-            yield actions.rows(order[start : start + size])
+        order = torch.from_numpy(rng.permutation(actions.units)).to(actions.discrete.device)
+        for start in range(0, actions.units - size + 1, size):
+            yield actions.minibatch(order[start : start + size])
 
 
 def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> float:

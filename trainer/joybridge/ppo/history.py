@@ -56,9 +56,8 @@ class History:
         """Return what decision t sees in some lanes."""
         return Window(self.pictures, self.sources[t, lanes], self._lanes[lanes])
 
-    def decided(self, decided: Array) -> Window:
-        """Return what the decisions see, of those in a rollout that are marked, bool [steps, lanes]."""
-        steps, lanes = np.nonzero(decided)
+    def at(self, steps: Array, lanes: Array) -> Window:
+        """Return what some decisions see, of these steps and lanes."""
         return Window(self.pictures, self.sources[steps, lanes], lanes)
 
     def restart(self) -> None:

@@ -5,7 +5,7 @@ The order of operations is that of the original (ML-Agents 0.7).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import torch
@@ -20,6 +20,7 @@ from joybridge.ppo.distributions import (
     gaussian_log_probs,
     mean_entropy,
 )
+from joybridge.ppo.memory import Sequences
 from joybridge.ppo.networks import Network, Outputs
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
@@ -33,21 +34,40 @@ class Actions:
     continuous: Tensor  # [n, continuous]: samples before clipping
     discrete: Tensor  # int64 [n, branches]
     masks: Tensor | None  # [n, branches, widest]: 0 or FORBIDDEN, added to the logits
+    sequences: Sequences | None = field(default=None, kw_only=True)  # None: policies without memory
+
+    @property
+    def units(self) -> int:
+        """The number of what minibatches are made of: sequences if there are any, else timesteps."""
+        return len(self) if self.sequences is None else len(self.sequences.lengths)
+
+    def minibatch(self, units: Tensor) -> Self:
+        """Return the timesteps of some units."""
+        if self.sequences is None:
+            return self.rows(units)
+        chosen = self.rows(self.sequences.rows(units))
+        states, lengths = self.sequences.states[units], self.sequences.lengths[units]
+        chosen.observations = chosen.observations.in_sequences(states, lengths)
+        return chosen
 
     def rows(self, index: Tensor) -> Self:
         """Return the timesteps at `index`."""
-        return self._each(lambda field: field.index_select(0, index))  # eight times as fast as field[index]
+        return self._each(lambda part: part.index_select(0, index))  # eight times as fast as part[index]
 
     def to(self, accelerator: torch.device) -> Self:
         """Return the same on an accelerator."""
-        return self._each(lambda field: field.to(accelerator))
+        moved = self._each(lambda part: part.to(accelerator))
+        moved.sequences = None if self.sequences is None else self.sequences.to(accelerator)
+        return moved
 
     def slice(self, start: int, end: int) -> Self:
         """Return the timesteps start .. end - 1 without copying them."""
-        return self._each(lambda field: field[start:end])
+        return self._each(lambda part: part[start:end])
 
     def _each(self, function: Callable[[Any], Any]) -> Self:
-        fields: dict[str, Any] = {name: None if f is None else function(f) for name, f in vars(self).items()}
+        fields: dict[str, Any] = {
+            name: None if part is None else function(part) for name, part in vars(self).items() if name != "sequences"
+        }
         return type(self)(**fields)
 
     def __len__(self) -> int:
@@ -64,7 +84,7 @@ class Batch(Actions):
     returns: Tensor  # [n]
 
 
-# Sets the gradient of a network on a minibatch: the rows of a batch at some indices, int64. Returns its statistics,
+# Sets the gradient of a network on a minibatch: the units of a batch at some indices, int64. Returns its statistics,
 # [len(STATISTICS) + branches].
 LossGradient = Callable[[Batch, Tensor, Coefficients], Array]
 
@@ -128,9 +148,9 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     return loss, torch.cat([statistics, entropies.to(statistics)]).detach()
 
 
-def autograd_gradient(network: Network, batch: Batch, rows: Tensor, coefficients: Coefficients) -> Array:
-    """Set the gradient of the loss on some rows of `batch` by autograd; return the statistics."""
+def autograd_gradient(network: Network, batch: Batch, units: Tensor, coefficients: Coefficients) -> Array:
+    """Set the gradient of the loss on some units of `batch` by autograd; return the statistics."""
     network.zero_grad(set_to_none=False)
-    loss, statistics = ppo_loss(network, batch.rows(rows), coefficients)
+    loss, statistics = ppo_loss(network, batch.minibatch(units), coefficients)
     loss.backward()  # type: ignore[no-untyped-call]
     return statistics.cpu().numpy()

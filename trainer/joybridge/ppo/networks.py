@@ -13,6 +13,7 @@ from joybridge.ppo.activations import ACTIVATIONS
 from joybridge.ppo.continuous import load_distributions
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
+from joybridge.ppo.memory import Memory, Recall
 from joybridge.ppo.observation_tensors import Observations
 
 
@@ -24,26 +25,46 @@ class Outputs(NamedTuple):
     value: Tensor  # [lanes]
 
 
-class Tower(nn.Module):
-    """Hidden layers and a linear head without bias."""
+class Heads(NamedTuple):
+    """The outputs of a network before they are taken apart."""
 
-    def __init__(self, sizes: list[int], outputs: int, activation: str) -> None:
+    outputs: Tensor  # [lanes, columns], of the actor, without mask and bias
+    value: Tensor  # [lanes]
+    memory: Tensor | None  # [sequences, state_size]: the states after this; None: a network without memory
+
+
+class MemoryKind(NamedTuple):
+    """Which memory each tower has."""
+
+    kind: str  # "gru" or "lstm"
+    size: int
+
+
+class Tower(nn.Module):
+    """Hidden layers, perhaps a memory, and a linear head without bias."""
+
+    def __init__(self, sizes: list[int], outputs: int, activation: str, memory: MemoryKind | None = None) -> None:
         """Make layers between the given sizes, input first, and a head of `outputs`."""
         super().__init__()
         self.activation = ACTIVATIONS[activation]
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
-        self.head = nn.Linear(sizes[-1], outputs, bias=False)
+        self.memory = None if memory is None else Memory(memory.kind, sizes[-1], memory.size)
+        self.head = nn.Linear(sizes[-1] if memory is None else memory.size, outputs, bias=False)
 
     @property
     def layers(self) -> list[nn.Linear]:
         """Return the hidden layers, input first."""
         return [layer for layer in self.hidden if isinstance(layer, nn.Linear)]
 
-    def forward(self, features: Tensor) -> Tensor:
-        """Return the head's outputs [lanes, outputs]."""
+    def forward(self, features: Tensor, recall: Recall | None = None) -> tuple[Tensor, Tensor | None]:
+        """Return the head's outputs [rows, outputs], and the states of its memory, if it has one."""
         for layer in self.hidden:
             features = self.activation(layer(features))
-        return self.head(features)  # type: ignore[no-any-return]
+        if self.memory is None:
+            return self.head(features), None
+        assert recall is not None
+        features, states = self.memory(features, recall)
+        return self.head(features), states
 
 
 class Network(nn.Module):
@@ -65,11 +86,12 @@ class Network(nn.Module):
 
     def __init__(
         self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int,
-        activation: str = "swish", encoders: Sequence[ImageEncoder] = (),
+        activation: str = "swish", encoders: Sequence[ImageEncoder] = (), memory: MemoryKind | None = None,
     ) -> None:  # fmt: skip
         """Make a network for observations of `observation` numbers; `shared`: one tower for both.
 
-        encoders: what comes before the towers, if observations contain images: one for both, or one each.
+        encoders: what comes before the towers, if observations contain images: one for both, or one each. memory: of
+        each tower.
         """
         super().__init__()
         self.encoders = nn.ModuleList(encoders)
@@ -87,13 +109,20 @@ class Network(nn.Module):
             free = sum(each.parameters for each in self.distributions)
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
-        self.actor = Tower(sizes, columns, activation)
-        self.critic = None if shared else Tower(sizes, 1, activation)
+        self.actor = Tower(sizes, columns, activation, memory)
+        self.critic = None if shared else Tower(sizes, 1, activation, memory)
+        self.state_size = sum(each.state_size for each in self.memories)  # numbers that a lane remembers
         self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
         self.value_bias = nn.Parameter(torch.zeros(1))
         self.log_variance = nn.Parameter(torch.zeros(free))
         self.flat: Tensor | None = None  # all parameters; see `flatten_parameters`
         self._initialize(torch.Generator().manual_seed(seed))
+
+    @property
+    def memories(self) -> list[Memory]:
+        """Return the memories of the towers."""
+        towers = [self.actor] if self.critic is None else [self.actor, self.critic]
+        return [tower.memory for tower in towers if tower.memory is not None]
 
     def _initialize(self, generator: torch.Generator) -> None:
         encoded = [module for encoder in self.encoders for module in encoder.modules()]
@@ -103,23 +132,43 @@ class Network(nn.Module):
             _variance_scaling(layer.weight.flatten(1), 1.0, generator)
             if layer.bias is not None:
                 nn.init.zeros_(layer.bias)
+        for memory in self.memories:
+            for name, weight in memory.layer.named_parameters():
+                if "bias" in name:
+                    nn.init.zeros_(weight)
+                elif "hh" in name:  # orthogonal, so that what is remembered neither grows nor fades at first
+                    for gate in torch.split(weight.data, memory.layer.hidden_size):
+                        nn.init.orthogonal_(gate, generator=generator)
+                else:
+                    _variance_scaling(weight, 1.0, generator)
         policy = self.actor.head.weight[: self.pad.numel() + self._continuous]
         _variance_scaling(policy, 0.01, generator)
         value = (self.critic or self.actor).head.weight[-1:]
         nn.init.xavier_uniform_(value, generator=generator)
 
-    def heads(self, observations: Observations) -> tuple[Tensor, Tensor]:
-        """Return the actor's outputs [lanes, columns], without mask and bias, and the values [lanes]."""
+    def heads(self, observations: Observations) -> Heads:
+        """Return what the towers make of observations."""
         features = [encoder(observations) for encoder in self.encoders] or [observations.numbers]
-        outputs = self.actor(features[0])
-        value = outputs if self.critic is None else self.critic(features[-1])
+        first, second = self._recalls(observations.recall)
+        outputs, memory = self.actor(features[0], first)
+        value = outputs
+        if self.critic is not None:
+            value, other = self.critic(features[-1], second)
+            memory = None if memory is None else torch.cat([memory, other], dim=1)
         if self.sums is not None:
             outputs = outputs @ self.sums
-        return outputs, value[:, -1] + self.value_bias
+        return Heads(outputs, value[:, -1] + self.value_bias, memory)
+
+    def _recalls(self, recall: Recall | None) -> tuple[Recall | None, Recall | None]:
+        """Return what each tower remembers: their states are side by side."""
+        if recall is None or self.critic is None:
+            return recall, None
+        actors, critics = recall.states.chunk(2, dim=1)
+        return Recall(actors, recall.lengths), Recall(critics, recall.lengths)
 
     def forward(self, observations: Observations) -> Outputs:
         """Return what `heads` does, taken apart."""
-        outputs, value = self.heads(observations)
+        outputs, value, _ = self.heads(observations)
         logits = outputs[:, : self.pad.numel()].view(len(outputs), *self.pad.shape) + self.pad
         return Outputs(logits, self.continuous(outputs), value)
 

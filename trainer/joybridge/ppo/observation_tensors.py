@@ -1,12 +1,13 @@
 """Observations as networks take them: tensors, and windows of pictures that are gathered for each minibatch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import torch
 from torch import Tensor
 
 from joybridge.ppo.history import Window
+from joybridge.ppo.memory import Recall
 from joybridge.ppo.observation import Observation
 
 
@@ -16,6 +17,11 @@ class Observations:
 
     numbers: Tensor  # [n, frame_stack x numbers]
     images: tuple[Tensor | Window, ...] = ()
+    recall: Recall | None = None  # None: policies without memory, and before sequences are chosen
+
+    def in_sequences(self, states: Tensor, lengths: Tensor) -> Self:
+        """Return the same rows as sequences with these lengths, and what is remembered before each."""
+        return replace(self, recall=Recall(states, lengths))
 
     def index_select(self, dimension: int, index: Tensor) -> Self:
         """Return the timesteps at `index`, with all images gathered. dimension: 0."""
@@ -45,4 +51,8 @@ class Observations:
 def to_tensors(observation: Observation, device: torch.device) -> Observations:
     """Return what is observed as tensors on a device, without copying where that is the processor."""
     images = tuple(torch.from_numpy(image).to(device) for image in observation.images)
-    return Observations(torch.from_numpy(observation.numbers).to(device), images)
+    seen = Observations(torch.from_numpy(observation.numbers).to(device), images)
+    if observation.memory is None:
+        return seen
+    states = torch.from_numpy(observation.memory).to(device)
+    return seen.in_sequences(states, torch.ones(len(states), dtype=torch.int64, device=device))

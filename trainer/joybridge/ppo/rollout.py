@@ -1,7 +1,6 @@
 """The rollout of one policy: what its lanes observed, did and earned since its last update, in preallocated arrays."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -14,18 +13,9 @@ from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
 from joybridge.ppo.history import History
 from joybridge.ppo.images import Image
 from joybridge.ppo.loss import Batch
+from joybridge.ppo.memory import Sequences, cut
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import Observations
-
-
-class Decision(NamedTuple):
-    """One decision of a group: what it is based on, and where its action and its values belong."""
-
-    observations: Observation
-    masks: Array | None  # [lanes, branches, widest], added to the logits; None: all choices are allowed
-    noise: Noise
-    action: Action
-    values: Array  # [lanes]
 
 
 class RolloutBuffer:
@@ -36,11 +26,12 @@ class RolloutBuffer:
 
     def __init__(
         self, steps: int, groups: Sequence[slice], observation: int, space: ActionSpace,
-        images: Sequence[Image] = (), frame_stack: int = 1,
+        images: Sequence[Image] = (), frame_stack: int = 1, state_size: int = 0,
     ) -> None:  # fmt: skip
         """Preallocate. groups: the lanes of each group, in order. observation: numbers per observation.
 
-        images: those of an observation, beside its numbers, in stacks of `frame_stack` pictures.
+        images: those of an observation, beside its numbers, in stacks of `frame_stack` pictures. state_size: numbers
+        that a lane remembers; 0: without memory.
         """
         lanes = groups[-1].stop
         self.groups = groups
@@ -48,6 +39,7 @@ class RolloutBuffer:
         self.space = space
         self.observations = np.zeros((steps + 1, lanes, observation), np.float32)
         self.histories = [History(steps, lanes, image, frame_stack) for image in images]
+        self.memory = np.zeros((steps + 1, lanes, state_size), np.float32) if state_size else None
         self.continuous = np.zeros((steps, lanes, space.continuous), np.float32)
         self.discrete = np.zeros((steps, lanes, len(space.branches)), np.int64)
         self.masks: Array | None = None  # [steps, lanes, branches, widest], made when a game first forbids a choice
@@ -73,33 +65,45 @@ class RolloutBuffer:
         self.observations[0, lanes, self.observations.shape[2] - seen.numbers.shape[1] :] = seen.numbers
         for history, pictures in zip(self.histories, seen.images, strict=True):
             history.begin(pictures, lanes)
+        if self.memory is not None:
+            self.memory[0, lanes] = 0.0
         self.deciding[0, lanes] = True if deciding is None else deciding
 
     def draw_noise(self, rng: np.random.Generator) -> None:
         """Draw the random numbers of all decisions."""
         self.noise = draw_noise(rng, self.continuous.shape, self.discrete.shape)
 
-    def next_decision(self, allowed: Sequence[Array] | None, group: int = 0) -> Decision:
-        """Return a group's next decision, whose action and values are still to be written.
+    def present(self, group: int = 0) -> Observation:
+        """Return what a group's next decision is based on."""
+        return self.observation(self.rows[group], self.groups[group])
 
-        allowed: which choices each branch allows, bool [lanes, choices]; None: all.
+    def noise_of(self, group: int = 0) -> Noise:
+        """Return the random numbers behind a group's next decision."""
+        t, lanes = self.rows[group], self.groups[group]
+        return Noise(self.noise.normal[t, lanes], self.noise.uniform[t, lanes])
+
+    def put(self, action: Action, values: Array, memory: Array | None = None, group: int = 0) -> None:
+        """Store the next decision of a group: what it does, and the values [lanes] of what it sees.
+
+        memory: what its lanes remember after it, [lanes, state_size]; None: a policy without memory.
         """
         t, lanes = self.rows[group], self.groups[group]
-        return Decision(
-            self.observation(t, lanes),
-            self._set_masks(allowed, t, lanes),
-            Noise(self.noise.normal[t, lanes], self.noise.uniform[t, lanes]),
-            Action(self.continuous[t, lanes], self.discrete[t, lanes], self.log_probs[t, lanes]),
-            self.values[t, lanes],
-        )
+        self.continuous[t, lanes], self.discrete[t, lanes], self.log_probs[t, lanes] = action
+        self.values[t, lanes] = values
+        if self.memory is not None:
+            self.memory[t + 1, lanes] = memory
 
     def observation(self, t: int, lanes: slice = slice(None)) -> Observation:
         """Return what decision t sees in some lanes; -1: what follows the last one."""
         images = tuple(history.window(t, lanes).gather() for history in self.histories)
-        return Observation(self.observations[t, lanes], images)
+        return Observation(self.observations[t, lanes], images, None if self.memory is None else self.memory[t, lanes])
 
-    def _set_masks(self, allowed: Sequence[Array] | None, t: int, lanes: slice) -> Array | None:
-        """Store which choices a decision allows; return what to add to the logits, None where all are allowed."""
+    def mask(self, allowed: Sequence[Array] | None, group: int = 0) -> Array | None:
+        """Store which choices a group's next decision allows, bool [lanes, choices] per branch; None: all.
+
+        Return what to add to the logits, [lanes, branches, widest]; None while no choice was ever forbidden.
+        """
+        t, lanes = self.rows[group], self.groups[group]
         if self.masks is None:
             if allowed is None:
                 return None
@@ -115,6 +119,8 @@ class RolloutBuffer:
         truncated.
         """
         t, lanes = self.rows[group], self.groups[group]
+        if self.memory is not None:
+            self.memory[t + 1, lanes][step.ended] = 0.0
         if final_values is not None:
             self.final_values[t, lanes][step.ended] = final_values
         if step.deciding is None and self.deciding[t, lanes].all():
@@ -147,17 +153,22 @@ class RolloutBuffer:
         decided[self.pending[unknown], unknown] = False
         return decided
 
-    def batch(self, advantages: Array, decided: Array) -> Batch:
-        """Return the decided timesteps with these advantages [steps, lanes], normalized, as one flat batch."""
-        whole = decided.all()
+    def batch(self, advantages: Array, decided: Array, length: int = 0) -> Batch:
+        """Return the decided timesteps with these advantages [steps, lanes], normalized, as one flat batch.
+
+        length: of the longest sequence, with memory; the timesteps of a lane are then side by side.
+        """
+        whole = decided.all() and self.memory is None
+        places = np.nonzero(decided) if self.memory is None else np.nonzero(decided.T)[::-1]
 
         def flat(array: Array) -> torch.Tensor:
-            return torch.from_numpy(array.reshape(decided.size, *array.shape[2:]) if whole else array[decided])
+            return torch.from_numpy(array.reshape(decided.size, *array.shape[2:]) if whole else array[places])
 
         chosen = flat(advantages).numpy()
         return Batch(
+            sequences=None if self.memory is None else self._sequences(self.memory, places, length),
             observations=Observations(
-                flat(self.observations[:-1]), tuple(history.decided(decided) for history in self.histories)
+                flat(self.observations[:-1]), tuple(history.at(*places) for history in self.histories)
             ),
             continuous=flat(self.continuous),
             discrete=flat(self.discrete),
@@ -168,11 +179,22 @@ class RolloutBuffer:
             returns=flat(advantages + self.values),
         )
 
+    def _sequences(self, memory: Array, places: tuple[Array, ...], length: int) -> Sequences:
+        """Return the decisions at these places, (steps, lanes), as sequences of one episode, at most so long."""
+        steps, lanes = places
+        ends = (self.terminated | self.truncated)[places]
+        episodes = np.cumsum(ends) - ends + lanes * (len(ends) + 1)  # the parts of them that this rollout holds
+        begins, lengths, parts = cut(episodes, length)
+        states = memory[steps[begins], lanes[begins]]
+        return Sequences(*map(torch.from_numpy, (begins, lengths, states, parts)))
+
     def restart(self) -> None:
         """Begin the next rollout where this one ended."""
         self.observations[0] = self.observations[-1]
         for history in self.histories:
             history.restart()
+        if self.memory is not None:
+            self.memory[0] = self.memory[-1]
         self.deciding[0] = self.deciding[-1]
         self.pending[:] = -1
         self.rows = [0] * len(self.groups)

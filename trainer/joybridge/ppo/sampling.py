@@ -14,9 +14,9 @@ NOTHING = np.zeros(0, np.float32)
 
 
 def sample_actions(
-    network: Network, outputs: Tensor, masks: Array | None, noise: Noise, action: Action, *, deterministic: bool
-) -> None:
-    """Write an action per row of `outputs`, from `Network.heads`, into `action`, with its joint log-probability.
+    network: Network, outputs: Tensor, masks: Array | None, noise: Noise, *, deterministic: bool
+) -> Action:
+    """Return an action per row of `outputs`, from `Network.heads`, with its joint log-probability.
 
     masks: [n, branches, widest] of 0 or FORBIDDEN, or None. deterministic: the likeliest choices, and the continuous
     actions that a noise of 0 gives.
@@ -27,12 +27,12 @@ def sample_actions(
     if not network.distributions:
         means, log_variance = network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True)
     head = Head(means, log_variance, sizes, counting)
-    sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic, action)
+    action = sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic)
     if not network.distributions:
-        return
+        return action
     normal = torch.from_numpy(np.zeros_like(noise.normal) if deterministic else noise.normal)
     given = network.distributions, network.continuous(outputs).cpu(), network.log_variance.cpu()
     samples = sample_each(*given, normal)
-    action.continuous[:] = samples.numpy()
     counts = counting_actions(torch.from_numpy(counting), torch.from_numpy(action.discrete))
-    action.log_probs[:] += log_probs_of_each(*given, samples, counts).numpy()
+    log_probs = action.log_probs + log_probs_of_each(*given, samples, counts).numpy()
+    return Action(samples.numpy(), action.discrete, log_probs)

@@ -35,7 +35,7 @@ class Learner:
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
-        processor, no images, and Gaussians or choices. threads: of the closed form.
+        processor, no images, no memory, and Gaussians or choices. threads: of the closed form.
         """
         self.name, self.network, self.gaussians = name, network, gaussians
         self.weights = flatten_parameters(network)
@@ -44,7 +44,7 @@ class Learner:
             "exp_avg": torch.zeros_like(self.weights, requires_grad=False),
             "exp_avg_sq": torch.zeros_like(self.weights, requires_grad=False),
         }
-        self.closed = not autograd and not network.distributions and not network.encoders
+        self.closed = not (autograd or network.distributions or network.encoders or network.state_size)
         self.gradient: LossGradient = (
             ClosedFormGradient(network, threads) if self.closed else partial(autograd_gradient, network)
         )
@@ -87,12 +87,13 @@ def ppo_update(
     """Improve the network of `learner` on `batch`; return statistics by name, means over all minibatches.
 
     Each epoch shuffles the batch with `rng` and takes as many whole minibatches as there are; the rest is left out. A
-    batch smaller than a minibatch is one. max_grad_norm: longer gradients are shortened to it. target_kl: no epoch
+    batch smaller than a minibatch is one. With memory, a minibatch is as many whole sequences as hold about so many
+    timesteps. max_grad_norm: longer gradients are shortened to it. target_kl: no epoch
     follows one whose mean KL divergence is larger. cloning: for each minibatch, the gradient of one of demonstrations
     is added; if it is alone, target_kl does not count. Raises DivergedError.
     """
     accelerator = batch.returns.device
-    size = min(minibatch_size, len(batch))
+    size = min(max(1, minibatch_size * batch.units // len(batch)), batch.units)  # in units
     rows: list[Array] = []
     losses: list[float] = []  # of cloning
     if cloning is not None and cloning.alone:
@@ -101,8 +102,8 @@ def ppo_update(
     done, divergence = 0, 0.0  # epochs; of the last one
     norm = torch.zeros(())  # of the last gradient, if gradients are clipped
     while done < epochs and (target_kl is None or divergence <= target_kl):
-        order = torch.from_numpy(rng.permutation(len(batch))).to(accelerator)
-        for start in range(0, len(batch) - size + 1, size):
+        order = torch.from_numpy(rng.permutation(batch.units)).to(accelerator)
+        for start in range(0, batch.units - size + 1, size):
             rows.append(learner.gradient(batch, order[start : start + size], coefficients))
             if cloning is not None:
                 losses.append(add_cloning_gradient(learner.network, next(cloning.minibatches), cloning.coef))
@@ -110,7 +111,7 @@ def ppo_update(
                 norm = torch.nn.utils.clip_grad_norm_(learner.weights, max_grad_norm)
             learner.step(coefficients.learning_rate)
         done += 1
-        divergence = float(np.mean([row[KL] for row in rows[-(len(batch) // size) :]]))
+        divergence = float(np.mean([row[KL] for row in rows[-(batch.units // size) :]]))
     statistics = dict(zip(learner.statistics, np.mean(rows, axis=0).tolist(), strict=True))
     if found := not_finite(learner, statistics):
         raise DivergedError(

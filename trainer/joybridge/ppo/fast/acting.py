@@ -7,10 +7,8 @@ from joybridge.ppo.fast.towers import Form, gaussians, heads
 
 @compiled
 def decide(
-    weights: Array, form: Form, observations: Array, masks: Array, noise: Noise, likeliest: bool, action: Action,
-    values: Array,
-) -> None:  # fmt: skip
-    """Write an action and a value per row of `observations`; see `heads` and `sample`."""
-    outputs, estimates = heads(weights, form, observations)
-    values[:] = estimates
-    sample(outputs, gaussians(weights, form), masks, noise, likeliest, action)
+    weights: Array, form: Form, observations: Array, masks: Array, noise: Noise, likeliest: bool
+) -> tuple[Action, Array]:
+    """Return an action and a value per row of `observations`; see `heads` and `sample`."""
+    outputs, values = heads(weights, form, observations)
+    return sample(outputs, gaussians(weights, form), masks, noise, likeliest), values

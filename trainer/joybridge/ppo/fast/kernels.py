@@ -166,14 +166,13 @@ def shares_of_entropy(counting: Array, discrete: Array, dimensions: int) -> Arra
 
 
 @compiled
-def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bool, action: Action) -> None:
-    """Sample an action per row and write it into `action`; likeliest: take the likeliest action instead.
-
-    masks: see `softmax`.
-    """
+def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bool) -> Action:
+    """Return an action per row, sampled, or the likeliest one. masks: see `softmax`."""
     mean_bias, log_variance, sizes, counting = head
-    continuous, discrete, log_probs = action
     branches, dimensions = len(sizes), len(mean_bias)
+    continuous = np.empty((len(outputs), dimensions), np.float32)
+    discrete = np.empty((len(outputs), branches), np.int64)
+    log_probs = np.empty(len(outputs), np.float32)
     widest = sizes.max() if branches else 0
     p, log_p = np.empty(widest), np.empty(widest)
     for i in range(len(outputs)):
@@ -199,6 +198,7 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
             if counts(counting, k, discrete, i):
                 log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
         log_probs[i] = log_prob
+    return Action(continuous, discrete, log_probs)
 
 
 @compiled

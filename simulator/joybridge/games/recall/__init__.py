@@ -1,0 +1,1 @@
+"""Recall: a small game that nobody can play without memory."""

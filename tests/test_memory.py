@@ -1,0 +1,167 @@
+"""What policies remember: states per lane, whole sequences in minibatches, and gradients that flow back in time."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+
+from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.contract.codec import StepArrays
+from joybridge.layouts import make_acts
+from joybridge.play.playing import Player
+from joybridge.policy.actor import make_actors
+from joybridge.ppo.loss import autograd_gradient
+from joybridge.ppo.networks import flatten_parameters
+from joybridge.ppo.observation_tensors import Observations
+from joybridge.ppo.schedule import Coefficients
+from joybridge.run.train import learn
+from joybridge.simulator.catalog import load_games
+from tests.support.games import PLACES
+from tests.test_policy import full_agents
+
+COEFFICIENTS = Coefficients(1e-3, 0.2, 0.01)
+
+
+def remembering(kind: str, *, length: int = 8, game: str = "hybrid", layout: str = "hybrid", **keys) -> Config:
+    policy = PolicyConfig(
+        hidden_sizes=[16], rollout_steps=20, time_horizon=20, minibatch_size=16, epochs=2,
+        memory=MemoryConfig(kind=kind, size=6, length=length), **keys,
+    )  # fmt: skip
+    return Config(game=game, layout=layout, arenas=4, policy=policy)
+
+
+def full_batch(policy, length: int):
+    decided = policy.rollout.decided()
+    advantages = np.random.default_rng(0).normal(size=decided.shape).astype(np.float32)
+    return policy.rollout.batch(advantages, decided, length), decided
+
+
+def walk(policy, decided):
+    """Yield (step, lane, state before, outputs) of the decisions of one lane after the other, one at a time."""
+    rollout = policy.rollout
+    for lane in range(rollout.rewards.shape[1]):
+        state = torch.from_numpy(rollout.memory[0, lane : lane + 1])
+        for t in np.flatnonzero(decided[:, lane]):
+            seen = Observations(torch.from_numpy(rollout.observations[t, lane : lane + 1]))
+            heads = policy.actor.network.heads(seen.in_sequences(state, torch.ones(1, dtype=torch.int64)))
+            yield t, lane, state, heads
+            ended = rollout.terminated[t, lane] | rollout.truncated[t, lane]
+            state = torch.zeros_like(heads.memory) if ended else heads.memory
+
+
+@pytest.mark.parametrize(
+    ("kind", "shared", "game"), [("gru", True, "hybrid"), ("lstm", False, "hybrid"), ("gru", False, "ferry")]
+)
+def test_the_gradient_of_sequences_is_that_of_whole_episodes_walked_through_step_by_step(kind, shared, game):
+    for policy in full_agents(game, {}, remembering(kind, game=game, shared_body=shared)):
+        batch, decided = full_batch(policy, 20)  # as long as the rollout: no sequence is cut
+        parameters = list(policy.actor.network.parameters())
+        walked = [heads for *_, heads in walk(policy, decided)]
+        weights = torch.arange(len(walked), dtype=torch.float32).sin()
+        naive = (torch.cat([each.value for each in walked]) * weights).sum()
+        naive = naive + (torch.cat([each.outputs for each in walked]) * weights[:, None]).sum()
+        got = policy.actor.network.heads(batch.minibatch(torch.arange(batch.units)).observations)
+        total = (got.value * weights).sum() + (got.outputs * weights[:, None]).sum()
+        ours, theirs = (torch.autograd.grad(each, parameters, allow_unused=True) for each in (total, naive))
+        assert len(walked) == len(got.value) == decided.sum()
+        for one, other in zip(ours, theirs, strict=True):
+            assert (one is None) is (other is None)
+            if one is not None:
+                torch.testing.assert_close(one, other, atol=1e-6 * float(other.abs().max()) + 1e-6, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "layout", "length"),
+    [
+        ("gru", "hybrid", 7),
+        ("lstm", "hybrid", 20),
+        ("gru", "bucket-5", 1),
+        ("lstm", "multiagent", 7),
+        ("gru", "beta", 7),
+    ],
+)
+def test_what_was_sampled_has_the_same_log_probability_when_it_is_learned(kind, layout, length):
+    """The states before all sequences are those with which the lanes acted; masks and lanes that wait included."""
+    config = remembering(kind, length=length, layout=layout, game="hybrid")
+    for policy in full_agents("hybrid", {"masks": "on"}, config):
+        batch, decided = full_batch(policy, length)
+        assert int(batch.sequences.lengths.max()) <= length and int(batch.sequences.lengths.sum()) == decided.sum()
+        flatten_parameters(policy.actor.network)
+        gradient = partial(autograd_gradient, policy.actor.network)
+        for units in (torch.arange(batch.units), torch.arange(batch.units).flip(0)[:5]):
+            statistics = gradient(batch, units, COEFFICIENTS)
+            assert statistics[3] == pytest.approx(0.0, abs=1e-6)  # the KL divergence
+            assert statistics[4] == 0.0  # of ratios beyond the clip range
+
+
+def test_a_lane_that_waits_remembers_the_same_and_one_that_ends_nothing():
+    (policy,) = full_agents("noughts", {}, remembering("gru", game="noughts"))
+    rollout, decided = policy.rollout, policy.rollout.decided()
+    assert rollout.memory is not None and not rollout.deciding.all() and rollout.terminated.any()
+    for t, lane, state, _ in walk(policy, decided):
+        np.testing.assert_allclose(rollout.memory[t, lane], state[0].detach(), atol=1e-6)
+
+
+@pytest.mark.parametrize("game", ["hybrid", "ferry"])
+def test_an_update_learns_in_whole_sequences_and_leaves_finite_weights(game):
+    for policy in full_agents(game, {}, remembering("lstm", game=game)):
+        before = policy.actor.state()
+        statistics = learn(policy, 0.1)
+        after = policy.actor.state()
+        assert np.isfinite(list(statistics.values())).all()
+        assert all((before[name] != after[name]).any() for name in before if "memory" in name and "bias" not in name)
+        memory = policy.rollout.memory
+        assert memory is not None
+        np.testing.assert_array_equal(memory[0], memory[-1])
+
+
+def test_who_plays_remembers_what_a_walk_through_its_episodes_gives():
+    spec = load_games(PLACES)["recall"].describe({"task": "echo"})
+    (actor,) = make_actors(remembering("gru", game="recall", frame_stack=1), spec)
+    player, rng, acts = Player(actor, 3, 0, deterministic=True), np.random.default_rng(1), make_acts(spec, 3)
+    state = torch.zeros(3, actor.network.state_size)
+    for t in range(40):
+        over = rng.random(3) < (0.2 if t else 0.0)
+        shown = rng.random((3, 5)).astype(np.float32)
+        step = StepArrays([shown[:, :4], shown[:, 4:]], np.zeros((3, 1), np.float32), over, np.zeros(3, bool))
+        step.deciding = over | (rng.random(3) < 0.7)
+        step.ended = np.flatnonzero(over).astype(np.int32)
+        if t:
+            player.store(step)
+        else:
+            player.begin(step)
+        state[torch.from_numpy(over)] = 0.0
+        remembered, seen = player.observations.memory, torch.from_numpy(player.observations.numbers)
+        assert remembered is not None
+        np.testing.assert_allclose(remembered, state, atol=1e-6)
+        with torch.no_grad():
+            after = actor.network.heads(Observations(seen).in_sequences(state, torch.ones(3, dtype=torch.int64))).memory
+        assert after is not None
+        state = torch.where(torch.from_numpy(step.deciding)[:, None], after, state)
+        player.act(step, acts[0])
+
+
+def test_states_that_are_stored_turn_the_gradient_little_when_they_are_some_updates_old():
+    """The weights change with each minibatch of an update, the states before its sequences do not."""
+    config = remembering("gru", game="hybrid", length=5, shared_body=True)
+    (policy,) = full_agents("hybrid", {}, config)
+    batch, decided = full_batch(policy, 5)
+    every = torch.arange(batch.units)
+    gradient = policy.learner.weights.grad
+    assert batch.sequences is not None and gradient is not None
+    for _ in range(8):  # as many steps of Adam as an update with common settings has in one epoch
+        policy.learner.gradient(batch, every, COEFFICIENTS)
+        policy.learner.step(3e-4)
+    policy.learner.gradient(batch, every, COEFFICIENTS)
+    stale = gradient.clone()
+    with torch.no_grad():
+        states = {(t, lane): state for t, lane, state, _ in walk(policy, decided)}
+    places = np.argwhere(decided.T)[batch.sequences.begins.numpy()]
+    now = torch.cat([states[t, lane] for lane, t in places])
+    fresh = replace(batch, sequences=batch.sequences._replace(states=now))
+    policy.learner.gradient(fresh, every, COEFFICIENTS)
+    turned = torch.nn.functional.cosine_similarity(stale, gradient, dim=0)
+    assert not torch.equal(batch.sequences.states, now)
+    assert 0.995 < float(turned) < 1.0

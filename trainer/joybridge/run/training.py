@@ -1,0 +1,207 @@
+"""A run that goes on: its sessions, its policies, its metrics and its lessons."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from joybridge.client.sharded_session import single_sessions
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError, DivergedError
+from joybridge.config.game_settings import drawn
+from joybridge.config.metrics import Row, is_trainers
+from joybridge.demonstrations.cloning import demonstrate
+from joybridge.policy.actor import make_actors
+from joybridge.policy.config_fit import fitting_spec
+from joybridge.policy.policy import Policy
+from joybridge.policy.stratify import balanced_options
+from joybridge.run.advice import Adviser
+from joybridge.run.collect import Group, group_bounds, open_groups
+from joybridge.run.curriculum import Curriculum
+from joybridge.run.folder import keep_config
+from joybridge.run.logger import Logger
+from joybridge.run.profiler import Profiler
+from joybridge.run.run_state import RunState, capture, take_weights
+from joybridge.v1 import bridge_pb2 as pb
+
+Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
+
+
+class Audience(NamedTuple):
+    """Who follows a run: figures go to `report`, remarks, a line each, to `say`."""
+
+    report: Report
+    say: Callable[[str], None]
+
+
+class Training:
+    """What a run consists of while it goes on."""
+
+    def __init__(
+        self, config: Config, policies: Sequence[Policy], groups: Sequence[Group], loggers: Sequence[Logger],
+        curriculum: Curriculum, audience: Audience,
+    ) -> None:  # fmt: skip
+        """Take the parts; nothing is played yet. Raises ConfigError."""
+        self.config, self.policies, self.groups = config, policies, groups
+        self.timesteps, self.profiler = 0, Profiler()
+        self.stretches, self.stretch = rollout_stretches(policies)
+        behaviors = groups[0].session.spec.behaviors
+        self._advisers = {policy.actor.name: Adviser(policy, behaviors[policy.actor.behavior]) for policy in policies}
+        self._loggers = {policy.actor.name: logger for policy, logger in zip(policies, loggers, strict=True)}
+        self._curriculum, self._audience = curriculum, audience
+        self._metric, self._sign = best_metric(config, policies[0])
+        self._score: float | None = None  # of the rows since the last state
+        self._logged = 0  # timesteps
+
+    def begin(self, state: RunState) -> None:
+        """Begin, or continue from a state. Raises CheckpointError."""
+        self.timesteps = self._logged = state.timesteps
+        if state.arrays:
+            state.restore(self.policies, [*self._loggers.values()], self.groups)
+        elif self.config.weights_from:
+            trained = take_weights(self.policies, Path(self.config.weights_from))
+            self._audience.say(f"begins with the policies of {self.config.weights_from} after {trained:,} timesteps")
+        if state.snapshots is None:
+            for policy in self.policies:
+                policy.begin([group.session.steps for group in self.groups])
+        self._audience.report(self.timesteps, self.profiler.live(), None)
+        self._say_lesson()
+
+    @property
+    def progress(self) -> float:
+        """The fraction of the run that is done."""
+        return self.timesteps / self.config.total_timesteps
+
+    def count(self) -> None:
+        """Count a decision of every lane of the first policy."""
+        self.timesteps += self.policies[0].lanes
+        self.profiler.timesteps += self.policies[0].lanes
+        self._curriculum.watch()
+
+    def log(self) -> None:
+        """Write a row of metrics for each policy if it is time; else report live figures if it is time for them."""
+        interval = self.config.log_interval
+        if self.timesteps // interval == self._logged // interval:
+            if self.profiler.due():
+                self._audience.report(self.timesteps, self.profiler.live(), None)
+            return
+        self._logged, times, lesson = self.timesteps, self.profiler.summarize(), self._curriculum.row()
+        rows = [
+            self._loggers[policy.actor.name].write(self.timesteps, lesson | policy.episodes.summarize(), times)
+            for policy in self.policies
+        ]
+        self._audience.report(self.timesteps, rows[0], rows[0])
+        if self._metric in rows[0]:
+            self._score = self._sign * rows[0][self._metric]
+
+    def advise(self, policy: Policy) -> None:
+        """Say what is odd about a full rollout."""
+        for remark in self._advisers[policy.actor.name].look():
+            self._audience.say(remark)
+
+    def keep(self, policy: Policy, statistics: Row) -> None:
+        """Count the statistics of an update in the next row of metrics."""
+        self._loggers[policy.actor.name].mean.add(statistics)
+
+    def end_lesson(self) -> None:
+        """Begin the next lesson in all sessions if the present one is over."""
+        if self._curriculum.advance(self.progress):
+            self._say_lesson()
+            for group in self.groups:
+                group.session.distribute(self._curriculum.distributions)
+
+    def capture(self) -> RunState:
+        """Return the state between two cycles, and report live figures."""
+        state = capture(self.timesteps, self.policies, [*self._loggers.values()], self.groups, self._curriculum)
+        self._audience.report(self.timesteps, self.profiler.live(), None)
+        score, self._score = self._score, None
+        return replace(state, score=score)
+
+    def _say_lesson(self) -> None:
+        if heading := self._curriculum.heading():
+            self._audience.say(heading)
+
+
+@contextmanager
+def open_training(
+    config: Config, run: Path, addresses: Sequence[str], state: RunState, audience: Audience, *, record_faults: bool
+) -> Iterator[Training]:
+    """Open sessions that continue a run from a state; they are closed on leaving. See `train` for errors."""
+    spec = fitting_spec(addresses[0], config)
+    balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
+    policies = [
+        Policy(actor, spec.behaviors[actor.behavior], group_bounds(config), drawn_parameters(config, spec))
+        for actor in make_actors(config, spec, config.accelerator)
+    ]
+    rollout_stretches(policies)
+    for remark in demonstrate(policies, config, run, spec, resumed=state.timesteps > 0):
+        audience.say(remark)
+    best_metric(config, policies[0])
+    keep_config(config, run)
+    curriculum = Curriculum(config, spec, policies)
+    state.restore_lesson(curriculum)
+    with ExitStack() as opened:
+        groups = open_groups(
+            config, addresses, state.session_snapshots(), curriculum.parameters, curriculum.distributions
+        )
+        for group in groups:
+            opened.callback(group.session.close)
+        if record_faults:
+            opened.enter_context(recording(groups, run / "faults"))
+        loggers = [
+            opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps))) for policy in policies
+        ]
+        training = Training(config, policies, groups, loggers, curriculum, audience)
+        training.begin(state)
+        yield training
+
+
+@contextmanager
+def recording(groups: Sequence[Group], folder: Path) -> Iterator[None]:
+    """Record the faults of all sessions in the block, and what led to an update that diverged."""
+    sessions = [session for group in groups for session in single_sessions(group.session)]
+    for session in sessions:
+        session.record_faults(folder)
+    try:
+        yield
+    except DivergedError as error:
+        for session in sessions:
+            session.write_fault(str(error))
+        raise
+
+
+def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
+    """Return the metric that marks the best checkpoint, and 1 if its highest value does, -1 if its lowest.
+
+    It is one of the rows of `policy`. Raises ConfigError.
+    """
+    metric = config.best.removeprefix("-")
+    known = ["reward", "length", *policy.episodes.metrics]
+    if metric not in known and not is_trainers(metric):
+        raise ConfigError(f"best: there is no metric {metric!r}; {policy.actor.name} has {', '.join(known)}")
+    return metric, -1 if config.best.startswith("-") else 1
+
+
+def drawn_parameters(config: Config, spec: pb.GameSpec) -> dict[int, str]:
+    """Return the parameters that are drawn at each episode, in any lesson, by their place in the spec."""
+    names = {name for lesson in config.curriculum for name in lesson.parameters} | drawn(config.parameters).keys()
+    return {index: one.name for index, one in enumerate(spec.parameters) if one.name in names}
+
+
+def rollout_stretches(policies: Sequence[Policy]) -> tuple[int, int]:
+    """Return of how many stretches a cycle consists, and the decisions of a stretch.
+
+    All rollouts are empty again after every cycle, and a rollout gets full only at the end of a stretch. Raises
+    ConfigError if the rollouts are never empty together.
+    """
+    lengths = [policy.config.rollout_steps for policy in policies]
+    cycle = max(lengths)
+    for policy, length in zip(policies, lengths, strict=True):
+        if cycle % length:
+            raise ConfigError(
+                f"policies.{policy.actor.name}.rollout_steps is {length}, which does not divide the longest, {cycle}"
+            )
+    stretch = math.gcd(*lengths)
+    return cycle // stretch, stretch
