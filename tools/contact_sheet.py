@@ -17,7 +17,7 @@ from joybridge.simulator.catalog import load_games
 
 ROWS, COLUMNS = 8, 6
 WIDTH = 240  # of one level, pixels
-DECISIONS = {"shooting_birds": 150}
+DECISIONS = {"shooting_birds": 150, "beastly_rivals": 5}
 FOLDER = Path(__file__).parents[1] / "docs"
 
 

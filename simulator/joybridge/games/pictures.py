@@ -6,7 +6,7 @@ within a pixel. All shades are integers; the floats before them use only operati
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -80,7 +80,7 @@ class Window(NamedTuple):
 def open_eye(view: View, field: Field) -> Eye:
     """Return the eye of a view, with its backgrounds, which are filtered once in a process."""
     eye = make_eye(view, field)
-    look(eye, field)
+    look(eye, field, range(field.levels))
     return eye
 
 
@@ -100,13 +100,13 @@ def make_eye(view: View, field: Field) -> Eye:
     return Eye(background, hidden, ground_colors, colors, -half_x, half_y, view.unit, view.centered)
 
 
-def look(eye: Eye, field: Field) -> None:
-    """Filter what the eye sees of the ground of every level of the field."""
+def look(eye: Eye, field: Field, levels: Iterable[int]) -> None:
+    """Filter what the eye sees of the ground of some levels of the field."""
     rows, columns = eye.background.shape[3:5]
     fine = eye.unit / SAMPLES
     x = eye.left + fine * (np.arange((columns + 1) * SAMPLES) + 0.5)
     y = eye.top - fine * (np.arange((rows + 1) * SAMPLES) + 0.5)
-    for level in range(field.levels):
+    for level in levels:
         _filter(field.ground(level, x, y), eye.ground_colors, field.hides, eye.background[level], eye.hidden[level])
 
 

@@ -100,7 +100,12 @@ class ShootingBirds(PointerGame):
     version = "1"
     options = OPTIONS
     arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
-    parameters, numbers, channels, field = PARAMETERS, NUMBERS, CHANNELS, picture.FIELD
+    parameters, channels, field = PARAMETERS, CHANNELS, picture.FIELD
+
+    @classmethod
+    def numbers(cls, options: Mapping[str, str]) -> list[pb.Sensor]:
+        """Return the sensors of the observation "state", without that of the locomotion."""
+        return NUMBERS
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
@@ -167,7 +172,7 @@ class ShootingBirds(PointerGame):
         """Make the levels that the arenas play, if they are not those of the paper's game."""
         if self.generated:
             generator.generate(self.fields["number"], self.generated)
-            self.look_at_ground()
+            self.look_at_ground(range(len(self.arenas)))
 
     def own_field(self, arenas: int) -> Field | None:
         """Return what images show where every arena has a level of its own."""
