@@ -12,6 +12,7 @@ from joybridge.contract.codec import ActArrays, Codec
 from joybridge.contract.spec import check_spec
 from joybridge.contract.tensors import Array
 from joybridge.games.locomotion import LOCOMOTIONS
+from joybridge.games.shooting_birds import camera
 from joybridge.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
 from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator.randomness import BLOCK
@@ -25,7 +26,7 @@ DEFAULTS = {
     "level": "random",
     "levels": "original",
     "birds": "straight",
-} | {option.name: option.default_choice for option in SIGHT_OPTIONS}
+} | {option.name: option.default_choice for option in [*camera.OPTIONS, *SIGHT_OPTIONS]}
 WEIGHTS = np.array([1, 1, 1, 1, 0, 0])
 NEAR = 1e-6  # of float32
 STILL = (0.0, 0.0)

@@ -21,7 +21,7 @@ PAY = (0.25, 0.75, 2.0)  # of a large, a medium and a small bird
 RADIUS = (1.26, 0.84, 0.42)
 AWAY = 1000.0  # the height at which a bird meets nothing
 NEAR = 1e-12
-PLAIN = r.World(r.ORIGINAL, OBSTACLES, FLIGHTS, 0, -1)
+PLAIN = r.World(r.ORIGINAL, OBSTACLES, FLIGHTS, 0, -1, 0)
 
 Point = tuple[float, float]
 
@@ -48,7 +48,7 @@ class Scene:
     ) -> None:
         self.rules, self.streams = rules, open_streams(1, 0, 1)
         self.things = obstacles() if things is None else things
-        self.world = r.World(rules, self.things, FLIGHTS, 0, -1)
+        self.world = r.World(rules, self.things, FLIGHTS, 0, -1, 0)
         self.arenas = np.zeros(1, r.ARENA).view(np.recarray)
         self.arena: Any = self.arenas[0]
         self.birds: Any = self.arenas.birds[0]
@@ -528,7 +528,7 @@ def test_in_the_original_a_hit_pays_1_on_average_and_each_size_a_third_of_the_ti
     arenas, streams = np.zeros(3000, r.ARENA).view(np.recarray), open_streams(8, 0, 3000)
     arenas.birds.kind, arenas.birds.z, arenas.ammo = kind, kind - 0.15, 8
     rewards, press = np.zeros((3000, len(CHANNELS))), np.ones(3000, np.int32)
-    world = r.World(r.ORIGINAL, obstacles(), FLIGHTS, 0, -1)
+    world = r.World(r.ORIGINAL, obstacles(), FLIGHTS, 0, -1, 0)
     r.tick(arenas, streams, world, np.zeros((3000, 2)), press, 0 * press, rewards)
     assert [np.mean(rewards[:, HIT] == pay) for pay in PAY] == pytest.approx([1 / 3] * 3, abs=0.03)
     assert rewards[:, HIT].mean() == pytest.approx(1.0, abs=0.04)

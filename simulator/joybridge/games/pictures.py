@@ -51,6 +51,7 @@ class View:
     unit: float  # units of the game per pixel
     channels: int  # 1 gray, 3 RGB
     centered: bool  # on the pointer; otherwise on the field
+    on_camera: bool = False  # if not on the pointer: on a camera that moves over the field
 
 
 class Eye(NamedTuple):
@@ -63,7 +64,8 @@ class Eye(NamedTuple):
     left: float  # edges of the planes, units
     top: float
     unit: float
-    centered: bool
+    centered: bool  # on a place that moves
+    on_camera: bool  # and that is not the pointer
 
 
 class Window(NamedTuple):
@@ -90,14 +92,15 @@ def make_eye(view: View, field: Field) -> Eye:
     ground_colors, colors = (np.reshape(part, (-1, view.channels)).astype(np.int64) for part in palette)
     half_x, half_y, phases = view.width * view.unit / 2, view.height * view.unit / 2, 1
     rows, columns = view.height, view.width
-    if view.centered:  # planes reach as far as the eye does from any place in the field
+    moves = view.centered or view.on_camera
+    if moves:  # planes reach as far as the eye does from any place in the field
         phases = PHASES
         half_x, half_y = half_x + field.half_width, half_y + field.half_height
         rows, columns = (math.ceil(2 * half / view.unit) + 1 for half in (half_y, half_x))
     size = (field.levels, phases, phases, rows, columns)
     background = np.empty((*size, view.channels), np.uint8)
     hidden = np.empty((*size, len(field.hides)), np.uint8)
-    return Eye(background, hidden, ground_colors, colors, -half_x, half_y, view.unit, view.centered)
+    return Eye(background, hidden, ground_colors, colors, -half_x, half_y, view.unit, moves, view.on_camera)
 
 
 def look(eye: Eye, field: Field, levels: Iterable[int]) -> None:
@@ -158,7 +161,7 @@ def _count(ground):
 
 @compiled
 def copy_background(eye, level, x, y, canvas):
-    """Copy what the eye sees of a level with the pointer at (x, y) to `canvas` [height, width, channels]."""
+    """Copy what the eye sees of a level around (x, y) to `canvas` [height, width, channels]."""
     height, width, channels = canvas.shape
     row, column, phase_y, phase_x, left, top = 0, 0, 0, 0, eye.left, eye.top
     if eye.centered:

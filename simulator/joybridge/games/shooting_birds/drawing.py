@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache, partial
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 import pygame
@@ -67,13 +68,22 @@ PANEL, BRASS, COPPER, EMPTY = (24, 28, 40), (226, 184, 84), (190, 104, 62), (70,
 TEXT, ALERT, AIMED = (240, 240, 235), (255, 110, 90), (255, 50, 40)
 
 
-def draw(arena: np.record, obstacles: Obstacles, placements: tuple[Placement, ...], width: int, height: int) -> Array:
-    """Return a picture, uint8 [height, width, 3], of one arena, a record of dtype ARENA, among the obstacles placed."""
+class Scene(NamedTuple):
+    """What stands in a level, and how many screens wide it is."""
+
+    placements: tuple[Placement, ...]
+    screens: int
+
+
+def draw(arena: np.record, obstacles: Obstacles, scene: Scene, width: int, height: int) -> Array:
+    """Return a picture, uint8 [height, width, 3], of one arena, a record of dtype ARENA, among obstacles of a scene."""
     canvas = pygame.Surface((width * FINE, height * FINE), depth=32)
-    world = fit(*canvas.get_size(), WALL_X, WALL_Y)
+    screen = fit(*canvas.get_size(), WALL_X, WALL_Y)
+    world = screen.placed(-arena.camera, 0.0)
+    moved = world.origin[0] - screen.origin[0] * scene.screens
     layers: list[tuple[float, Callable[[], object]]] = [
-        (depth, partial(canvas.blit, layer, place))
-        for depth, layer, place in scenery(placements, _number(arena), width, height)
+        (depth, partial(canvas.blit, layer, (x + moved, y)))
+        for depth, layer, (x, y) in scenery(scene, _number(arena), width, height)
     ]
     birds = arena.birds.view(np.recarray)
     layers += [(bird.z, partial(_bird, canvas, world, bird, arena.clock * TICK)) for bird in birds]
@@ -91,16 +101,14 @@ def _number(arena: np.record) -> int:
 
 
 @lru_cache(maxsize=14)
-def scenery(
-    placements: tuple[Placement, ...], number: int, width: int, height: int
-) -> list[tuple[float, pygame.Surface, tuple[int, int]]]:
+def scenery(scene: Scene, number: int, width: int, height: int) -> list[tuple[float, pygame.Surface, tuple[int, int]]]:
     """Return the still layers of a level: for each its depth, its canvas, and the position of that (px)."""
-    size = (width * FINE, height * FINE)
-    world = fit(*size, WALL_X, WALL_Y)
+    size = (width * FINE * scene.screens, height * FINE)
+    world = fit(*size, WALL_X * scene.screens, WALL_Y)
     back = pygame.Surface(size, depth=32)
     far, near = pygame.Surface(size, pygame.SRCALPHA), pygame.Surface(size, pygame.SRCALPHA)
-    _landscape(back, world, np.random.default_rng(number))
-    for placement in placements:
+    _landscape(back, world, scene.screens, np.random.default_rng(number))
+    for placement in scene.placements:
         frame = world.placed(placement.x, placement.y, placement.scale_x, placement.scale_y)
         layer = near if placement.depth == BARN_DEPTH else far
         if placement.template == BARN:
@@ -116,7 +124,7 @@ def scenery(
     return [(depth, layer.subsurface(box), box.topleft) for (depth, layer), box in zip(layers, used, strict=True)]
 
 
-def _landscape(canvas: pygame.Surface, world: Frame, random: np.random.Generator) -> None:
+def _landscape(canvas: pygame.Surface, world: Frame, screens: int, random: np.random.Generator) -> None:
     """Paint sky, sun, clouds, two ranges of hills and a meadow."""
     width, height = canvas.get_size()
     ground = int(world.points([(0.0, HORIZON)])[0, 1])
@@ -126,20 +134,21 @@ def _landscape(canvas: pygame.Surface, world: Frame, random: np.random.Generator
         shape(veil, world, ellipse(-2.0, 6.6, radius, radius, 48), (*SUN, alpha))
     canvas.blit(veil, (0, 0))
     veil.fill(CLEAR)
-    for x in np.linspace(-17.0, 17.0, 5):
+    for x in np.linspace(-17.0, 17.0, 5) if screens == 1 else np.linspace(-55.0, 55.0, 5 * screens):
         scale = random.uniform(0.6, 1.2)
         cloud = world.placed(x + random.uniform(-2.0, 2.0), random.uniform(2.0, 9.0), scale, scale)
         for dx, dy, radius in ((-1.3, 0.0, 0.7), (-0.4, 0.35, 1.0), (0.7, 0.15, 0.8), (1.5, 0.0, 0.5)):
             shape(veil, cloud, ellipse(dx, dy, 1.3 * radius, 0.6 * radius), CLOUD)
     canvas.blit(veil, (0, 0))
-    along = np.linspace(-40.0, 40.0, 161)
+    edge = 40.0 * screens
+    along = np.linspace(-edge, edge, 160 * screens + 1)
     for color, base, swing, wave in ((FAR_HILLS, -5.2, 1.3, 0.23), (NEAR_HILLS, -6.9, 0.9, 0.34)):
         phase = random.uniform(0.0, 2 * np.pi)
         ridge = base + swing * (np.sin(wave * along + phase) + 0.3 * np.sin(2.7 * wave * along))
-        shape(canvas, world, [(-40.0, HORIZON), *zip(along, ridge, strict=True), (40.0, HORIZON)], color)
+        shape(canvas, world, [(-edge, HORIZON), *zip(along, ridge, strict=True), (edge, HORIZON)], color)
     fade(canvas, pygame.Rect(0, ground, width, height - ground), MEADOW_FAR, MEADOW_NEAR)
-    for depth in np.sqrt(np.linspace(0.02, 1.0, 150)):  # tufts and flowers, larger if nearer
-        tuft = world.placed(random.uniform(-25.0, 25.0), HORIZON - 4.0 * depth, 0.5 * depth, 0.5 * depth)
+    for depth in np.sqrt(np.linspace(0.02, 1.0, 150 * screens)):  # tufts and flowers, larger if nearer
+        tuft = world.placed(random.uniform(-25.0, 25.0) * screens, HORIZON - 4.0 * depth, 0.5 * depth, 0.5 * depth)
         if random.uniform() < 0.7:
             shape(canvas, tuft, [(-0.4, 0.6), (-0.1, 0.0), (0.1, 0.0), (0.45, 0.7), (0.05, 0.2), (0.0, 0.9)], GRASS)
         else:

@@ -63,8 +63,8 @@ def begin(bird, streams, i, habit):
 
 
 @compiled
-def steer(arena, streams, i):
-    """Set the velocity of every bird, and let those blink whose time it is."""
+def steer(arena, streams, i, beyond):
+    """Set the velocity of every bird, and let those blink whose time it is. beyond: units beside the middle screen."""
     time = arena.clock * TICK
     turn = arena.turn_rate * TICK
     turn_cosine, turn_sine = cosine(turn), sine(turn)
@@ -81,7 +81,7 @@ def steer(arena, streams, i):
         else:
             bird.vy = sine(2.0 * time + bird.phase)
             if bird.habit == BLINKING:
-                _blink(bird, streams, i, arena.blink_period)
+                _blink(bird, streams, i, arena.blink_period, BLINK_X + beyond)
 
 
 @compiled
@@ -139,7 +139,7 @@ def _turn(bird, turn, turn_cosine, turn_sine):
 
 
 @compiled
-def _blink(bird, streams, i, period):
+def _blink(bird, streams, i, period, reach):
     """Put a bird at a place nearby when the timer has run out."""
     bird.timer -= 1
     if bird.timer > 0:
@@ -147,5 +147,5 @@ def _blink(bird, streams, i, period):
     if bird.timer == 0:
         x = bird.x + uniform(streams, i, -BLINK_REACH, BLINK_REACH)
         y = bird.y + uniform(streams, i, -BLINK_REACH, BLINK_REACH)
-        bird.x, bird.y = min(max(x, -BLINK_X), BLINK_X), min(max(y, -BLINK_Y), BLINK_Y)
+        bird.x, bird.y = min(max(x, -reach), reach), min(max(y, -BLINK_Y), BLINK_Y)
     bird.timer = max(int(uniform(streams, i, 0.5, 1.5) * period / TICK + 0.5), 1)

@@ -51,6 +51,7 @@ class Generated(NamedTuple):
     flights: Array  # records of dtype FLIGHT [levels]
     placements: Array  # float64 [levels, most, 6]: template, x, y, scale_x, scale_y, depth; from back to front
     counts: Array  # int64 [levels]: of placements
+    screens: int  # 3: with more of the kind to the left and to the right of the screen in the middle
 
     def placed(self, row: int) -> tuple[Placement, ...]:
         """Return the obstacles of a level, for its drawing."""
@@ -58,12 +59,12 @@ class Generated(NamedTuple):
         return tuple(Placement(int(template), *rest) for template, *rest in rows)
 
 
-def make_room(levels: int) -> Generated:
+def make_room(levels: int, screens: int = 1) -> Generated:
     """Return so many levels without anything in them."""
-    columns = MAX_COLUMNS
-    obstacles = no_obstacles(levels, 5 * columns, 12 * MAX_BARNS + columns)
+    columns = MAX_COLUMNS * screens
+    obstacles = no_obstacles(levels, 5 * columns, 12 * MAX_BARNS * screens + columns)
     flights = np.zeros(levels, FLIGHT).view(np.recarray)
-    return Generated(obstacles, flights, np.zeros((levels, columns, 6)), np.zeros(levels, np.int64))
+    return Generated(obstacles, flights, np.zeros((levels, columns, 6)), np.zeros(levels, np.int64), screens)
 
 
 def generate(numbers: Array, levels: Generated) -> None:
@@ -77,6 +78,10 @@ def _generate(streams, levels):
     for i in range(len(levels.counts)):
         obstacles.disc_count[i] = obstacles.box_count[i] = levels.counts[i] = 0
         _fill_screen(streams, i, levels, 0.0)
+        _release_birds(streams, i, levels.flights[i])
+        if levels.screens == 3:
+            _fill_screen(streams, i, levels, -2.0 * SCREEN)
+            _fill_screen(streams, i, levels, 2.0 * SCREEN)
         for j in range(levels.counts[i]):
             template, placement = int(levels.placements[i, j, 0]), levels.placements[i, j, 1:]
             if template == TREE:
@@ -85,7 +90,6 @@ def _generate(streams, levels):
                 _place(obstacles, i, _DISCS_1, _BOXES_1, placement)
             else:
                 _place(obstacles, i, _DISCS_2, _BOXES_2, placement)
-        _release_birds(streams, i, levels.flights[i])
 
 
 @compiled

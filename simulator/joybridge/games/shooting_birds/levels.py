@@ -4,7 +4,7 @@ Lengths are in units of the game: x to the right, y up, (0, 0) at the arena's ce
 shots; nothing collides with them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -127,11 +127,21 @@ def place(obstacles, level, template_discs, template_boxes, placement):
         obstacles.box_count[level] += 1
 
 
-def build_obstacles() -> Obstacles:
+def placements_of(level: int, screens: int, screen_width: float) -> tuple[Placement, ...]:
+    """Return what stands in a level. On further screens beside it stands what stands in its neighbors."""
+    sides = range(-(screens // 2), screens // 2 + 1)
+    return tuple(
+        replace(placement, x=placement.x + side * screen_width)
+        for side in sides
+        for placement in PLACEMENTS[(level + side) % LEVELS]
+    )
+
+
+def build_obstacles(screens: int = 1, screen_width: float = 0.0) -> Obstacles:
     """Return the obstacles of all seven levels."""
-    obstacles = no_obstacles(LEVELS, 25, 24)
-    for level, placements in enumerate(PLACEMENTS):
-        for p in placements:
+    obstacles = no_obstacles(LEVELS, 25 * screens, 24 * screens)
+    for level in range(LEVELS):
+        for p in placements_of(level, screens, screen_width):
             place(obstacles, level, DISCS[p.template], BOXES[p.template], (p.x, p.y, p.scale_x, p.scale_y, p.depth))
     return obstacles
 

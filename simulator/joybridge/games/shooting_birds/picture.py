@@ -27,8 +27,11 @@ CURSOR_RADIUS, CURSOR_OPACITY = 2.2, 160  # wider than any bird, so that none is
 OPAQUE = 256
 
 
-def ground(obstacles: Obstacles, level: int, x: Array, y: Array) -> Array:
-    """Return what is nearest to the viewer at places x [w], y [h] of a level, uint8 [h, w]."""
+def ground(obstacles: Obstacles, beyond: float, level: int, x: Array, y: Array) -> Array:
+    """Return what is nearest to the viewer at places x [w], y [h] of a level, uint8 [h, w].
+
+    beyond: units of the field on both sides of the screen in the middle.
+    """
     kinds = np.full((len(y), len(x)), SKY, np.uint8)
     boxes = obstacles.boxes[level, : obstacles.box_count[level]]
     discs = obstacles.discs[level, : obstacles.disc_count[level]]
@@ -40,7 +43,7 @@ def ground(obstacles: Obstacles, level: int, x: Array, y: Array) -> Array:
             columns = _within(x, center_x - radius, center_x + radius)
             inside = (x[columns] - center_x) ** 2 + ((y[rows] - center_y) ** 2)[:, None] <= radius * radius
             kinds[rows, columns][inside] = kind
-    kinds[:, np.abs(x) > WALL_X] = WALL
+    kinds[:, np.abs(x) > WALL_X + beyond] = WALL
     kinds[np.abs(y) > WALL_Y] = WALL
     return kinds
 
@@ -51,30 +54,49 @@ def _within(increasing: Array, low: float, high: float) -> slice:
 
 
 FIELD = Field(
-    HALF_WIDTH, HALF_HEIGHT, LEVELS, partial(ground, OBSTACLES), HIDES, Palette(GROUND_GRAYS, GRAYS),
+    HALF_WIDTH, HALF_HEIGHT, LEVELS, partial(ground, OBSTACLES, 0.0), HIDES, Palette(GROUND_GRAYS, GRAYS),
     Palette(GROUND_COLORS, COLORS),
 )  # fmt: skip
 
 
-def field_of(obstacles: Obstacles, levels: int) -> Field:
-    """Return the field with other obstacles, those of so many levels."""
-    return replace(FIELD, levels=levels, ground=partial(ground, obstacles))
+def field_of(obstacles: Obstacles, levels: int, beyond: float) -> Field:
+    """Return the field with other obstacles, those of so many levels, on further screens too if `beyond` is not 0."""
+    return replace(FIELD, half_width=HALF_WIDTH + beyond, levels=levels, ground=partial(ground, obstacles, beyond))
 
 
 @compiled
-def paint(arenas, eye, cursor, canvases):
-    """Paint what every arena's agent sees into `canvases`, uint8 [arenas, height, width, channels]."""
+def paint(arenas, travels, eye, cursor, canvases):
+    """Paint what every arena's agent sees into `canvases`, uint8 [arenas, height, width, channels].
+
+    travels: whether the arenas have a camera that moves, so that nothing is seen beyond the border of its screen.
+    """
     order = np.empty(BIRDS, np.int64)
     for i in range(len(arenas)):
         arena, canvas = arenas[i], canvases[i]
-        window = copy_background(eye, arena.level, arena.x, arena.y, canvas)
+        if eye.on_camera:
+            window = copy_background(eye, arena.level, arena.camera, 0.0, canvas)
+        else:
+            window = copy_background(eye, arena.level, arena.x, arena.y, canvas)
         _sort_by_depth(arena.birds, order)
         for j in order:
             bird = arena.birds[j]
             paint_disc(eye, window, bird.kind, bird.x, bird.y, BIRD_RADIUS[bird.kind], bird.kind, OPAQUE, canvas)
+        if travels:
+            _cover_sides(eye, window, arena.camera, canvas)
         if cursor:
             paint_ring(eye, window, arena.x, arena.y, CURSOR_RADIUS, CURSOR, CURSOR_OPACITY, canvas)
         paint_bar(eye, 0, canvas.shape[1], arena.ammo / MAGAZINE, AMMO, canvas)
+
+
+@compiled
+def _cover_sides(eye, window, middle, canvas):
+    """Paint what lies to the left and to the right of the screen around `middle`."""
+    height, width, channels = canvas.shape
+    for j in range(width):
+        if abs(window.left + (j + 0.5) * eye.unit - middle) > WALL_X:
+            for i in range(height):
+                for c in range(channels):
+                    canvas[i, j, c] = eye.ground_colors[WALL, c]
 
 
 @compiled

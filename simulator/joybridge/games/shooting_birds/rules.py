@@ -10,7 +10,7 @@ import numpy as np
 
 from joybridge.contract.tensors import Array
 from joybridge.games.level_sets import draw_level
-from joybridge.games.shooting_birds import foes
+from joybridge.games.shooting_birds import camera, foes
 from joybridge.games.shooting_birds.levels import LEVELS, Obstacles
 from joybridge.games.shooting_birds.sensing import front
 from joybridge.simulator.compiled import compiled
@@ -58,12 +58,14 @@ class World(NamedTuple):
     flights: Array  # how birds enter the levels, records of dtype FLIGHT
     habit: int  # of new birds: see foes.py
     fixed_level: int  # ANY_LEVEL: a random one in each episode; GENERATED: each arena's row has its own
+    camera: int  # what moves it: see camera.py
 
     @property
     def draws(self) -> int:
         """Return the most random numbers that one arena draws per call."""
         more = 0 if self.habit == foes.STRAIGHT else foes.BEGIN_DRAWS * (BIRDS + 1) + foes.STEER_DRAWS * BIRDS
-        return MOST_DRAWS + more + (2 * (BIRDS + 1) if self.fixed_level == GENERATED else 0)
+        more += 2 * (BIRDS + 1) if self.fixed_level == GENERATED else 0
+        return MOST_DRAWS + more + (0 if self.camera == camera.FIXED else 2 * BIRDS + 1)
 
 
 BIRD = np.dtype(
@@ -80,6 +82,7 @@ ARENA = np.dtype(
         ("heading", "f8"),  # rad; only the locomotion "steer" turns it
         ("ammo", "i8"), ("level", "i8"), ("fixed_level", "i8"),  # level: its row in the tables of World
         ("number", "i8"),  # of the generated level
+        ("camera", "f8"), ("scroll", "f8"), ("empty", "i8"),  # its middle, its device; ticks without birds in view
         ("shots", "i8"), ("hits", "i8"), ("reloads", "i8"),  # in this episode; shots without ammo are not counted
         ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since the start, for the birds' flight
         ("birds", BIRD, (BIRDS,)),
@@ -124,6 +127,7 @@ def begin_episodes(arenas, streams):
 @compiled
 def begin_episode(arena, streams, i):
     """Reset crosshair, gun and level of arena i. The crosshair keeps its velocity until the first action."""
+    arena.camera, arena.empty = 0.0, 0
     arena.x = uniform(streams, i, -11.1, 8.9)
     arena.y = uniform(streams, i, -10.0, 10.0)
     arena.ammo = 1 + integer(streams, i, MAGAZINE - 1)  # 1..7, so the magazine is never full
@@ -136,11 +140,19 @@ def begin_episode(arena, streams, i):
 
 
 @compiled
+def _enter(arena, streams, i, world, from_left):
+    """Return where a bird enters: at an edge of the field, or with a camera anywhere outside the screen."""
+    if world.camera != camera.FIXED:
+        return camera.enter(arena, uniform(streams, i, 0.0, 1.0))
+    return SPAWN_LEFT if from_left else SPAWN_RIGHT
+
+
+@compiled
 def spawn(bird, streams, i, arena, world):
     """Place a bird of arena i at the left or right edge, with a new height, size, depth and speed."""
     flight = world.flights[arena.level]
     from_left = uniform(streams, i, 0.0, 1.0) < 0.5
-    bird.x = SPAWN_LEFT if from_left else SPAWN_RIGHT
+    bird.x = _enter(arena, streams, i, world, from_left)
     line = flight.lines[integer(streams, i, flight.line_count) if flight.line_count > 1 else 0]
     bird.y = uniform(streams, i, line[0], line[1])
     size = uniform(streams, i, 0.0, 1.0)
@@ -174,10 +186,14 @@ def tick(arenas, streams, world, velocity, shoot, reload, rewards):
             arena.reloads += 1
         _fly(arena, streams, i, world)
         _move_crosshair(arena)
+        if world.camera != camera.FIXED:
+            camera.scroll(arena, world.camera)
         for bird in arena.birds:
             if bird.wait == 0:
                 bird.x += bird.vx * TICK
                 bird.y += bird.vy * TICK
+        if world.camera != camera.FIXED:
+            arena.empty += camera.count_birds(arena)[1] == 0
         arena.tick += 1
         arena.clock += 1
 
@@ -210,13 +226,14 @@ def _shoot(arena, streams, i, world, rewards):
 @compiled
 def _fly(arena, streams, i, world):
     """Set the velocity of every bird, let those enter whose time it is, and replace those that have left."""
-    foes.steer(arena, streams, i)
+    beyond = 0.0 if world.camera == camera.FIXED else camera.FARTHEST
+    foes.steer(arena, streams, i, beyond)
     for bird in arena.birds:
         if bird.wait > 0:
             bird.wait -= 1
             if bird.wait == 0:
-                bird.x = SPAWN_LEFT if bird.vx > 0.0 else SPAWN_RIGHT
-        elif abs(bird.x) > BIRD_LIMIT_X:
+                bird.x = _enter(arena, streams, i, world, bird.vx > 0.0)
+        elif abs(bird.x) > BIRD_LIMIT_X + beyond:
             spawn(bird, streams, i, arena, world)
 
 
@@ -227,8 +244,9 @@ def _move_crosshair(arena):
     A wall acts only if it was touched at the start of the tick: a fast crosshair first sinks into it and is then
     pushed out over several ticks. x and y are independent except for friction.
     """
-    touch_x, touch_y = _gap(arena.x, WALL_X) <= TOUCH, _gap(arena.y, WALL_Y) <= TOUCH
-    into_x = arena.vx if touch_x and (arena.vx > 0.0) == (arena.x > 0.0) else 0.0
+    place = arena.x - arena.camera
+    touch_x, touch_y = _gap(place, WALL_X) <= TOUCH, _gap(arena.y, WALL_Y) <= TOUCH
+    into_x = arena.vx if touch_x and (arena.vx > 0.0) == (place > 0.0) else 0.0
     into_y = arena.vy if touch_y and (arena.vy > 0.0) == (arena.y > 0.0) else 0.0
     arena.vx -= into_x
     arena.vy -= into_y
@@ -238,7 +256,7 @@ def _move_crosshair(arena):
     arena.y += arena.vy * TICK
     for _ in range(PUSH_PASSES):
         if touch_x:
-            arena.x -= _push(arena.x, WALL_X)
+            arena.x -= _push(arena.x - arena.camera, WALL_X)
         if touch_y:
             arena.y -= _push(arena.y, WALL_Y)
 
