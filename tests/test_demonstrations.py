@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from contextlib import closing
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -28,7 +29,9 @@ from joybridge.demonstrations.recorded import Demonstration, Stretch
 from joybridge.layouts import list_roles, make_acts, make_layouts
 from joybridge.play.playing import Player
 from joybridge.policy.actor import Actor
-from joybridge.ppo.cloning import add_cloning_gradient
+from joybridge.policy.encoder import Stacks
+from joybridge.ppo.cloning import add_cloning_gradient, minibatches
+from joybridge.ppo.history import Window
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.update import Learner
@@ -250,6 +253,43 @@ def test_what_is_shown_is_learned(layout):
     player.act(step, got)
     assert (got.choices == wanted.choices).mean() > 0.98
     assert np.abs(got.axes - wanted.axes).mean() < (0.2 if layout == "bucket-5" else 0.1)
+
+
+def test_images_are_cloned_as_images_and_each_is_stored_once(simulator, tmp_path):
+    for number in (1, 2):
+        file = record(tmp_path, simulator, "gallery", 30, arenas=2)
+        assert file.name == f"gallery-000{number}.demo"
+    game = load_recording(file).spec
+    assert game is not None
+    shown = [load_demonstration(path, game) for path in sorted(tmp_path.iterdir())]
+    (role,) = list_roles("hybrid", game)
+    actor = Actor(role, game.behaviors[0], PolicyConfig(frame_stack=3, hidden_sizes=[8]), 0)
+    actions, remark = targets(actor, shown, Config(game="gallery"))
+    assert remark == "visitor: 112 decisions of 16 episodes are cloned"
+    assert actions is not None and len(actions) == 112
+    wanted = []
+    for stretch in (part for demonstration in shown for part in demonstration.stretches):
+        stacks = Stacks(actor.encoder, 2, 3)
+        stacks.begin(actor.see(stretch.steps[0][0].observations))
+        for number in range(28):  # four episodes; the fifth is not finished
+            wanted.append(deepcopy(stacks.now))
+            stacks.push(actor.see(stretch.steps[number + 1][0].observations), stretch.steps[number + 1][0])
+    np.testing.assert_array_equal(actions.observations.numbers, np.concatenate([one.numbers for one in wanted]))
+    for image, window in enumerate(actions.observations.images):
+        assert isinstance(window, Window)
+        np.testing.assert_array_equal(window.gather(), np.concatenate([one.images[image] for one in wanted]))
+        assert len(window.pictures) == 112 + 1  # and a black one
+    some = next(minibatches(actions, 16, np.random.default_rng(0)))
+    assert add_cloning_gradient(actor.network, some, 1.0) > 0
+
+
+def test_a_run_clones_play_with_images(simulator, tmp_path, capsys):
+    record(tmp_path / "demos", simulator, "gallery", 30)
+    (tmp_path / "gallery.yaml").write_text("game: gallery\narenas: 4\ntotal_timesteps: 64\ncloning: alone\n"
+        "policy: {frame_stack: 2, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n")  # fmt: skip
+    assert main(["train", str(tmp_path / "gallery.yaml"), "--run", str(tmp_path / "run"), "--simulator", simulator,
+                 "--demos", str(tmp_path / "demos")]) == 0  # fmt: skip
+    assert "visitor: 56 decisions of 8 episodes are cloned" in capsys.readouterr().out
 
 
 def test_a_trained_policy_is_recorded_and_cloned(demos, simulator, tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -30,7 +31,12 @@ from joybridge.run.folder import keep_config
 pytestmark = pytest.mark.usefixtures("signals")
 
 EXAMPLES = Path(__file__).parents[1] / "proto" / "examples"
+CPP = ("policy", "network", "convolutions", "json")
 RUNTIME = EXAMPLES / "python" / "policy.py"
+IMAGES = [  # encoder, pixels, frames, activation, one convolution for actor and critic
+    ("windows", "20", 2, "relu", True), ("simple", "9", 3, "swish", False), ("nature", "36", 1, "elu", True),
+    ("impala", "9", 2, "tanh", False), ("auto", "20", 1, "swish", False),
+]  # fmt: skip
 LAYOUTS = [
     "hybrid",
     "bucket-3",
@@ -50,7 +56,9 @@ def make_run(folder: Path, simulator: str, **settings) -> Path:
     rng, arrays = np.random.default_rng(8), {}
     for actor in make_actors(config, describe(simulator, config.game, config.options)):
         for name, array in actor.state().items():
-            drawn = rng.normal(0.0, 0.7, array.shape).astype(np.float32)
+            inputs = math.prod(array.shape[1:])  # with many, smaller weights, so that axes are not all at their bounds
+            width = min(0.7, (1.0 if actor.network.encoders else 4.0) / math.sqrt(inputs))
+            drawn = rng.normal(0.0, width, array.shape).astype(np.float32)
             if name.startswith(SCALING):
                 drawn = rng.uniform(0.5, 2.0, array.shape).astype(np.float32)
             arrays[f"{actor.name}/policy/network.{name}"] = drawn
@@ -113,6 +121,22 @@ def test_scaled_observations_play_as_the_trainer_does(kind, simulator, runtime, 
     policy = SMALL.model_copy(update={"scale_observations": kind})
     run = make_run(tmp_path / "run", simulator, layout="multiagent", policy=policy)
     assert "scaling" in play_beside(run, simulator, runtime)["policies"][1]
+
+
+def seeing(encoder, pixels, frames, activation, shared):
+    """Return the settings of a run in the gallery."""
+    policy = PolicyConfig(
+        image_encoder=encoder, frame_stack=frames, activation=activation, shared_encoder=shared, hidden_sizes=[8],
+        scale_observations="running",
+    )  # fmt: skip
+    return {"game": "gallery", "options": {"pixels": pixels}, "policy": policy}
+
+
+@pytest.mark.parametrize("images", IMAGES, ids=[one[0] for one in IMAGES])
+def test_each_encoder_of_images_plays_as_the_trainer_does(images, simulator, runtime, tmp_path):
+    run = make_run(tmp_path / "run", simulator, **seeing(*images))
+    document = play_beside(run, simulator, runtime)
+    assert [image["sensor"] for image in document["policies"][0]["images"]] == ["map", "view"]
 
 
 def play_beside(run, simulator, runtime, *, deterministic=False):
@@ -239,11 +263,6 @@ def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(
     [
         ({}, ["options.size=large"], "the trained network does not fit: the sensors had 30 numbers, now 48"),
         ({}, ["--behavior", "goalkeeper"], "hybrid has no behavior 'goalkeeper'; choose one with --behavior: player"),
-        (
-            {"policy": SMALL.model_copy(update={"image_encoder": "simple"})},
-            [],
-            "networks with convolutions cannot be exported; train it with image_encoder=none",
-        ),
         ({"game": "duel"}, [], "duel has several behaviors; choose one with --behavior: runner, judge"),
     ],
 )
@@ -298,8 +317,10 @@ for (const { sensors, masks, normal, uniform, ends } of JSON.parse(readFileSync(
 """
 
 
-@pytest.mark.parametrize("path", ["python/policy.py", "javascript/policy.mjs", "cpp/src/policy.hpp"])
-def test_a_runtime_has_less_than_200_lines(path):
+@pytest.mark.parametrize(
+    "path", ["python/policy.py", "javascript/policy.mjs", *(f"cpp/src/{name}.hpp" for name in CPP)]
+)
+def test_a_file_of_a_runtime_has_less_than_200_lines(path):
     assert len((EXAMPLES / path).read_text().splitlines()) < 200
 
 
@@ -330,15 +351,26 @@ def players(tmp_path_factory):
 def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
     layout, deterministic, changed, simulator, players, tmp_path
 ):
-    if not players:
-        pytest.skip("install Node.js or a C++ compiler to play a policy there")
     policy = SMALL.model_copy(update=changed)
     run = make_run(tmp_path / "run", simulator, layout=layout, policy=policy)
+    play_elsewhere(run, simulator, players, 100, deterministic=deterministic)
+
+
+@pytest.mark.parametrize("images", IMAGES, ids=[one[0] for one in IMAGES])
+def test_the_runtimes_in_other_languages_see_images_as_the_trainer_does(images, simulator, players, tmp_path):
+    run = make_run(tmp_path / "run", simulator, **seeing(*images))
+    play_elsewhere(run, simulator, players, 30)
+
+
+def play_elsewhere(run, simulator, players, count, *, deterministic=False):
+    """Let the runtimes in other languages make the decisions of the trainer, all alike."""
+    if not players:
+        pytest.skip("install Node.js or a C++ compiler to play a policy there")
     decisions, wanted = [], []
     with open_play(run, simulator, seed=3, deterministic=deterministic) as play:
-        (tmp_path / "policy.json").write_bytes(encode(documents(play, deterministic=deterministic)))
+        (run / "policy.json").write_bytes(encode(documents(play, deterministic=deterministic)))
         behavior = play.spec.behaviors[0]
-        for decision in islice(play.decisions(), 100):
+        for decision in islice(play.decisions(), count):
             before, after, (act,) = decision.before[0], decision.after[0], decision.acts
             assert before.masks is not None
             names = [sensor.name for sensor in behavior.sensors]
@@ -352,9 +384,9 @@ def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
                 "ends": int(after.terminated[0] or after.truncated[0]),
             })  # fmt: skip
             wanted.append([*act.axes[0], *act.choices[0]])
-    (tmp_path / "decisions.json").write_text(json.dumps(decisions))
+    (run / "decisions.json").write_text(json.dumps(decisions))
     for language, command in players.items():
-        files = [str(tmp_path / "policy.json"), str(tmp_path / "decisions.json")]
+        files = [str(run / "policy.json"), str(run / "decisions.json")]
         result = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
         assert result.returncode == 0, result.stderr
         played = [[float(number) for number in line.split()] for line in result.stdout.splitlines()]
@@ -364,8 +396,8 @@ def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
 @pytest.mark.parametrize(
     ("file", "message"),
     [
-        ('{"format": "joybridge.policy.v2"}', "write it with `joybridge export RUN policy.json`"),
-        ('{"format": "joybridge.policy.v3", "policies": [{"layers": [', ""),
+        ('{"format": "joybridge.policy.v3"}', "write it with `joybridge export RUN policy.json`"),
+        ('{"format": "joybridge.policy.v4", "policies": [{"layers": [', ""),
         ('{"format": ]', ""),
     ],
 )
@@ -379,8 +411,8 @@ def test_the_runtimes_in_other_languages_refuse_what_is_no_policy(file, message,
 
 
 def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
-    (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v2"}')
-    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v3'; write"):
+    (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v3"}')
+    with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v4'; write"):
         runtime.Policy(tmp_path / "policy.json")
 
 

@@ -5,8 +5,10 @@ import pytest
 
 from joybridge.layouts import ActionSpace
 from joybridge.policy.fit import misfits
+from joybridge.ppo.convolutions import ImageEncoder
+from joybridge.ppo.images import Image
 from joybridge.ppo.networks import Network
-from joybridge.simulator import sensor
+from joybridge.simulator import image, sensor
 
 SENSORS = [sensor("hand", [3]), sensor("target", [1])]
 
@@ -33,6 +35,27 @@ def test_a_network_of_the_same_shape_fits():
 )  # fmt: skip
 def test_each_difference_has_a_phrase(before, difference):
     assert misfits(network(**before), network(), SENSORS, 2) == [difference]
+
+
+def seeing(kind="simple", size=8, channels=1, frames=2, encoders=1):
+    made = [ImageEncoder(kind, [Image(size, size, channels)], 3 * frames, frames, "relu") for _ in range(encoders)]
+    network = Network(3 * frames, ActionSpace(2, (2,)), [8], False, seed=0, encoders=made)
+    return {name: tensor.numpy() for name, tensor in network.state_dict().items()}
+
+
+@pytest.mark.parametrize(
+    ("before", "difference"),
+    [
+        ({}, None),
+        ({"kind": "impala"}, "image_encoder, frame_stack or an image was another one, now 2 frames of hand 3, view 64"),
+        ({"channels": 3}, "image_encoder, frame_stack or an image was another one, now 2 frames of hand 3, view 64"),
+        ({"size": 12}, "the sensors had 294 features, now 134 (2 frames of hand 3, view 64)"),
+        ({"encoders": 2}, "shared_encoder was false, now true"),
+    ],
+)
+def test_each_difference_of_networks_that_see_images_has_a_phrase(before, difference):
+    sensors = [SENSORS[0], image("view", 8, 8)]
+    assert misfits(seeing(**before), seeing(), sensors, 2) == ([difference] if difference else [])
 
 
 def test_an_unknown_network_is_one_of_another_version():

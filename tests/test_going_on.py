@@ -63,6 +63,25 @@ def test_what_does_not_fit_is_named(more, message, trained, config, simulator, t
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("key", "was", "now"), [("image_encoder", "auto", "impala"), ("shared_encoder", "True", "False")]
+)
+def test_a_network_with_other_convolutions_is_neither_resumed_nor_gone_on_from(
+    key, was, now, simulator, tmp_path, capsys
+):
+    config, run = tmp_path / "kick.yaml", tmp_path / "run"
+    config.write_text("game: kick")
+    command = ["train", str(config), *SMALL, "--simulator", simulator]
+    assert main([*command, "--run", str(run)]) == 0
+    other = f"policy.{key}={now.lower()}"
+    assert main([*command, other, "--from", str(run), "--run", str(tmp_path / "next")]) == 1
+    message = f"kicker: the trained network does not fit: {key} was {was}, now {now}\n"
+    assert message.lower() in capsys.readouterr().err.lower()
+    assert main([*command, other, "--run", str(run), "--resume"]) == 1
+    refusal = capsys.readouterr().err
+    assert refusal.startswith(f"error: cannot resume {run}: policy changed (was ") and f'"{key}": ' in refusal
+
+
 def test_a_run_that_is_not_there_is_refused_before_a_simulator_is_waited_for(config, tmp_path, capsys):
     new = ["--run", str(tmp_path / "next"), "--simulator", "127.0.0.1:1"]
     assert main(["train", str(config), *SMALL, "--from", str(tmp_path / "gone"), *new]) == 1

@@ -10,13 +10,15 @@ import torch
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import make_acts
-from joybridge.play.playing import Player
+from joybridge.play.playing import Player, open_play
 from joybridge.policy.actor import make_actors
+from joybridge.ppo.cloning import refresh
 from joybridge.ppo.loss import autograd_gradient
 from joybridge.ppo.networks import flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
-from joybridge.run.train import learn
+from joybridge.run.run_state import load_state
+from joybridge.run.train import learn, train
 from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
 from tests.test_policy import full_agents
@@ -165,3 +167,42 @@ def test_states_that_are_stored_turn_the_gradient_little_when_they_are_some_upda
     turned = torch.nn.functional.cosine_similarity(stale, gradient, dim=0)
     assert not torch.equal(batch.sequences.states, now)
     assert 0.995 < float(turned) < 1.0
+
+
+def test_demonstrations_are_cloned_with_what_the_network_remembers_of_their_episodes_now():
+    (policy,) = full_agents("recall", {"task": "echo"}, remembering("lstm", game="recall", frame_stack=1))
+    whole, _ = full_batch(policy, 20)
+    assert whole.sequences is not None
+    actions, _ = full_batch(policy, 4)
+    assert actions.sequences is not None
+    nonsense = actions.sequences._replace(states=torch.full_like(actions.sequences.states, 9.0))
+    fresh = refresh(policy.actor.network, replace(actions, sequences=nonsense))
+    assert fresh.sequences is not None
+    assert int(fresh.sequences.parts.max()) == 4
+    with torch.no_grad():
+        every = policy.actor.network.heads(
+            replace(whole, sequences=whole.sequences._replace(states=torch.zeros_like(whole.sequences.states)))
+            .minibatch(torch.arange(whole.units))
+            .observations
+        )
+        cut = policy.actor.network.heads(fresh.minibatch(torch.arange(fresh.units)).observations)
+    torch.testing.assert_close(cut.outputs, every.outputs, atol=1e-6, rtol=1e-5)
+
+
+def test_a_run_with_memory_that_is_cut_off_and_resumed_ends_in_the_same_bits(simulator, tmp_path):
+    config = remembering("gru", game="shooting_birds", frame_stack=1).model_copy(
+        update={"total_timesteps": 480, "log_interval": 160, "groups": 2}
+    )
+    once, twice = tmp_path / "once", tmp_path / "twice"
+    train(config, once, [simulator], resume=False, report=lambda *_: None)
+    train(config.model_copy(update={"stop": 160}), twice, [simulator], resume=False, report=lambda *_: None)
+    assert any(array.any() for name, array in load_state(twice).arrays.items() if name.endswith("/policy/memory"))
+    train(config, twice, [simulator], resume=True, report=lambda *_: None)
+    wanted, got = load_state(once).arrays, load_state(twice).arrays
+    assert wanted.keys() == got.keys()
+    for name, array in wanted.items():
+        assert array.tobytes() == got[name].tobytes(), name
+    with open_play(twice, simulator, seed=1, episodes=4) as play:
+        (player,) = play.players
+        next(play.decisions())
+        assert player.observations.memory is not None and player.observations.memory.any()

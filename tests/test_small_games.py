@@ -14,8 +14,10 @@ from joybridge.games.archer.game import DECISIONS as ARCHER_DECISIONS
 from joybridge.games.marble.game import DECISIONS, FASTEST, PULL, RING, RING_DECISIONS, ROLLS, Marble
 from joybridge.games.noughts.game import Noughts, outcome
 from joybridge.games.orchard.game import APPLES, COLUMNS, PAUSE, Orchard
+from joybridge.games.recall.game import ANSWERS, BACK, COLORS, Recall
 from joybridge.play.evaluate import evaluate
 from joybridge.run.train import train
+from joybridge.simulator import option
 
 LEFT, STAY, RIGHT = range(3)
 
@@ -289,6 +291,35 @@ def test_how_a_game_ended_stays_in_sight_until_the_next_move():
     assert not np.array_equal(arena.draw(), begin(Noughts)[0].draw())
     arena.step([{"field": 4}] * 2)
     assert np.array_equal(arena.draw(), begin(Noughts, marks=arena.marks)[0].draw())
+
+
+# ----------------------------------------------------------------------------------------------------------- recall
+
+
+@pytest.mark.parametrize(("task", "back", "answers"), [("cue", 30, 1), ("echo", BACK, ANSWERS)])
+def test_a_color_pays_if_it_is_named_when_it_is_asked_for(task, back, answers):
+    class Task(Recall):
+        options = (option("task", [task]),)
+
+    for late, paid in ((0, 1.0), (1, None)):
+        seen: list[list[float]] = []
+
+        def answer(timestep, seen=seen, late=late):
+            seen.append(list(timestep.observation["shown"]))
+            asked = timestep.observation["asked"] == [1.0]
+            assert asked is (len(seen) > back)
+            return {"answer": seen[len(seen) - 1 - back - late].index(1.0) if asked and len(seen) > back + late else 0}
+
+        arena, first = begin(Task, seed=3)
+        total, end = until_the_end(arena, first, answer)
+        assert len(seen) == back + answers and [any(shown) for shown in seen] == [True] * answers + [False] * back
+        assert end.terminated and end.metrics["right"] == pytest.approx(total["reward"])
+        assert total["reward"] == pytest.approx(paid) if paid else total["reward"] < 0.7
+
+
+def test_all_colors_are_shown_and_drawn():
+    pictures = {int(arena.colors[0]): arena.draw().tobytes() for arena, _ in (begin(Recall, n) for n in range(30))}
+    assert len(set(pictures.values())) == len(pictures) == len(COLORS)
 
 
 # --------------------------------------------------------------------------------------------------------- learning

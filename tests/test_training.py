@@ -153,12 +153,12 @@ def trainer_with_a_row(run: Path, *command: str) -> Iterator[tuple[subprocess.Po
             process.kill()
 
 
-def resume_and_compare(run: Path, tmp_path: Path, address: str) -> None:
+def resume_and_compare(run: Path, tmp_path: Path, address: str, *more: str, config: Path = CONFIG) -> None:
     """Resume a run that was cut off; it must end like one that was not."""
     done = load_checkpoint(run)[1].timesteps
-    end = f"stop={done + 300}"
-    assert train(run, *SMALL, end, "--resume", "--simulator", address).status == 0
-    assert train(tmp_path / "straight", *SMALL, end, "--simulator", address).status == 0
+    settings = [*SMALL, *more, f"stop={done + 300}", "--simulator", address]
+    assert train(run, *settings, "--resume", config=config).status == 0
+    assert train(tmp_path / "straight", *settings, config=config).status == 0
     assert_same(weights(run), weights(tmp_path / "straight"))
 
 
@@ -201,6 +201,18 @@ def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly_as_ofte
         assert "--resume" in command
     assert joybridge(*command, "stop=20").status == 0
     resume_and_compare(run, tmp_path, address)
+
+
+def test_a_killed_run_that_sees_images_resumes_to_the_same_bits(address, tmp_path):
+    run, config = tmp_path / "run", CONFIG.with_name("screen.yaml")
+    stacks = ["policy.frame_stack=3", "policy.shared_encoder=false", "options.fovea_size=24"]
+    with trainer_with_a_row(run, *arguments(run, *SMALL, *stacks, config=config)) as (process, _):
+        wait_for_rows(run, 2)  # so that there is a checkpoint, that of the first row
+        process.kill()
+    arrays = load_checkpoint(run)[0]
+    pictures = [array for array in arrays.values() if array.dtype == np.uint8 and array.shape[1:] == (3, 24, 24, 1)]
+    assert len(pictures) == 2 and all(array.std() > 0 for array in pictures)  # of both images, and not black
+    resume_and_compare(run, tmp_path, address, *stacks, config=config)
 
 
 def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):

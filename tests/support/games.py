@@ -193,6 +193,47 @@ class Kick(Game):
         return {"line": np.clip(255 * (1 - np.abs(np.arange(8) - self.ball)), 0, 255).reshape(1, 8, 1)}
 
 
+class Gallery(Game):
+    """Two images that nobody can foresee, one of them in color, beside two numbers."""
+
+    name = "gallery"
+    description = "Look at pictures, and move while you do."
+    options = (option("pixels", ["9", "20", "36"]),)
+
+    @classmethod
+    def describe(cls, options):
+        size = int(options["pixels"])
+        visitor = behavior(
+            "visitor",
+            sensors=[image("map", size, size + 3), sensor("place", [2]), image("view", size, size, channels=3)],
+            axes=[axis("x"), axis("y", 0.0, 2.0)],
+            branches=[branch("gear", ["low", "middle", "high"]), button("press")],
+        )
+        return spec(cls, [visitor], max_episode_decisions=7)
+
+    def reset(self):
+        self.clock = 0
+        return transition(self.observation(), masks=self.masks())
+
+    def step(self, action):
+        self.clock += 1
+        pays = {"reward": action["x"]}
+        if self.clock == 7:
+            return truncation(self.observation(), pays)
+        return transition(self.observation(), pays, masks=self.masks())
+
+    def observation(self):
+        size = int(self.option["pixels"])
+        return {
+            "map": self.rng.integers(0, 256, (size, size + 3, 1)),
+            "place": self.rng.normal(0.0, 1.0, 2),
+            "view": self.rng.integers(0, 256, (size, size, 3)),
+        }
+
+    def masks(self):
+        return {"gear": [self.clock % 3 != gear for gear in range(3)]}
+
+
 class Raises(Game):
     """A bug in the third step of every episode."""
 
@@ -388,4 +429,4 @@ class BrokenChoice(Unnamed):
         return spec(cls, [player])
 
 
-PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Kick, Raises, Faulty, Batch)]
+PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Kick, Gallery, Raises, Faulty, Batch)]

@@ -1,7 +1,7 @@
 /** The types of policy.mjs, which describes them. */
 
 export type Values = Record<string, ArrayLike<number | boolean>>; // by name of a sensor or a branch
-export type State = Float32Array[];
+export type State = Float32Array[][];
 
 export interface Noise {
   uniform(): number;

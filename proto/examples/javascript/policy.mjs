@@ -12,7 +12,7 @@
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
-const FORMAT = "joybridge.policy.v3";
+const FORMAT = "joybridge.policy.v4";
 const ACTIVATIONS = {
   swish: (x) => x / (1 + Math.exp(-x)),
   tanh: Math.tanh,
@@ -37,8 +37,12 @@ export class Policy {
     this.axes = document.axes; // name, low and high of each, in the order of Action.axes
     this.branches = document.branches; // name and choices of each, in the order of Action.choices
     this.deterministic = document.deterministic;
+    const sizes = new Map(this.sensors.map(({ name, shape }) => [name, shape.reduce((a, b) => a * b, 1)]));
+    const count = (names) => names.reduce((sum, name) => sum + sizes.get(name), 0);
     this.networks = document.policies.map((network) => ({
       ...network,
+      images: network.images.map((image) => ({ ...image, steps: image.steps.map(decoded) })),
+      sizes: [count(network.sensors), ...network.images.map(({ sensor }) => count([sensor]))],
       layers: network.layers.map(({ weight, bias }) => ({ weight: floats(weight), bias: floats(bias) })),
       deviations: floats(network.deviations),
       shift: network.scaling && floats(network.scaling.shift),
@@ -46,18 +50,15 @@ export class Policy {
     }));
   }
 
-  /** Return the state of a new episode: for each network, the frames that it remembers, of which there are none yet. */
+  /** Return the state of a new episode: for each network, the frames and pictures that it remembers, none yet. */
   begin() {
-    return this.networks.map(({ layers, frame_stack }) => {
-      const numbers = layers[0].weight.length / layers[0].bias.length;
-      return new Float32Array(numbers - numbers / frame_stack);
-    });
+    return this.networks.map(({ sizes, frame_stack }) => sizes.map((n) => new Float32Array((frame_stack - 1) * n)));
   }
 
   /**
    * Return { axes, choices, state }: the values of the device, and the state of the next decision.
    * @param {Object<string, ArrayLike<number | boolean>>} sensors by name, each flat, row-major
-   * @param {Float32Array[]} state of `begin`, or of the last decision
+   * @param {Float32Array[][]} state of `begin`, or of the last decision
    * @param {Object<string, ArrayLike<number | boolean>>} masks by name of a branch, true: allowed; those that are left
    *   out allow all choices
    * @param {{ uniform: () => number, normal: () => number }} noise
@@ -68,8 +69,10 @@ export class Policy {
     const choices = new Int32Array(this.branches.length);
     const next = this.networks.map((network, index) => {
       const frame = scale(network, network.sensors.flatMap((name) => Array.from(sensors[name], Number)));
-      const seen = Float32Array.from([...state[index], ...frame]);
-      const outputs = dense(network, seen);
+      const newest = [frame, ...network.images.map(({ sensor }) => Array.from(sensors[sensor], Number))];
+      const seen = newest.map((values, part) => Float32Array.from([...state[index][part], ...values]));
+      const features = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
+      const outputs = dense(network, Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part))));
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
@@ -92,7 +95,7 @@ export class Policy {
           choices[target.branch] = mask[pressed] ? pressed : mask.indexOf(true);
         }
       });
-      return seen.slice(frame.length);
+      return seen.map((values, part) => values.slice(newest[part].length));
     });
     return { axes, choices, state: next };
   }
@@ -117,6 +120,49 @@ function scale({ scaling, shift, scale }, frame) {
   return frame.map((x, index) => clip((x - shift[index]) * scale[index], -limit, limit));
 }
 
+/** Return the features of the last pictures of an image. */
+function encode({ shape: [height, width, channels], white, steps }, stack, activate) {
+  const size = height * width * channels;
+  const values = new Float32Array(stack.length); // [frames * channels, height, width]
+  stack.forEach((byte, k) => {
+    const [frame, pixel, channel] = [Math.floor(k / size), Math.floor((k % size) / channels), k % channels];
+    values[(frame * channels + channel) * height * width + pixel] = byte / white;
+  });
+  const image = { channels: stack.length / (height * width), height, width, values };
+  return steps.reduce((before, step) => take(step, before, activate), image).values;
+}
+
+/** Return an image after a step of an encoder. */
+function take(step, image, activate) {
+  if (step.kind === "activation") return { ...image, values: image.values.map(activate) };
+  if (step.kind !== "residual") return slide(step, image);
+  const { values } = step.steps.reduce((before, inner) => take(inner, before, activate), image);
+  return { ...image, values: image.values.map((x, k) => x + values[k]) };
+}
+
+/** Return the weighted sum of all channels in each window of an image, or without weights each channel's maximum. */
+function slide({ size: [rows, columns], stride, padding, weight, bias }, { channels, height, width, values }) {
+  const [down, across] = [height - rows, width - columns].map((room) => Math.floor((room + 2 * padding) / stride) + 1);
+  const outputs = weight ? bias.length : channels;
+  const result = new Float32Array(outputs * down * across);
+  for (let place = 0; place < result.length; place++) {
+    const output = Math.floor(place / (down * across));
+    const [top, left] = [Math.floor(place / across) % down, place % across].map((at) => at * stride - padding);
+    let total = weight ? bias[output] : -Infinity;
+    for (let channel = weight ? 0 : output; channel < (weight ? channels : output + 1); channel++) {
+      for (let y = Math.max(top, 0); y < Math.min(top + rows, height); y++) {
+        for (let x = Math.max(left, 0); x < Math.min(left + columns, width); x++) {
+          const value = values[(channel * height + y) * width + x];
+          if (!weight) total = Math.max(total, value);
+          else total += weight[((output * channels + channel) * rows + y - top) * columns + x - left] * value;
+        }
+      }
+    }
+    result[place] = total;
+  }
+  return { channels: outputs, height: down, width: across, values: result };
+}
+
 /** Return the outputs of the dense layers of a network, with its activation between them. */
 function dense({ layers, activation }, inputs) {
   let values = inputs;
@@ -138,6 +184,11 @@ function press(share, threshold, count) {
 
 function clip(value, low, high) {
   return Math.min(Math.max(value, low), high);
+}
+
+/** Return a step of an encoder, and what it contains, with arrays as numbers. */
+function decoded({ weight, bias, steps, ...step }) {
+  return { ...step, weight: weight && floats(weight), bias: bias && floats(bias), steps: steps?.map(decoded) };
 }
 
 /** Return the numbers of an array of the file: little-endian floats of 32 bits, as base64. */

@@ -14,10 +14,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
-FORMAT = "joybridge.policy.v3"
+FORMAT = "joybridge.policy.v4"
 ACTIVATIONS = {
     "swish": lambda x: x / (1 + np.exp(-np.clip(x, -80, None))),
     "tanh": np.tanh,
@@ -39,10 +40,15 @@ class Policy:
         self.branches = document["branches"]  # name and choices of each, in the order of their columns
         self.deterministic = document["deterministic"]
         self._networks = document["policies"]
+        self._shapes = {sensor["name"]: sensor["shape"] for sensor in self.sensors}
 
     def begin(self, lanes):
         """Return the state of new episodes, float32 [lanes, numbers]: the last frames, of which there are none yet."""
-        return np.zeros((lanes, sum(_older(network) for network in self._networks)), np.float32)
+        older = 0
+        for network in self._networks:
+            seen = [*network["sensors"], *(image["sensor"] for image in network["images"])]
+            older += (network["frame_stack"] - 1) * sum(int(np.prod(self._shapes[name])) for name in seen)
+        return np.zeros((lanes, older), np.float32)
 
     def act(self, sensors, state, random, masks=None):
         """Return axes, float32 [lanes, axes], choices, int32 [lanes, branches], and the state of the next decision.
@@ -58,14 +64,13 @@ class Policy:
             np.asarray((masks or {}).get(branch["name"], np.ones((lanes, len(branch["choices"])))), bool)
             for branch in self.branches
         ]
+        flat = {name: np.asarray(sensors[name], np.float32).reshape(lanes, -1) for name in self._shapes}
         following = []
         for network in self._networks:
-            older, state = state[:, : _older(network)], state[:, _older(network) :]
-            frame = [np.asarray(sensors[name], np.float32).reshape(lanes, -1) for name in network["sensors"]]
-            seen = np.concatenate([older, _scale(network, np.concatenate(frame, axis=1))], axis=1)
-            following.append(seen[:, seen.shape[1] - older.shape[1] :])
+            features, kept, state = self._see(network, flat, state)
+            following += kept
             normal, uniform = self._noise(network, lanes, random)
-            outputs, begin = _dense(network, seen), 0
+            outputs, begin = _dense(network, features), 0
             for column, table in enumerate(network["discrete"]):
                 end = begin + len(table["values"])
                 logits = self._mask(table, outputs[:, begin:end], allowed)
@@ -95,6 +100,23 @@ class Policy:
                     choices[:, target["branch"]] = np.where(fits, pressed, mask.argmax(axis=1))
         return axes, choices, np.concatenate(following, axis=1)
 
+    def _see(self, network, flat, state):
+        """Return what the dense layers get, [lanes, numbers], what is remembered of it, and the rest of a state."""
+        nothing = np.zeros((len(state), 0), np.float32)
+        frame = _scale(network, np.concatenate([nothing, *(flat[name] for name in network["sensors"])], axis=1))
+        features, kept = [], []
+        for newest, image in [(frame, None), *((flat[image["sensor"]], image) for image in network["images"])]:
+            older, state = np.split(state, [(network["frame_stack"] - 1) * newest.shape[1]], axis=1)
+            seen = np.concatenate([older, newest], axis=1)
+            kept.append(seen[:, newest.shape[1] :])
+            if image:
+                height, width, channels = image["shape"]
+                stack = np.moveaxis(seen.reshape(len(seen), -1, height, width, channels), 4, 2)
+                pixels = stack.reshape(len(seen), -1, height, width) / np.float32(image["white"])
+                seen = _encode(image["steps"], pixels, ACTIVATIONS[network["activation"]]).reshape(len(seen), -1)
+            features.append(seen)
+        return np.concatenate(features, axis=1), kept, state
+
     def _noise(self, network, lanes, random):
         """Return noise for the Gaussians and the branches of a network, [lanes, number] each, or None and None."""
         if self.deterministic:
@@ -114,12 +136,6 @@ class Policy:
         return np.where(fits, logits, np.float32(FORBIDDEN))
 
 
-def _older(network):
-    """Return how many numbers a network remembers of the frames before the present one."""
-    numbers = network["layers"][0]["weight"].shape[1]
-    return numbers - numbers // network["frame_stack"]
-
-
 def _scale(network, frame):
     """Return a frame [lanes, numbers] as the network was trained with it."""
     if "scaling" not in network:
@@ -127,6 +143,28 @@ def _scale(network, frame):
     scaling = network["scaling"]
     limit = np.float32(scaling.get("limit", np.inf))
     return np.clip((frame - scaling["shift"]) * scaling["scale"], -limit, limit)
+
+
+def _encode(steps, values, activation):
+    """Return an image [lanes, channels, height, width] after the steps of an encoder."""
+    for step in steps:
+        if step["kind"] == "activation":
+            values = activation(values)
+        elif step["kind"] == "residual":
+            values = values + _encode(step["steps"], values, activation)
+        elif step["kind"] == "convolution":
+            sums = np.tensordot(_windows(step, values, 0), step["weight"], ([1, 4, 5], [1, 2, 3])) + step["bias"]
+            values = np.moveaxis(sums, 3, 1)
+        else:
+            values = _windows(step, values, -np.inf).max(axis=(4, 5))
+    return values
+
+
+def _windows(step, values, beyond):
+    """Return what each window of a step covers, [lanes, channels, rows, columns, height, width]."""
+    margin, stride = [step["padding"]] * 2, step["stride"]
+    padded = np.pad(values, [(0, 0), (0, 0), margin, margin], constant_values=beyond)
+    return sliding_window_view(padded, step["size"], axis=(2, 3))[:, :, ::stride, ::stride]
 
 
 def _dense(network, values):

@@ -135,7 +135,7 @@ class Config(Checked):
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
-        "squashed, threshold-T, multiagent or one of an installed package; after commas, "
+        "squashed, threshold-T, map-WxH, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
     arenas: int = Field(75, ge=1, description="copies of the game that are played at once")

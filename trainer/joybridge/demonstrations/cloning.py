@@ -1,7 +1,9 @@
 """Demonstrations as targets of policies: what each policy would have had to do, and what it cannot say."""
 
 from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,16 +14,16 @@ from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import chosen_demonstrations, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration
+from joybridge.demonstrations.shown_pictures import Numbered, gather_pictures, number_pictures
 from joybridge.layouts import Layout
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
-from joybridge.policy.encoder import Stacks
+from joybridge.policy.encoder import FrameStack
 from joybridge.policy.policy import Policy
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.memory import Sequences, cut
-from joybridge.ppo.observation import Observation, join
-from joybridge.ppo.observation_tensors import to_tensors
+from joybridge.ppo.observation_tensors import Observations
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -52,16 +54,19 @@ def demonstrate(
 
 def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tuple[Actions | None, str]:
     """Return what a policy clones, None if nothing is shown to it, and a remark. Raises ConfigError."""
-    found = list(_decisions(actor, shown))
+    numbered = number_pictures([part for demonstration in shown for part in demonstration.stretches], actor.behavior)
+    begun = count()  # episodes
+    found = [part for stretch in numbered for part in _decisions(actor, stretch, begun)]
     if not found:
         return None, f"{actor.name}: no decision of a finished episode is demonstrated"
-    episodes_of = np.concatenate([part[4] for part in found])
-    observations = join([part[0] for part in found])
-    axes, choices = (np.concatenate([part[i] for part in found]) for i in (1, 2))
+    numbers, sources, episodes_of, axes, choices = (
+        np.concatenate(parts)
+        for parts in zip(*((p.numbers, p.sources, p.episodes, p.act.axes, p.act.choices) for p in found), strict=True)
+    )
     masks = None
-    if any(part[3] is not None for part in found):
+    if any(part.masks is not None for part in found):
         device = shown[0].spec.behaviors[actor.behavior].device
-        masks = [_join_masks([part[3] for part in found], [len(part[1]) for part in found], i, len(branch.choices))
+        masks = [_join_masks([p.masks for p in found], [len(p.sources) for p in found], i, len(branch.choices))
                  for i, branch in enumerate(device.branches)]  # fmt: skip
     act, layout = ActArrays(axes, choices), actor.layout
     continuous, discrete = layout.read(act)
@@ -81,52 +86,53 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
             f"; axes are moved to the nearest value of {config.layout}, by {moved[said].mean():.1%} of their range on "
             f"average, {moved[said].max():.1%} at most"
         )
+    rows = np.flatnonzero(said)
+    if actor.network.state_size:  # the decisions of an episode side by side
+        rows = rows[np.argsort(episodes_of[rows], kind="stable")]
     additions = _additions(layout, masks, discrete)
-    own = [torch.from_numpy(np.ascontiguousarray(part[said])) for part in (continuous, discrete)]
-    seen = to_tensors(observations.rows(said), torch.device("cpu"))
-    masked = None if additions is None else torch.from_numpy(additions[said])
+    own = [torch.from_numpy(np.ascontiguousarray(part[rows])) for part in (continuous, discrete)]
+    pictures = gather_pictures(actor.encoder, numbered, actor.behavior, sources[rows])
+    seen = Observations(torch.from_numpy(numbers[rows]), pictures)
+    masked = None if additions is None else torch.from_numpy(additions[rows])
     learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked)
     if actor.network.state_size:
-        learned = _in_sequences(actor, learned, episodes_of[said])
+        begins, lengths, parts = cut(episodes_of[rows], actor.config.memory.length)
+        states = np.zeros((len(begins), actor.network.state_size), np.float32)
+        learned.sequences = Sequences(*map(torch.from_numpy, (begins, lengths, states, parts)))
     return learned.to(actor.accelerator), remark
 
 
-def _in_sequences(actor: Actor, actions: Actions, episodes: Array) -> Actions:
-    """Return actions with the rows of each episode side by side, as sequences."""
-    order = np.argsort(episodes, kind="stable")
-    begins, lengths, parts = cut(episodes[order], actor.config.memory.length)
-    states = np.zeros((len(begins), actor.network.state_size), np.float32)
-    ordered = actions.rows(torch.from_numpy(order))
-    ordered.sequences = Sequences(*map(torch.from_numpy, (begins, lengths, states, parts)))
-    return ordered
+class _Shown(NamedTuple):
+    """What some lanes decide at one time."""
+
+    numbers: Array  # what they see but images, float32 [rows, frame_stack x numbers]
+    sources: Array  # the numbers of the pictures that they see, [rows, frame_stack]
+    episodes: Array  # the number of the episode of each, [rows]
+    act: ActArrays
+    masks: Sequence[Array] | None
 
 
-def _decisions(
-    actor: Actor, shown: Sequence[Demonstration]
-) -> Iterator[tuple[Observation, Array, Array, Sequence[Array] | None, Array]]:
-    """Yield observations, axes, choices, masks and numbers of episodes of all lanes that a decision is demonstrated in.
-
-    Decisions of an episode have the same number, and the earlier one is yielded first.
-    """
-    index, begun = actor.behavior, 0
-    for stretch in (stretch for demonstration in shown for stretch in demonstration.stretches):
-        ends, first = stretch.ends(index), stretch.steps[0][index]
-        if not len(ends):  # a dataset is of another behavior
-            continue
-        stack = Stacks(actor.encoder, len(ends), actor.config.frame_stack)
-        stack.begin(actor.see(first.observations))
-        episodes = begun + np.arange(len(ends))
-        begun += len(ends)
-        for number, act in enumerate(stretch.acts):
-            lanes = stretch.demonstrated(number, index) & (number <= ends)
-            if lanes.any():
-                masks = stretch.steps[number][index].masks
-                own = None if masks is None else [mask[lanes] for mask in masks]
-                yield stack.now.rows(lanes), act[index].axes[lanes], act[index].choices[lanes], own, episodes[lanes]
-            after = stretch.steps[number + 1][index]
-            episodes[after.ended] = begun + np.arange(len(after.ended))
-            begun += len(after.ended)
-            stack.push(actor.see(after.observations), after)
+def _decisions(actor: Actor, numbered: Numbered, begun: Iterator[int]) -> Iterator[_Shown]:
+    """Yield what is demonstrated in a stretch, one decision after the other. begun: numbers the episodes."""
+    index, stretch, frames = actor.behavior, numbered.stretch, actor.config.frame_stack
+    ends = stretch.ends(index)
+    if not len(ends):  # a dataset is of another behavior
+        return
+    numbers, sources = FrameStack(len(ends), actor.encoder.size, frames), FrameStack(len(ends), 1, frames, np.int64)
+    numbers.begin(actor.see(stretch.steps[0][index].observations).numbers)
+    sources.begin(numbered.numbers(0))
+    episodes = np.array([next(begun) for _ in ends])
+    for number, act in enumerate(stretch.acts):
+        lanes = stretch.demonstrated(number, index) & (number <= ends)
+        if lanes.any():
+            masks = stretch.steps[number][index].masks
+            own = None if masks is None else [mask[lanes] for mask in masks]
+            done = ActArrays(act[index].axes[lanes], act[index].choices[lanes])
+            yield _Shown(numbers.now[lanes], sources.now[lanes], episodes[lanes], done, own)
+        after = stretch.steps[number + 1][index]
+        numbers.push(actor.see(after.observations).numbers, after)
+        sources.push(numbered.numbers(number + 1), after)
+        episodes[after.ended] = [next(begun) for _ in after.ended]
 
 
 def _join_masks(parts: Sequence[Sequence[Array] | None], rows: Sequence[int], branch: int, choices: int) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts.reading import read_continuous, read_discrete
-from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
+from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Map, Part, Split, Threshold, covers
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
@@ -34,6 +34,7 @@ class ActionSpace:
     ordinal: tuple[int, ...] = ()  # branches whose choices are neighbors, by their indices
     distributions: tuple[str, ...] = ()  # of each continuous action; (): all are Gaussians
     needs: Conditions = ()  # of continuous actions that count only with some choices of branches
+    maps: tuple[tuple[int, Map], ...] = ()  # branches, by their indices, whose choices are places in an image
 
     def counting(self) -> Array:
         """Return with which choice of which branch each continuous action counts, bool [continuous, branches, widest].
@@ -63,14 +64,15 @@ class Layout:
     @cached_property
     def space(self) -> ActionSpace:
         """Return the action space that this layout gives its policy."""
-        tables = enumerate(self.discrete)
+        tables = [*enumerate(self.discrete)]
         ordinal = tuple(index for index, table in tables if isinstance(table, AxisTable) and table.ordinal)
+        maps = tuple((index, table.map) for index, table in tables if isinstance(table, JointTable) and table.map)
         sizes = tuple(len(table.values) for table in self.discrete)
         names = [target.distribution if isinstance(target, AxisRange) else "" for target in self.continuous]
         distributions = tuple(name or GAUSSIAN for name in names) if any(names) else ()
         ranges = [(index, each) for index, each in enumerate(self.continuous) if isinstance(each, AxisRange)]
         needs = tuple((index, *pair) for index, each in ranges for pair in each.given)
-        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, needs)
+        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, needs, maps)
 
     def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
         """Return what the policy's branches and its continuous actions act on: names of the device's parts."""

@@ -15,6 +15,7 @@ Only operators of opset 17 and 32-bit numbers are used, which every runtime has.
 """
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,7 @@ class _Builder:
         self._axes, self._branches = document["axes"], document["branches"]
         self._ranges: dict[str, int] = {}  # how many columns of `state`, `normal` and `uniform` are in use
         self._deterministic = document["deterministic"]
+        self._shapes = {sensor["name"]: sensor["shape"] for sensor in document["sensors"]}
         sensors = {
             sensor["name"]: self._input(f"sensor.{sensor['name']}", sensor["dtype"], sensor["shape"])
             for sensor in document["sensors"]
@@ -117,20 +119,58 @@ class _Builder:
                     choices[target["branch"]] = self._press(share, target)
 
     def _observe(self, policy: Document, states: list[str]) -> str:
-        """Return the frames of a policy side by side, oldest first, and keep all but the oldest as its state."""
-        frame = self._side_by_side([self._frames[name] for name in policy["sensors"]])
+        """Return what the dense layers of a policy get, and add to `states` what the policy remembers of it."""
+        frames = policy["frame_stack"]
+        parts = []
+        if policy["sensors"]:
+            frame = self._side_by_side([self._frames[name] for name in policy["sensors"]])
+            size = sum(math.prod(self._shapes[name]) for name in policy["sensors"])
+            parts.append(self._stack(self._scale(policy, frame), size, frames, states))
+        for image in policy["images"]:
+            height, width, channels = image["shape"]
+            pixels = self._frames[image["sensor"]]
+            stack = self._stack(pixels, height * width * channels, frames, states)
+            value = self._reshape(stack, [-1, frames, height, width, channels])
+            value = self._node("Transpose", value, perm=[0, 1, 4, 2, 3])
+            value = self._reshape(value, [-1, frames * channels, height, width])
+            value = self._node("Div", value, self._constant(image["white"]))
+            parts.append(self._node("Flatten", self._encode(image["steps"], policy["activation"], value)))
+        return self._side_by_side(parts)
+
+    def _stack(self, newest: str, size: int, frames: int, states: list[str]) -> str:
+        """Return the last frames or pictures side by side, oldest first; all but the oldest are remembered."""
+        if frames == 1:
+            return newest
+        older = size * (frames - 1)
+        stack = self._side_by_side([self._take("state", older), newest])
+        states.append(self._columns(stack, size, older))
+        return stack
+
+    def _scale(self, policy: Document, frame: str) -> str:
         if scaling := policy.get("scaling"):
             frame = self._node("Sub", frame, self._constant(scaling["shift"]))
             frame = self._node("Mul", frame, self._constant(scaling["scale"]))
             if limit := scaling.get("limit"):
                 frame = self._node("Clip", frame, self._constant(-limit), self._constant(limit))
-        if policy["frame_stack"] == 1:
-            return frame
-        numbers: int = policy["layers"][0]["weight"].shape[1]
-        older = numbers - numbers // policy["frame_stack"]
-        observation = self._side_by_side([self._take("state", older), frame])
-        states.append(self._columns(observation, numbers - older, older))
-        return observation
+        return frame
+
+    def _encode(self, steps: list[Document], activation: str, value: str) -> str:
+        """Return an image [lanes, channels, height, width] after the steps of an encoder."""
+        for step in steps:
+            if step["kind"] == "activation":
+                value = self._activate(activation, value)
+            elif step["kind"] == "residual":
+                value = self._node("Add", value, self._encode(step["steps"], activation, value))
+            else:
+                window = {
+                    "kernel_shape": step["size"], "strides": [step["stride"]] * 2, "pads": [step["padding"]] * 4,
+                }  # fmt: skip
+                if step["kind"] == "convolution":
+                    weight, bias = self._constant(step["weight"]), self._constant(step["bias"])
+                    value = self._node("Conv", value, weight, bias, **window)
+                else:
+                    value = self._node("MaxPool", value, **window)
+        return value
 
     def _network(self, policy: Document, value: str) -> str:
         for number, layer in enumerate(policy["layers"]):
@@ -217,6 +257,9 @@ class _Builder:
 
     def _side_by_side(self, values: list[str]) -> str:
         return self._node("Concat", *values, axis=1)
+
+    def _reshape(self, value: str, shape: list[int]) -> str:
+        return self._node("Reshape", value, self._constant(shape, np.int64))
 
     def _cast(self, value: str, dtype: str) -> str:
         return self._node("Cast", value, to=TensorProto.INT64 if dtype == "int64" else TYPES[dtype])

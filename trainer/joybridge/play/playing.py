@@ -20,6 +20,7 @@ from joybridge.config.game_settings import Value, drawn, fixed, value_text
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
+from joybridge.play.policy_view import PolicyView
 from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.encoder import Stacks
@@ -161,6 +162,10 @@ class Play:
             for key, change in self.changed.items()
         ]
         return "; ".join([f"policy after {self.timesteps:,} timesteps", *changed])
+
+    def view(self) -> PolicyView:
+        """Return what draws the images that the policies see."""
+        return PolicyView(self.spec, [(player.actor.behavior, player.actor.encoder) for player in self.players])
 
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.

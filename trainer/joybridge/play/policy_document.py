@@ -6,10 +6,13 @@
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
 
 from joybridge.config.errors import ExportError
 from joybridge.contract.tensors import NUMPY_TYPES, Array
@@ -17,11 +20,12 @@ from joybridge.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.layouts.layout import GAUSSIAN, SQUASHED
 from joybridge.policy.actor import Actor
 from joybridge.policy.scaling import LIMIT, Scaling
+from joybridge.ppo.convolutions import Activate, ImageEncoder, Residual
 from joybridge.v1 import bridge_pb2 as pb
 
 Document = dict[str, Any]
 
-FORMAT = "joybridge.policy.v3"
+FORMAT = "joybridge.policy.v4"
 
 
 def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
@@ -72,10 +76,15 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
-    if actor.network.encoders:
+    if space.maps:
         raise ExportError(
-            f"{actor.name}: networks with convolutions cannot be exported; train it with image_encoder=none, or play "
-            "it with the trainer"
+            f"{actor.name}: layouts with a map point with convolutions, which cannot be exported; train it with "
+            "another layout, such as bucket-11, or play it with the trainer"
+        )
+    if actor.network.state_size:
+        raise ExportError(
+            f"{actor.name}: networks with memory cannot be exported; train it with policy.memory.kind=none, or play it "
+            "with the trainer"
         )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
@@ -90,7 +99,8 @@ def _policy(actor: Actor) -> Document:
     bias = np.concatenate([np.zeros(len(choices), np.float32), state["mean_bias"]])
     return {
         "name": actor.name,
-        "sensors": [sensor.name for sensor in actor.encoder.sensors],
+        "sensors": [sensor.name for sensor in actor.encoder.numbers],
+        "images": _images(actor),
         "frame_stack": actor.config.frame_stack,
         "activation": actor.config.activation,
         **({} if actor.scaling is None else {"scaling": _scaling(actor.scaling)}),
@@ -99,6 +109,69 @@ def _policy(actor: Actor) -> Document:
         "discrete": [_table(table) for table in layout.discrete],
         "continuous": [_target(target) for target in layout.continuous],
     }
+
+
+def _images(actor: Actor) -> list[Document]:
+    """Return how the actor sees each of its images."""
+    if not actor.network.encoders:
+        return []
+    encoder, frames = actor.network.encoders[0], actor.config.frame_stack  # the other one is the critic's
+    assert isinstance(encoder, ImageEncoder)
+    documents = []
+    for (name, image), body in zip(actor.encoder.images.items(), encoder.bodies, strict=True):
+        blank = torch.zeros(1, image.channels * frames, image.height, image.width, device=actor.accelerator)
+        layers = [*body.stages, nn.Flatten(), *body.dense]
+        first, *more = _steps(layers, functional.pad(blank, body.margins))
+        steps = [_with_margins(first, body.margins), *more]
+        documents.append({"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps})
+    return documents
+
+
+def _with_margins(step: Document, margins: tuple[int, int, int, int]) -> Document:
+    """Return a convolution without padding that does the same to an image without its margins.
+
+    A runtime pads all sides alike, by the widest margin; weights of 0 make up for what the others have too much.
+    """
+    widest = max(margins)
+    if not widest:
+        return step
+    left, right, top, bottom = (widest - margin for margin in margins)
+    weight = np.pad(step["weight"], ((0, 0), (0, 0), (top, bottom), (left, right)))
+    return {**step, "size": list(weight.shape[2:]), "padding": widest, "weight": weight}
+
+
+def _steps(layers: Iterable[nn.Module], values: Tensor) -> Iterator[Document]:
+    """Yield what layers do to an image, step by step. values: any one, [1, channels, height, width].
+
+    A dense layer is a convolution whose window is the whole image, so that a runtime needs nothing else.
+    """
+    shape = values.shape[1:]
+    for layer in layers:
+        match layer:
+            case nn.Sequential():
+                yield from _steps(layer, values)
+            case nn.Conv2d():
+                yield _convolution(layer.weight, layer.bias, layer.stride[0], int(layer.padding[0]))
+            case nn.Flatten():
+                shape = values.shape[1:]
+            case nn.Linear():
+                yield _convolution(layer.weight.view(-1, *shape), layer.bias, 1, 0)
+            case nn.MaxPool2d():
+                size, stride, padding = layer.kernel_size, layer.stride, layer.padding
+                yield {"kind": "maximum", "size": [size, size], "stride": stride, "padding": padding}
+            case Residual():
+                yield {"kind": "residual", "steps": list(_steps([layer.layers], values))}
+            case Activate():
+                yield {"kind": "activation"}
+        values = layer(values)
+
+
+def _convolution(weight: Tensor, bias: Tensor | None, stride: int, padding: int) -> Document:
+    assert bias is not None
+    return {
+        "kind": "convolution", "size": list(weight.shape[2:]), "stride": stride, "padding": padding,
+        "weight": weight.numpy(force=True), "bias": bias.numpy(force=True),
+    }  # fmt: skip
 
 
 def _scaling(scaling: Scaling) -> Document:

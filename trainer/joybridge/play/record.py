@@ -25,9 +25,9 @@ def record(
 ) -> int:  # fmt: skip
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
-    The picture is the simulator's, score included. overrides: "key=value" each, options and parameters of the game that
-    differ from the training. checkpoint: "best", its timesteps, or "" for the newest. inputs: below the
-    picture, draw what is pressed. Raises SimulatorError, CheckpointError or ConfigError.
+    The picture is the simulator's, score included; images that the policy sees are beside it. overrides: "key=value"
+    each, options and parameters of the game that differ from the training. checkpoint: "best", its timesteps, or "" for
+    the newest. inputs: below the picture, draw what is pressed. Raises SimulatorError, CheckpointError or ConfigError.
     """
     form = video_format(output)
     with open_play(
@@ -44,14 +44,15 @@ def record(
         with av.open(str(output), "w") as video:
             rate = Fraction(pace / every).limit_denominator(1000)
             stream = cast(av.VideoStream, video.add_stream(form.codec, rate=rate))
-            overlay = Inputs(spec) if inputs else None
-            height = spec.picture.height + (overlay.height if overlay else 0)
-            stream.width, stream.height = (side // 2 * 2 for side in (spec.picture.width, height))
+            view, overlay = play.view(), Inputs(spec) if inputs else None
+            height = view.height + (overlay.height if overlay else 0)
+            stream.width, stream.height = (side // 2 * 2 for side in (view.width, height))
             stream.pix_fmt = form.pixels  # yuv420p has even sizes: an odd picture loses its last row or column
             palettes = _Palettes(stream.width, stream.height, rate) if form.pixels == "pal8" else None
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
-                    shown = overlay.below(picture, decision.acts) if overlay else picture
+                    seen = view.beside(picture, decision.after)
+                    shown = overlay.below(seen, decision.acts) if overlay else seen
                     even = np.ascontiguousarray(shown[: stream.height, : stream.width])
                     frame = av.VideoFrame.from_ndarray(even, "rgb24")
                     video.mux(stream.encode(palettes.apply(frame) if palettes else frame))

@@ -21,6 +21,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
+from joybridge.ppo.images import check_maps
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
@@ -64,6 +65,7 @@ class Actor:
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
+        check_maps(role.name, [form for _, form in space.maps], pictures)
         count = 0 if not pictures else 1 if shared or config.shared_encoder else 2
         encoders = [
             ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)

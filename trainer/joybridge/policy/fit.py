@@ -17,23 +17,34 @@ def misfits(
     """
     differences = []
     before, after = _layers(saved), _layers(now)
-    if before[:1] != after[:1]:
-        parts = ", ".join(f"{sensor.name} {element_count(sensor)}" for sensor in sensors)
-        frames = f"{frame_stack} frames of {parts}" if frame_stack > 1 else parts
-        differences.append(f"the sensors had {_numbers(before[:1])} numbers, now {_numbers(after[:1])} ({frames})")
+    parts = ", ".join(f"{sensor.name} {element_count(sensor)}" for sensor in sensors)
+    frames = f"{frame_stack} frames of {parts}" if frame_stack > 1 else parts
+    if _shapes(saved, "encoders.0.") != _shapes(now, "encoders.0."):
+        differences.append(f"image_encoder, frame_stack or an image was another one, now {frames}")
+    elif before[:1] != after[:1]:
+        unit = "features" if _shapes(now, "encoders.") else "numbers"
+        differences.append(f"the sensors had {_numbers(before[:1])} {unit}, now {_numbers(after[:1])} ({frames})")
     if before[1:] != after[1:]:
         differences.append(f"hidden_sizes was {before[1:]}, now {after[1:]}")
     shared = ["critic.head.weight" not in network for network in (saved, now)]
     if shared[0] != shared[1]:
         differences.append(f"shared_body was {str(shared[0]).lower()}, now {str(shared[1]).lower()}")
+    common = [not _shapes(network, "encoders.1.") for network in (saved, now)]
+    if not differences and common[0] != common[1]:
+        differences.append(f"shared_encoder was {str(common[0]).lower()}, now {str(common[1]).lower()}")
     actions = [_actions(network, body) for network, body in zip((saved, now), shared, strict=True)]
     if actions[0] != actions[1]:
         differences.append(
             f"the network had {actions[0]} for actions, now {actions[1]}: the layout or the device differs"
         )
-    if not differences and {name: a.shape for name, a in saved.items()} != {name: a.shape for name, a in now.items()}:
+    if not differences and _shapes(saved) != _shapes(now):
         differences.append("it is a network of another version of joybridge")
     return differences
+
+
+def _shapes(network: Mapping[str, Array], prefix: str = "") -> dict[str, tuple[int, ...]]:
+    """Return the shapes of all parameters whose names begin with `prefix`."""
+    return {name: array.shape for name, array in network.items() if name.startswith(prefix)}
 
 
 def _layers(network: Mapping[str, Array]) -> list[int]:

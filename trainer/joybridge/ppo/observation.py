@@ -1,9 +1,6 @@
 """Observations keep their form: numbers side by side, and images as bytes. Needs no torch."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from joybridge.contract.tensors import Array
 
@@ -14,14 +11,3 @@ class Observation(NamedTuple):
     numbers: Array  # float32 [rows, frame_stack x numbers]
     images: tuple[Array, ...] = ()  # uint8 [rows, frame_stack, height, width, channels] each
     memory: Array | None = None  # float32 [rows, state_size]: what is remembered; None: policies without memory
-
-    def rows(self, chosen: Array) -> "Observation":
-        """Return copies of some rows. chosen: their numbers, or a bool for each row."""
-        memory = None if self.memory is None else self.memory[chosen]
-        return Observation(self.numbers[chosen], tuple(image[chosen] for image in self.images), memory)
-
-
-def join(parts: Sequence[Observation]) -> Observation:
-    """Return the rows of all parts, one after the other."""
-    images = zip(*(part.images for part in parts), strict=True)
-    return Observation(np.concatenate([part.numbers for part in parts]), tuple(map(np.concatenate, images)))

@@ -42,6 +42,7 @@ class Watched:
         self.timesteps = play.timesteps
         self.picture: Array | None = None
         self.minds: list[dict[str, Any]] = []
+        self._view = play.view()
         self._decisions = play.decisions(1 if play.spec.HasField("picture") else 0)
 
     def play(self) -> None:
@@ -50,7 +51,7 @@ class Watched:
         played = next(self._decisions)
         self.turn += 1
         self.acts, self.steps = played.acts, played.after
-        self.picture = played.pictures[0] if played.pictures else None
+        self.picture = self._view.beside(played.pictures[0], played.after) if played.pictures else None
         self.scores.take(played.after)
 
     def renew(self) -> None:

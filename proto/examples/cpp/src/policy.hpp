@@ -1,4 +1,5 @@
-/// Play a policy that `joybridge export RUN policy.json` wrote. Copy this file and json.hpp; they need C++20 alone.
+/// Play a policy that `joybridge export RUN policy.json` wrote. Copy this file, network.hpp,
+/// convolutions.hpp and json.hpp; they need C++20 alone.
 ///
 ///   const joybridge::Policy policy("policy.json");
 ///   const joybridge::Noise noise = joybridge::seeded(7);
@@ -13,19 +14,18 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <numeric>
 #include <random>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "json.hpp"
+#include "network.hpp"
 
 namespace joybridge {
 
-using Sensors = std::map<std::string, std::vector<float>>;  // by name, each flat, row-major
-using Masks = std::map<std::string, std::vector<bool>>;     // by name of a branch; true: allowed
-using State = std::vector<std::vector<float>>;              // for each network, the frames that it remembers
+using Masks = std::map<std::string, std::vector<bool>>;  // by name of a branch; true: allowed
+using State = std::vector<std::vector<float>>;           // for each network, what it remembers
 
 /// The values of the device: one for each axis and each branch, in the order of the file.
 struct Action {
@@ -49,10 +49,10 @@ class Policy {
  public:
   explicit Policy(const std::string& path) : document(Json::read(path)) {
     const std::string& format = document["format"].text;
-    if (format != "joybridge.policy.v3") {
+    if (format != "joybridge.policy.v4") {
       throw std::invalid_argument(path + " is no policy; write it with `joybridge export RUN policy.json`");
     }
-    for (const Json& json : document["policies"].items) networks_.emplace_back(json);
+    for (const Json& network : document["policies"].items) networks_.emplace_back(network, document["sensors"]);
   }
 
   const Json document;  // the file: its `game`, `options`, `sensors`, `axes`, `branches` and more
@@ -60,7 +60,7 @@ class Policy {
   /// Returns the state of a new episode, in which no network remembers a frame.
   State begin() const {
     State state;
-    for (const Network& network : networks_) state.emplace_back(network.inputs - network.frame);
+    for (const Network& network : networks_) state.emplace_back(network.remembers());
     return state;
   }
 
@@ -106,57 +106,6 @@ class Policy {
   }
 
  private:
-  /// A network of the file, with its arrays decoded.
-  struct Network {
-    explicit Network(const Json& network) : json(network) {
-      for (const Json& layer : json["layers"].items) {
-        weights.push_back(layer["weight"].floats());
-        biases.push_back(layer["bias"].floats());
-      }
-    }
-
-    /// Returns the outputs of the last layer. `older` has the frames before this one, and loses the oldest of them.
-    std::vector<float> decide(const Sensors& sensors, std::vector<float>& older) const {
-      std::vector<float> values = older;
-      for (const Json& name : json["sensors"].items) {
-        const auto sensor = sensors.find(name.text);
-        if (sensor == sensors.end()) throw std::invalid_argument("the policy needs the sensor '" + name.text + "'");
-        values.insert(values.end(), sensor->second.begin(), sensor->second.end());
-      }
-      if (values.size() != inputs) throw std::invalid_argument("the policy needs sensors or a state of another size");
-      const float limit = json["scaling"]["limit"].there() ? float(json["scaling"]["limit"].number) : INFINITY;
-      for (std::size_t k = 0; k < scale.size(); ++k) {
-        float& value = values[older.size() + k];
-        value = std::clamp((value - shift.at(k)) * scale[k], -limit, limit);
-      }
-      older.assign(values.begin() + frame, values.end());
-      for (std::size_t layer = 0; layer < biases.size(); ++layer) {
-        for (float& value : values) value = layer ? activate(value) : value;
-        std::vector<float> sums = biases[layer];
-        if (weights[layer].size() != sums.size() * values.size()) throw std::invalid_argument("the policy is damaged");
-        for (std::size_t row = 0; row < sums.size(); ++row) {
-          const auto weight = weights[layer].begin() + row * values.size();
-          sums[row] = float(std::inner_product(values.begin(), values.end(), weight, double(sums[row])));
-        }
-        values = sums;
-      }
-      return values;
-    }
-
-    float activate(float x) const {
-      const std::string& name = json["activation"].text;
-      if (name == "swish") return x / (1 + std::exp(-x));
-      return name == "tanh" ? std::tanh(x) : name == "relu" || x > 0 ? std::max(x, 0.0F) : std::expm1(x);
-    }
-
-    Json json;
-    std::vector<std::vector<float>> weights, biases;  // of the layers
-    std::vector<float> deviations = json["deviations"].floats();
-    std::vector<float> shift = json["scaling"]["shift"].floats(), scale = json["scaling"]["scale"].floats();
-    std::size_t inputs = json["layers"].items.at(0)["weight"]["shape"].items.at(1).number;  // numbers of all frames
-    std::size_t frame = inputs / json["frame_stack"].number;
-  };
-
   /// Returns a row of a table, never one with a masked choice; `uniform`: noise, or -1 for the likeliest row.
   static std::size_t choose(const Json& table, std::vector<double> logits,
                             const std::vector<std::vector<bool>>& allowed, double uniform) {

@@ -94,26 +94,22 @@ def _has_room(x, z, radius, row, pitches):
 
 
 @compiled
-def hold_inside(body, row, pitches):
-    """Put a body that is beyond an edge of its pitch back onto it. The velocity does not change."""
-    for j in range(pitches.edge_counts[row]):
-        edge = pitches.edges[row, j]
-        beyond = edge[0] * body.x + edge[1] * body.z - edge[2]
-        if beyond > 0.0:
-            body.x -= beyond * edge[0]
-            body.z -= beyond * edge[1]
+def hold_inside(body, across_x, across_z, distance):
+    """Put a body that is beyond an edge back onto it. The velocity does not change."""
+    beyond = across_x * body.x + across_z * body.z - distance
+    if beyond > 0.0:
+        body.x -= beyond * across_x
+        body.z -= beyond * across_z
 
 
 @compiled
-def block(body, radius, row, pitches):
-    """Push a round body out of the pillars of its pitch. The velocity does not change."""
-    for j in range(pitches.pillar_counts[row]):
-        pillar = pitches.pillars[row, j]
-        dx, dz, apart = body.x - pillar[0], body.z - pillar[1], pillar[2] + radius
-        square = dx * dx + dz * dz
-        if 0.0 < square < apart * apart:
-            per_unit = apart / math.sqrt(square)
-            body.x, body.z = pillar[0] + dx * per_unit, pillar[1] + dz * per_unit
+def block(body, x, z, apart):
+    """Push a body out of the disc of radius `apart` around (x, z). The velocity does not change."""
+    dx, dz = body.x - x, body.z - z
+    square = dx * dx + dz * dz
+    if 0.0 < square < apart * apart:
+        per_unit = apart / math.sqrt(square)
+        body.x, body.z = x + dx * per_unit, z + dz * per_unit
 
 
 @compiled
@@ -122,20 +118,20 @@ def cast_rays(x, z, row, pitches, rays):
 
     Both are fractions of the rays' length; -1: nothing is that near.
     """
+    edges, pillars = pitches.edges, pitches.pillars
     for k in range(RAYS):
         pillar_at, b = np.inf, x * RAY_X[k] + z * RAY_Z[k]
         inside = b * b + BOUNDARY_RADIUS * BOUNDARY_RADIUS - x * x - z * z
         edge_at = max(math.sqrt(max(inside, 0.0)) - b, 0.0)
         for j in range(pitches.edge_counts[row]):
-            edge = pitches.edges[row, j]
-            towards = edge[0] * RAY_X[k] + edge[1] * RAY_Z[k]
+            across_x, across_z = edges[row, j, 0], edges[row, j, 1]
+            towards = across_x * RAY_X[k] + across_z * RAY_Z[k]
             if towards > 0.0:
-                edge_at = min(edge_at, max((edge[2] - edge[0] * x - edge[1] * z) / towards, 0.0))
+                edge_at = min(edge_at, max((edges[row, j, 2] - across_x * x - across_z * z) / towards, 0.0))
         for j in range(pitches.pillar_counts[row]):
-            pillar = pitches.pillars[row, j]
-            dx, dz = pillar[0] - x, pillar[1] - z
+            dx, dz, radius = pillars[row, j, 0] - x, pillars[row, j, 1] - z, pillars[row, j, 2]
             along = dx * RAY_X[k] + dz * RAY_Z[k]
-            square = along * along - dx * dx - dz * dz + pillar[2] * pillar[2]
+            square = along * along - dx * dx - dz * dz + radius * radius
             if along > 0.0 and square >= 0.0:
                 pillar_at = min(pillar_at, max(along - math.sqrt(square), 0.0))
         rays[k, 0] = pillar_at / RAY_LENGTH if pillar_at <= RAY_LENGTH else -1.0

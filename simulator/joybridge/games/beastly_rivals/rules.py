@@ -112,18 +112,22 @@ def settle(arenas, world, which):
     """Put the bodies of the arenas of `which` [arenas] where their generated pitches, which are made now, have room."""
     for i in range(len(arenas)):
         if which[i]:
-            arena = arenas[i]
-            hold_inside(arena.cursor, arena.level, world.pitches)
-            hold_inside(arena.sphere, arena.level, world.pitches)
-            _keep_on_pitch(arena, world.pitches)
+            _keep_on_pitch(arenas[i], world.pitches)
 
 
 @compiled
 def _keep_on_pitch(arena, pitches):
-    """Keep character and beast out of pillars, and the character within the edges."""
-    hold_inside(arena.character, arena.level, pitches)
-    block(arena.character, CHARACTER_RADIUS, arena.level, pitches)
-    block(arena.beast, BOX_HALF, arena.level, pitches)
+    """Keep all but the beast within the edges, and character and beast out of pillars."""
+    level, edges, pillars = arena.level, pitches.edges, pitches.pillars
+    for j in range(pitches.edge_counts[level]):
+        x, z, distance = edges[level, j, 0], edges[level, j, 1], edges[level, j, 2]
+        hold_inside(arena.cursor, x, z, distance)
+        hold_inside(arena.sphere, x, z, distance)
+        hold_inside(arena.character, x, z, distance)
+    for j in range(pitches.pillar_counts[level]):
+        x, z, radius = pillars[level, j, 0], pillars[level, j, 1], pillars[level, j, 2]
+        block(arena.character, x, z, radius + CHARACTER_RADIUS)
+        block(arena.beast, x, z, radius + BOX_HALF)
 
 
 @compiled
@@ -188,22 +192,21 @@ def tick(arenas, streams, world, number, velocity, move, blink, rewards):
     rules, pitches = world.rules, world.pitches
     for i in range(len(arenas)):
         arena = arenas[i]
+        sphere_radius, sphere_speed = pitches.sphere[arena.level, 0], pitches.sphere[arena.level, 1]
         _move_or_blink(arena, move[i], blink[i] and (number == 0 or rules.blink_repeats), rewards[i])
         arena.cursor.vx, arena.cursor.vz = velocity[i, 0], velocity[i, 1]
         _confine(arena.cursor, CURSOR_HEIGHT)
         arena.cooldown = max(arena.cooldown - 1, 0)
-        _drive_character(arena, rules, pitches)
-        _steer_beast(arena, pitches)
+        _drive_character(arena, rules, sphere_radius)
+        _steer_beast(arena, sphere_radius)
         _grow_beast(arena)
         _confine(arena.sphere, 0.0)
-        _turn_sphere(arena, streams, i, pitches)
-        _meet(arena, rules, pitches, rewards[i])  # before the bodies move, as in the original engine
+        _turn_sphere(arena, streams, i, sphere_speed)
+        _meet(arena, rules, sphere_radius, rewards[i])  # before the bodies move, as in the original engine
         for body in (arena.cursor, arena.character, arena.beast, arena.sphere):
             body.x += body.vx * TICK
             body.z += body.vz * TICK
         if world.generated:
-            hold_inside(arena.cursor, arena.level, pitches)
-            hold_inside(arena.sphere, arena.level, pitches)
             _keep_on_pitch(arena, pitches)
         rewards[i, SURVIVAL] += SURVIVAL_REWARD
         arena.tick += 1
@@ -240,10 +243,10 @@ def _confine(body, height):
 
 
 @compiled
-def _drive_character(arena, rules, pitches):
+def _drive_character(arena, rules, sphere_radius):
     """Set the character's velocity: towards its goal, slower in the sphere, 0 if it does not move."""
     character = arena.character
-    share = _slow_share(character, arena, pitches, 0.0) if arena.character_slow else 1.0
+    share = _slow_share(character, arena.sphere, sphere_radius, 0.0) if arena.character_slow else 1.0
     arena.slow_ticks += 1 if share < 1.0 else 0
     dx, dz = arena.goal_x - character.x, arena.goal_z - character.z
     square = dx * dx + dz * dz
@@ -258,14 +261,14 @@ def _drive_character(arena, rules, pitches):
 
 
 @compiled
-def _slow_share(body, arena, pitches, ease):
+def _slow_share(body, sphere, sphere_radius, ease):
     """Return the factor of the slow sphere on a body's speed; it is lowest at the sphere's center."""
-    dx, dz = body.x - arena.sphere.x, body.z - arena.sphere.z
-    return min(max(math.sqrt(dx * dx + dz * dz) / pitches.sphere[arena.level, 0] + ease, SLOWEST), 1.0)
+    dx, dz = body.x - sphere.x, body.z - sphere.z
+    return min(max(math.sqrt(dx * dx + dz * dz) / sphere_radius + ease, SLOWEST), 1.0)
 
 
 @compiled
-def _steer_beast(arena, pitches):
+def _steer_beast(arena, sphere_radius):
     """Turn the beast's velocity towards the character; less if the accuracy is lower or the speed higher.
 
     The pull is a unit vector in 3D that points slightly upwards; the upward part of the velocity is dropped.
@@ -281,7 +284,7 @@ def _steer_beast(arena, pitches):
     wy = arena.accuracy * BEAST_BELOW / distance
     per_unit = arena.speed / math.sqrt(wx * wx + wy * wy + wz * wz)
     if arena.beast_slow:
-        per_unit *= _slow_share(beast, arena, pitches, BEAST_EASE)
+        per_unit *= _slow_share(beast, arena.sphere, sphere_radius, BEAST_EASE)
     beast.vx, beast.vz = wx * per_unit, wz * per_unit
 
 
@@ -293,7 +296,7 @@ def _grow_beast(arena):
 
 
 @compiled
-def _turn_sphere(arena, streams, i, pitches):
+def _turn_sphere(arena, streams, i, sphere_speed):
     """Every three seconds, turn the slow sphere towards a random place on the pitch.
 
     The timer is compared before it is increased, and its rounded sum reaches 3 one tick late: the first turn is in
@@ -309,20 +312,19 @@ def _turn_sphere(arena, streams, i, pitches):
         wx = pull * dx + SPHERE_INERTIA * sphere.vx
         wz = pull * dz + SPHERE_INERTIA * sphere.vz
         length = math.sqrt(wx * wx + wz * wz)
-        per_unit = pitches.sphere[arena.level, 1] / length if length > 0.0 else 0.0
+        per_unit = sphere_speed / length if length > 0.0 else 0.0
         sphere.vx, sphere.vz = wx * per_unit, wz * per_unit
     arena.timer += np.float32(TICK)
 
 
 @compiled
-def _meet(arena, rules, pitches, rewards):
+def _meet(arena, rules, sphere_radius, rewards):
     """Compare overlaps with those of the last tick; only their changes have an effect."""
     touching = _touching(arena.beast, arena.character)
     if touching and not arena.touching:
         arena.dead = True
         rewards[DEATH] += DEATH_REWARD
     arena.touching = touching
-    sphere_radius = pitches.sphere[arena.level, 0]
     inside = _character_inside(arena.character, arena.sphere, sphere_radius)
     if inside != arena.character_inside:
         arena.character_inside = inside

@@ -75,8 +75,10 @@ function showMind({ policy, lanes }) {
 
 function draw(blob) {
   drawing = drawing.then(async () => {
-    const bitmap = await createImageBitmap(blob);
-    $("picture").getContext("2d").drawImage(bitmap, 0, 0);
+    const bitmap = await createImageBitmap(blob), canvas = $("picture"), { width, height } = bitmap;
+    // Images that the policy sees make the picture wider than the game's.
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height }).style.setProperty("--ratio", width / height);
+    canvas.getContext("2d").drawImage(bitmap, 0, 0);
     bitmap.close();
     $("stage").classList.remove("empty");
   }).catch((error) => console.error(error));

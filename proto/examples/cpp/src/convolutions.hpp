@@ -1,0 +1,122 @@
+/// How a policy that `joybridge export` wrote sees images: from bytes to features. Part of network.hpp.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "json.hpp"
+
+namespace joybridge {
+
+using Activation = std::function<float(float)>;
+
+/// Numbers in channels of rows and columns.
+struct Planes {
+  std::size_t channels, height, width;
+  std::vector<float> values;
+};
+
+/// One step of an encoder: a convolution, the maximum of each channel, an activation, or a residual of other steps.
+struct EncoderStep {
+  explicit EncoderStep(const Json& step)
+      : kind(step["kind"].text), weight(step["weight"].floats()), bias(step["bias"].floats()) {
+    for (const Json& inner : step["steps"].items) steps.emplace_back(inner);
+    if (kind != "convolution" && kind != "maximum") return;
+    rows = step["size"].items.at(0).number;
+    columns = step["size"].items.at(1).number;
+    stride = step["stride"].number;
+    padding = step["padding"].number;
+    if (!rows || !columns || !stride) throw std::invalid_argument("the policy is damaged");
+  }
+
+  Planes run(Planes image, const Activation& activate) const {
+    if (kind == "activation") {
+      for (float& value : image.values) value = activate(value);
+    } else if (kind == "residual") {
+      Planes inner = image;
+      for (const EncoderStep& step : steps) inner = step.run(std::move(inner), activate);
+      for (std::size_t k = 0; k < image.values.size(); ++k) image.values[k] += inner.values.at(k);
+    } else {
+      return slide(image);
+    }
+    return image;
+  }
+
+ private:
+  /// Returns the weighted sum of all channels in each window, or without weights the maximum of each channel.
+  Planes slide(const Planes& image) const {
+    const std::size_t outputs = weight.empty() ? image.channels : bias.size();
+    if (image.height + 2 * padding < rows || image.width + 2 * padding < columns ||
+        (!weight.empty() && weight.size() != outputs * image.channels * rows * columns)) {
+      throw std::invalid_argument("the policy is damaged");
+    }
+    Planes result{outputs, (image.height + 2 * padding - rows) / stride + 1,
+                  (image.width + 2 * padding - columns) / stride + 1, {}};
+    for (std::size_t output = 0; output < outputs; ++output) {
+      for (std::size_t y = 0; y < result.height; ++y) {
+        for (std::size_t x = 0; x < result.width; ++x) {
+          result.values.push_back(window(image, output, y * stride, x * stride));
+        }
+      }
+    }
+    return result;
+  }
+
+  /// Returns the same of one window, by its corner in the padded image.
+  float window(const Planes& image, std::size_t output, std::size_t top, std::size_t left) const {
+    const bool sums = !weight.empty();
+    double total = sums ? bias[output] : -INFINITY;
+    for (std::size_t channel = sums ? 0 : output; channel < (sums ? image.channels : output + 1); ++channel) {
+      for (std::size_t y = std::max(top, padding); y < std::min(top + rows, image.height + padding); ++y) {
+        for (std::size_t x = std::max(left, padding); x < std::min(left + columns, image.width + padding); ++x) {
+          const double value = image.values[(channel * image.height + y - padding) * image.width + x - padding];
+          const std::size_t place = ((output * image.channels + channel) * rows + y - top) * columns + x - left;
+          total = sums ? total + weight[place] * value : std::max(total, value);
+        }
+      }
+    }
+    return float(total);
+  }
+
+  std::string kind;
+  std::vector<float> weight, bias;
+  std::vector<EncoderStep> steps;  // of a residual
+  std::size_t rows = 0, columns = 0, stride = 0, padding = 0;
+};
+
+/// How a network sees an image.
+struct ImageEncoder {
+  explicit ImageEncoder(const Json& image)
+      : sensor(image["sensor"].text), white(image["white"].number), height(image["shape"].items.at(0).number),
+        width(image["shape"].items.at(1).number), channels(image["shape"].items.at(2).number) {
+    for (const Json& step : image["steps"].items) steps.emplace_back(step);
+  }
+
+  /// Returns the numbers of one picture.
+  std::size_t size() const { return height * width * channels; }
+
+  /// Returns the features of the last pictures, [pictures, height, width, channels].
+  std::vector<float> features(const std::vector<float>& stack, const Activation& activate) const {
+    Planes image{stack.size() / (height * width), height, width, std::vector<float>(stack.size())};
+    for (std::size_t k = 0; k < stack.size(); ++k) {
+      const std::size_t channel = k / size() * channels + k % channels, pixel = k % size() / channels;
+      image.values[channel * height * width + pixel] = stack[k] / white;
+    }
+    for (const EncoderStep& step : steps) image = step.run(std::move(image), activate);
+    return image.values;
+  }
+
+  std::string sensor;
+
+ private:
+  float white;
+  std::size_t height, width, channels;
+  std::vector<EncoderStep> steps;
+};
+
+}  // namespace joybridge

@@ -1,0 +1,110 @@
+/// The network of a policy that `joybridge export` wrote: from sensors to the outputs of its last layer.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "convolutions.hpp"
+#include "json.hpp"
+
+namespace joybridge {
+
+using Sensors = std::map<std::string, std::vector<float>>;  // by name, each flat, row-major
+
+/// A network of the file, with its arrays decoded.
+class Network {
+ public:
+  /// sensors: those of the file.
+  Network(const Json& network, const Json& sensors) : json(network) {
+    for (const Json& sensor : sensors.items) {
+      std::size_t& size = sizes[sensor["name"].text] = 1;
+      for (const Json& side : sensor["shape"].items) size *= side.number;
+    }
+    for (const Json& image : json["images"].items) images.emplace_back(image);
+    for (const Json& layer : json["layers"].items) {
+      weights.push_back(layer["weight"].floats());
+      biases.push_back(layer["bias"].floats());
+    }
+  }
+
+  /// Returns how many numbers it remembers: of frames, then of the pictures of each image.
+  std::size_t remembers() const {
+    std::size_t numbers = 0;
+    for (const Json& name : json["sensors"].items) numbers += sizes.at(name.text);
+    for (const ImageEncoder& image : images) numbers += image.size();
+    return numbers * (frames - 1);
+  }
+
+  /// Returns the outputs of the last layer. `older` is what it remembers, which is brought up to date.
+  std::vector<float> decide(const Sensors& sensors, std::vector<float>& older) const {
+    if (older.size() != remembers()) throw std::invalid_argument("the policy needs a state of another size");
+    std::vector<float> frame, kept;
+    for (const Json& name : json["sensors"].items) append(frame, find(sensors, name.text));
+    const float limit = json["scaling"]["limit"].there() ? float(json["scaling"]["limit"].number) : INFINITY;
+    for (std::size_t k = 0; k < scale.size(); ++k) {
+      frame.at(k) = std::clamp((frame[k] - shift.at(k)) * scale[k], -limit, limit);
+    }
+    std::vector<float> values = stack(frame, older, kept);
+    for (const ImageEncoder& image : images) {
+      append(values, image.features(stack(find(sensors, image.sensor), older, kept), activate));
+    }
+    older = kept;
+    for (std::size_t layer = 0; layer < biases.size(); ++layer) {
+      for (float& value : values) value = layer ? activate(value) : value;
+      std::vector<float> sums = biases[layer];
+      if (weights[layer].size() != sums.size() * values.size()) throw std::invalid_argument("the policy is damaged");
+      for (std::size_t row = 0; row < sums.size(); ++row) {
+        const auto weight = weights[layer].begin() + row * values.size();
+        sums[row] = float(std::inner_product(values.begin(), values.end(), weight, double(sums[row])));
+      }
+      values = sums;
+    }
+    return values;
+  }
+
+  const Json json;
+  const std::vector<float> deviations = json["deviations"].floats();
+
+ private:
+  /// Returns the last frames or pictures, oldest first. All but the oldest are added to `kept`.
+  std::vector<float> stack(const std::vector<float>& newest, const std::vector<float>& older,
+                           std::vector<float>& kept) const {
+    const auto begin = older.begin() + kept.size();
+    std::vector<float> seen(begin, begin + newest.size() * (frames - 1));
+    append(seen, newest);
+    kept.insert(kept.end(), seen.begin() + newest.size(), seen.end());
+    return seen;
+  }
+
+  const std::vector<float>& find(const Sensors& sensors, const std::string& name) const {
+    const auto sensor = sensors.find(name);
+    if (sensor == sensors.end()) throw std::invalid_argument("the policy needs the sensor '" + name + "'");
+    if (sensor->second.size() != sizes.at(name)) throw std::invalid_argument("'" + name + "' has another size");
+    return sensor->second;
+  }
+
+  static void append(std::vector<float>& values, const std::vector<float>& more) {
+    values.insert(values.end(), more.begin(), more.end());
+  }
+
+  static Activation activation(const std::string& name) {
+    if (name == "swish") return [](float x) { return x / (1 + std::exp(-x)); };
+    if (name == "tanh") return [](float x) { return std::tanh(x); };
+    if (name == "relu") return [](float x) { return std::max(x, 0.0F); };
+    return [](float x) { return x > 0 ? x : std::expm1(x); };
+  }
+
+  std::map<std::string, std::size_t> sizes;  // numbers of each sensor
+  std::vector<ImageEncoder> images;
+  std::vector<std::vector<float>> weights, biases;  // of the layers
+  std::vector<float> shift = json["scaling"]["shift"].floats(), scale = json["scaling"]["scale"].floats();
+  std::size_t frames = json["frame_stack"].number;
+  Activation activate = activation(json["activation"].text);
+};
+
+}  // namespace joybridge
