@@ -105,7 +105,7 @@ def answers(folder: Path, games: Sequence[str], layouts: Sequence[str]) -> None:
                 config = load_config(find_config(f"{game}/hybrid"), [*SHORT, f"layout={layout}"])
                 config = config.model_copy(update={"policies": {}})  # settings by names that `multiagent` changes
                 train(config, run, [address], resume=False, report=lambda *_: None, say=lambda text: None)
-                for behavior in BEHAVIORS.get(game, (None,)):
+                for behavior in BEHAVIORS.get(game, ("",)):
                     file = run / f"{behavior or 'policy'}.onnx"
                     print(export(run, address, file, behavior=behavior, seed=1, deterministic=False), flush=True)
 

@@ -47,6 +47,7 @@ from joybridge.play.video_formats import video_format
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, play_config, run_config, run_name
 from joybridge.run.origin import remark
+from joybridge.run.own_code import check_code, sign_code, trust
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 from joybridge.run.sinks import check_sinks
 
@@ -148,6 +149,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
     options = parse_overrides(parser, arguments)
     check_simulator_options(parser, options)
+    if options.trust_run and options.command != "train":
+        trust(options.run)
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     if options.command == "train" and options.ray and options.simulator:
@@ -177,6 +180,10 @@ def _train(options: argparse.Namespace) -> None:
     if config.demonstrations:
         find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
+    for known in filter(has_checkpoint, {path.parent, run}):  # they may be a stranger's
+        if options.trust_run:
+            trust(known)
+        check_code(known, config)
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
     if options.resume and not resume:
@@ -206,6 +213,7 @@ def _train(options: argparse.Namespace) -> None:
         begin = int(saved[-1].name) if saved else 0
         heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
         remember(run, simulators, say)
+        sign_code(run, config, say)
         try:
             with Display(heading, config.layout, config.end, begin) as display:
                 train(

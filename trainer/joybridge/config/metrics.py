@@ -33,7 +33,7 @@ def column_name(metric: str) -> str:
 
 def is_trainers(column: str) -> bool:
     """Return whether the trainer writes a column for every game; the others are metrics of the game."""
-    return column in _COLUMNS or column.startswith(("entropy_", HELD_OUT))
+    return column in _COLUMNS or column.startswith(("entropy_", "loss_", HELD_OUT))
 
 
 def metrics_name(policy: str) -> str:

@@ -102,6 +102,12 @@ def export(
     ) as play:  # fmt: skip
         index = find_behavior(play.spec, behavior, "--behavior")
         actors = [player.actor for player in play.players if player.actor.behavior == index]
+        for actor in actors:
+            if actor.config.network:
+                raise ExportError(
+                    f"{actor.name} has a network of its own, {actor.config.network}, which no exported file can hold; "
+                    "export a policy without `network`, or play it with joybridge.play"
+                )
         about = {
             "game": play.spec.name, "options": play.config.options, "layout": play.config.layout,
             "timesteps": play.timesteps,

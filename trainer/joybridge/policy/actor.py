@@ -22,9 +22,11 @@ from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
 from joybridge.ppo.images import check_maps
+from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
+from joybridge.ppo.own import OwnEncoder
 from joybridge.ppo.sampling import sample_actions
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -66,15 +68,30 @@ class Actor:
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
         check_maps(role.name, [form for _, form in space.maps], pictures)
-        count = 0 if not pictures else 1 if shared or config.shared_encoder else 2
-        encoders = [
-            ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
-            for _ in range(count)
-        ]
+        count = 1 if shared or config.shared_encoder else 2
+        encoders: list[ImageEncoder | OwnEncoder] = []
+        if config.network and space.maps:
+            raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
+        if config.network:
+            encoders += [
+                OwnEncoder(config.network, self.encoder.numbers, self.encoder.images, config.frame_stack, seed + index)
+                for index in range(count)
+            ]
+        elif pictures:
+            encoders += [
+                ImageEncoder(
+                    config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation
+                )
+                for _ in range(count)
+            ]
         memory = None if config.memory.kind == "none" else MemoryKind(config.memory.kind, config.memory.size)
         network = Network(
             self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
         )
+        if config.ortho_init:
+            orthogonal(network, seed)
+        if config.log_std_init:
+            set_log_std(network, config.log_std_init, self.gaussians)
         self.network = network.to(self.accelerator)
 
     def see(self, observations: Sequence[Array]) -> Observation:

@@ -52,7 +52,7 @@ def cloning_loss(network: Network, actions: Actions) -> torch.Tensor:
     """Return minus the mean log-probability of what was demonstrated."""
     outputs = network(actions.observations)
     spread = network.log_variance if network.distributions else network.log_variance.clamp(min=MIN_LOG_VARIANCE)
-    return -joint_log_probs(outputs, spread, actions, network.distributions, network.counting)[0].mean()
+    return -joint_log_probs(outputs, spread, actions, network.distributions)[0].mean()
 
 
 def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> float:

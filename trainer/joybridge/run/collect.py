@@ -58,6 +58,9 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
                 if step < steps:
                     for policy in policies:
                         policy.act(group.session.steps, group.acts, group.index)
+                    for policy in policies:
+                        if policy.conditions is not None:
+                            policy.note_choices(group.acts, group.index)
                     for hand, now, act in zip(group.hands, group.session.steps, group.acts, strict=False):
                         hand.apply(now, act)
                     group.session.send(group.acts)

@@ -29,6 +29,7 @@ from joybridge.contract.files import read_file
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.text import printable
 from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.own_code import check_code
 from joybridge.v1 import bridge_pb2 as pb
 
 SPEC = "spec.json"  # in the folder of a run
@@ -121,9 +122,11 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
 
     Only options and parameters of the game, the limits of the hand, the time to wait for a simulator and the transport
-    may differ from the training. Of a curriculum, the last lesson is played.
+    may differ from the training. Of a curriculum, the last lesson is played. Raises UntrustedRunError for code that
+    may not be imported.
     """
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
+    check_code(run, trained)
     given = read_overrides(overrides).get("parameters", {})
     for key in type(config).model_fields:
         if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):

@@ -23,6 +23,7 @@ OF_THE_NETWORK = (
     "activation",
     "scale_observations",
     "image_encoder",
+    "network",
 )  # keys of a policy that the shapes of its network do not show
 
 

@@ -46,12 +46,16 @@ def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     """Show a run; yield what is watched, and the URL of the page. Raises JoybridgeError."""
     from joybridge.client.simulator_source import last_simulators
     from joybridge.run.folder import run_config
+    from joybridge.run.own_code import check_code, trust
     from joybridge.viewer.simulator import Simulator
     from joybridge.viewer.watched import watch
     from joybridge.viewer.web import open_website
 
     run = Path(options.what)
+    if options.trust_run:
+        trust(run)
     config = run_config(run)
+    check_code(run, config)
     place, games = None, tuple[str, ...]()
     if options.simulator:
         place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
