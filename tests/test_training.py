@@ -222,7 +222,7 @@ def test_a_killed_run_that_sees_images_resumes_to_the_same_bits(address, tmp_pat
 @pytest.mark.promise("L4")
 def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):
     address = f"unix:{tmp_path}/simulator.sock"
-    servers = []
+    servers: list[subprocess.Popen[bytes]] = []
 
     def serve(text: str) -> None:
         if not servers and text.startswith(f"waiting for a simulator at {address}, 119 s more: there is no such"):
