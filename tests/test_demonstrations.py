@@ -27,9 +27,9 @@ from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.demonstrations.recorded import Demonstration, Stretch
 from joybridge.layouts import list_roles, make_acts, make_layouts
-from joybridge.play.playing import Player
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import Stacks
+from joybridge.policy.player import Player
 from joybridge.ppo.cloning import add_cloning_gradient, minibatches
 from joybridge.ppo.history import Window
 from joybridge.ppo.loss import Actions

@@ -17,7 +17,7 @@ import torch
 from joybridge import cli
 from joybridge.client.client import describe
 from joybridge.commands.__main__ import main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.play import export as exporting
 from joybridge.play.export import Exported, compare
 from joybridge.play.onnx_model import build_model
@@ -263,6 +263,11 @@ def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(
     [
         ({}, ["options.size=large"], "the trained network does not fit: the sensors had 30 numbers, now 48"),
         ({}, ["--behavior", "goalkeeper"], "hybrid has no behavior 'goalkeeper'; choose one with --behavior: player"),
+        (
+            {"policy": SMALL.model_copy(update={"memory": MemoryConfig(kind="gru", size=8)})},
+            [],
+            "networks with memory cannot be exported; train it with policy.memory.kind=none",
+        ),
         ({"game": "duel"}, [], "duel has several behaviors; choose one with --behavior: runner, judge"),
     ],
 )
@@ -414,6 +419,13 @@ def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
     (tmp_path / "policy.json").write_text('{"format": "joybridge.policy.v3"}')
     with pytest.raises(ValueError, match=r"is no 'joybridge\.policy\.v4'; write"):
         runtime.Policy(tmp_path / "policy.json")
+
+
+def test_layouts_that_point_are_refused(simulator, tmp_path, capsys):
+    run = make_run(tmp_path / "run", simulator, layout="map-4x4", **seeing("simple", "9", 1, "relu", True))
+    assert main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 1
+    assert "error: visitor: layouts with a map point with convolutions, which cannot be" in capsys.readouterr().err
+    assert not (tmp_path / "policy.onnx").exists()
 
 
 def test_distributions_that_the_format_does_not_have_are_refused(simulator, tmp_path, capsys):

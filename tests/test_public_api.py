@@ -59,6 +59,8 @@ PROMISED = [
     "joybridge.simulator.render",
     "joybridge.simulator.sight",
     "joybridge.layouts",
+    "joybridge.play.agent",
+    "joybridge.run.results",
     "joybridge.client.client",
 ]
 

@@ -57,7 +57,10 @@ RUN_BY = {  # Python that is not run here: by what a test of its own says about 
     "my_network.py": "test_own_parts.py",
     "my_loss.py": "test_own_parts.py",
     'Policy("policy.json")': "test_new.py",
+    'load("runs/catch")': "test_agent.py",
+    'load("runs")': "test_origin.py",
     "MaskablePPO(": "test_gym_learners.py",
+    '"CnnPolicy"': "test_gym_learners.py",
     "minari.load_dataset(": "test_minari.py",
 }
 READERS = {

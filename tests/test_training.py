@@ -76,7 +76,8 @@ def whole(address, tmp_path_factory) -> Path:
 
 def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
     assert {path.name for path in whole.iterdir()} == {
-        "config.yaml", "simulators.json", "metrics-hunter.csv", "tensorboard", "checkpoints", "lock",
+        "config.yaml", "spec.json", "origin.json", "simulators.json", "metrics-hunter.csv", "tensorboard",
+        "checkpoints", "lock",
     }  # fmt: skip
     rows = read_rows(whole / "metrics-hunter.csv")
     assert [row["timesteps"] for row in rows] == [400, 800, 1200, 1600]

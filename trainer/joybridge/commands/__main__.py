@@ -46,8 +46,10 @@ from joybridge.play.sweep import plot, read_sweep, table
 from joybridge.play.video_formats import video_format
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, play_config, run_config, run_name
+from joybridge.run.origin import remark
 from joybridge.run.own_code import check_code, sign_code, trust
 from joybridge.run.run_lock import PARENT_SECONDS, locked
+from joybridge.run.sinks import check_sinks
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
 
@@ -110,9 +112,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays.add_argument("--deterministic", action="store_true", help="take the most probable action instead of sampling")
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
     evaluates.set_defaults(function=_evaluate)
-    evaluates.add_argument(
-        "--episodes", type=at_least(1), default=210, help="minimum number of episodes; default %(default)s"
-    )
+    evaluates.add_argument("--episodes", type=at_least(1), default=210, help="number of episodes; default %(default)s")
     evaluates.add_argument(
         "--over", metavar="KEY=VALUE,VALUE,…",
         help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
@@ -138,8 +138,15 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     exports.set_defaults(function=_export)
     exports.add_argument("output", type=_policy_file, help="e.g. policy.onnx or policy.json")
-    exports.add_argument("--behavior", metavar="NAME", help="which behavior to export, if the game has several")
+    exports.add_argument(
+        "--behavior", default="", metavar="NAME", help="which behavior to export, if the game has several"
+    )
 
+    for with_others in (evaluates, records):
+        with_others.add_argument(
+            "--others", type=Path, metavar="RUN",
+            help="let the policies of a run hold all seats but one of each arena, in a game of several agents",
+        )  # fmt: skip
     for plays_run in (evaluates, records, exports):
         add_overrides(
             plays_run, "options and parameters of the game that differ from the training, e.g. parameters.size=0.5"
@@ -151,6 +158,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         trust(options.run)
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
+    if options.command == "evaluate" and options.others and options.inputs:
+        parser.error("--inputs measures all agents, --others those of another run, too; give one of the two")
     if options.command == "train" and options.ray and options.simulator:
         parser.error("--ray starts simulators, --simulator names running ones; give one of the two")
     if options.command == "train" and options.simulators and not options.ray:
@@ -174,6 +183,7 @@ def _train(options: argparse.Namespace) -> None:
     if options.demos:
         options.overrides.append(f"demonstrations={options.demos}")
     config = load_config(path, options.overrides, options.behavior)
+    check_sinks(config.log_to)
     if config.demonstrations:
         find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
@@ -262,7 +272,7 @@ def _evaluate(options: argparse.Namespace) -> None:
             setting: evaluate(
                 run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
                 say=say, overrides=overrides, checkpoint=options.checkpoint, demos=options.demos,
-                inputs=options.inputs,
+                inputs=options.inputs, others=options.others,
             )
             for setting, overrides in plays.items()
         }  # fmt: skip
@@ -291,7 +301,7 @@ def _record(options: argparse.Namespace) -> None:
         frames = record(
             options.run, simulator, options.output, seconds=options.seconds, seed=options.seed,
             deterministic=options.deterministic, say=say, overrides=options.overrides,
-            checkpoint=options.checkpoint, inputs=options.inputs,
+            checkpoint=options.checkpoint, inputs=options.inputs, others=options.others,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
     say_next("export", str(options.run), "policy.onnx")
@@ -312,7 +322,8 @@ def _export(options: argparse.Namespace) -> None:
 def _player(options: argparse.Namespace) -> Iterator[str]:
     """Yield the address of a simulator for a run, after its configuration and its checkpoint have been checked."""
     config = play_config(options.run, options.overrides)
-    load_checkpoint(options.run, options.checkpoint)
+    if text := remark(load_checkpoint(options.run, options.checkpoint)[1].origin):
+        say(text)
     last = last_simulators(options.run)
     simulators = choose_simulators(wanted_simulators(options), last, config, say, trust=options.trust_run)
     with open_simulators(simulators, options.wait, say) as connect:

@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
-from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.presets import preset_of
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
-    "log_interval", "evaluate_over",
+    "log_interval", "log_to", "evaluate_over",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
 OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
@@ -27,7 +27,8 @@ MAY_DIFFER = (  # from the training, when a trained policy plays
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
     "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
-    "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
+    "policies": "policies.NAME.KEY=VALUE", "shares": "opponents.shares.NAME=SHARE",
+    "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
 CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
@@ -148,6 +149,31 @@ class PolicyConfig(Checked):
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
+class OpponentsConfig(Checked):
+    """Who plays beside the learner in a game of several agents."""
+
+    shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
+        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, or the folder of "
+        "another run; one seat of a match is always the learner's; none: it holds all"
+    )  # fmt: skip
+    sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
+        "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
+        "those as strong as it"
+    )  # fmt: skip
+    pool_size: int = Field(
+        20, ge=1, le=1000, description="past policies that are kept, spread evenly over the training"
+    )
+    at_once: int = Field(4, ge=1, description="past policies that are drawn for the matches until the next update")
+    pool_updates: int = Field(20, ge=1, description="updates after which a policy is added to them")
+
+    @field_validator("shares")
+    @classmethod
+    def _some_share(cls, shares: dict[str, float]) -> dict[str, float]:
+        if shares and not sum(shares.values()):
+            raise ValueError("expected a share above 0")
+        return shares
+
+
 class Config(Checked):
     """A whole run."""
 
@@ -183,6 +209,9 @@ class Config(Checked):
         None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
     )
     log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
+    log_to: list[Literal["tensorboard", "wandb", "mlflow"]] = Field(
+        ["tensorboard"], description="where rows of metrics go besides the CSV files of the run"
+    )
     checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
     keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
@@ -209,9 +238,14 @@ class Config(Checked):
         "alone",
         description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
     )
+    evaluate_during: EvaluateDuring | None = Field(
+        None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
+        "and `parameters` that differ, see Held-out settings in docs/training.md"
+    )  # fmt: skip
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
+    opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
     hand_delay: int = Field(
         0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
     )
