@@ -28,6 +28,7 @@ from joybridge.compare.names import ResultName
 from joybridge.compare.page import Setting, final_scores, write_page
 from joybridge.compare.ranges import is_fixed
 from joybridge.compare.scores import Run, score_run
+from joybridge.compare.suite import SUITES, compare_suite
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.variants import SEARCH, Variant, check_unchanged, kept_spec, make_variants, read_values
 from joybridge.config.config import load_config
@@ -46,6 +47,8 @@ OVERRIDE = re.compile(r"[a-z_.]+=")  # not a mixture of layouts, as in "hybrid, 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.compare") -> int:
     """Run the command line, the command first, and return its exit status."""
     options = parse(arguments, prog)
+    if options.suite:
+        return run_command(lambda given: compare_suite(given, compare), options)
     return run_command(search if options.search else compare, options)
 
 
@@ -56,7 +59,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     compares = commands.add_parser(
         "compare", help="train variants of a configuration with several seeds, and write a page that compares them"
     )
-    compares.add_argument("config", help="a YAML file, or the name of an installed one, as in archer/hybrid")
+    compares.add_argument("config", nargs="?", help="a YAML file, or the name of an installed one, as in archer/hybrid")
+    compares.add_argument(
+        "--suite", choices=SUITES, help="compare on all tasks of a suite instead of one configuration, on one page"
+    )
     compares.add_argument("--layouts", nargs="+", default=[], metavar="LAYOUT", help="e.g. hybrid bucket-5 multiagent")
     compares.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE,VALUE,…",
@@ -94,6 +100,12 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     options.layouts = [word for word in options.layouts if word not in overrides]
     options.overrides += overrides
     check_simulator_options(parser, options)
+    if options.suite and options.config and OVERRIDE.match(options.config):
+        options.overrides, options.config = [options.config, *options.overrides], None
+    if bool(options.suite) == bool(options.config):
+        parser.error("name a configuration, or a suite with --suite")
+    if options.suite and (options.search or options.also):
+        parser.error("--search and --also are for one configuration, not for a suite")
     fixed = list(filter(is_fixed, options.search))  # they may stand behind what is searched
     if fixed and fixed == options.search:
         parser.error(f"--search {' '.join(fixed)}: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,VALUE")
