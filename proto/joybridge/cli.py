@@ -47,6 +47,7 @@ CORE = {
     "compare": Command(
         "joybridge.compare.compare", "compare", "train variants with several seeds, and write a page about them"
     ),
+    "rate": Command("joybridge.compare.rate", "compare", "let policies of runs play each other, and rate them"),
     "keys": Command("joybridge.config.keys", "train", "list the keys of configurations: default, meaning and range"),
     "evaluate": Command("joybridge.commands.__main__", "train", "measure how well the policy of a run plays"),
     "record": Command("joybridge.commands.__main__", "train", "record a video of the policy of a run"),

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from joybridge.contract.errors import JoybridgeError
 from tools.docs.contract import PROTO
 
 ROOT = Path(__file__).parents[2]
@@ -118,10 +119,17 @@ def _branch(name: str, depth: int) -> Iterator[str]:
     found = found_exceptions()
     _, module, docstring = found[name]
     when = " ".join(docstring.partition("\n\n")[0].split())
-    yield f"{'  ' * depth}- **{name}** (`{module}`): {when} *{EXCEPTIONS[name]}*"
+    code = "" if name == BASE else f", `{code_of(name)}`"
+    yield f"{'  ' * depth}- **{name}** (`{module}`{code}): {when} *{EXCEPTIONS[name]}*"
     for child, (base, _, _) in found.items():
         if base == name:
             yield from _branch(child, depth + 1)
+
+
+def code_of(name: str) -> str:
+    """Return the code of an exception, as `JoybridgeError.code` has it."""
+    made: JoybridgeError = type(name, (JoybridgeError,), {})()
+    return made.code
 
 
 def _contract() -> str:

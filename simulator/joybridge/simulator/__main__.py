@@ -182,7 +182,8 @@ def _add_protection(group: argparse._ArgumentGroup) -> None:
         "--token-file",
         type=Path,
         metavar="FILE",
-        help="accept only clients that know the token in this file; `openssl rand -hex 32 > FILE` makes one",
+        help="accept only clients that know the token in this file; "
+        "`(umask 077; openssl rand -hex 32 > FILE)` makes one",
     )
 
 

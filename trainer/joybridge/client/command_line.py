@@ -29,6 +29,8 @@ def run_command(command: Callable[[argparse.Namespace], int | None], options: ar
         return command(options) or 0
     except JoybridgeError as error:
         say(f"error: {error}")
+        if getattr(options, "json", False):
+            print(json.dumps({"error": {"code": error.code, "text": str(error)}}))
         return error.exit_status
     except OSError as error:
         say(f"error: {error.filename or 'the output'}: {error.strerror or error}")
@@ -47,7 +49,7 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
     )  # fmt: skip
     add_credentials_arguments(parser)
     parser.add_argument(
-        "--wait", type=seconds, default=60.0, metavar="SECONDS",
+        "--wait", type=seconds, default=120.0, metavar="SECONDS",
         help="how long to wait for a simulator that does not answer yet; default %(default)g",
     )  # fmt: skip
     parser.add_argument(

@@ -148,7 +148,7 @@ class ProgramProcesses:
         return kept | {
             "PYTHONPATH": _python_path(), "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1",
             "PYGAME_HIDE_SUPPORT_PROMPT": "1", "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy",
-            "HOME": f"{OWN_FOLDER}/home", "TMPDIR": f"{OWN_FOLDER}/tmp",
+            "HOME": f"{OWN_FOLDER}/home", "TMPDIR": f"{OWN_FOLDER}/tmp",  # noqa: S108
             "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no threads before a fork
         }  # fmt: skip
 

@@ -85,4 +85,4 @@ def _run_entry(point: EntryPoint) -> None:
     """Do what the script does that pip writes for an entry point."""
     sys.modules["__main__"] = import_module(point.module)
     lines = [f"from {point.module} import {point.attr.partition('.')[0]}", "import sys", f"sys.exit({point.attr}())"]
-    exec(compile("\n".join(lines), point.name, "exec"), {"__name__": "__main__"})
+    exec(compile("\n".join(lines), point.name, "exec"), {"__name__": "__main__"})  # noqa: S102
