@@ -561,6 +561,7 @@ def test_every_level_is_drawn_as_a_picture_of_the_specs_size(level):
 
 
 @pytest.mark.parametrize("change", ["birds", "crosshair", "ammo"])
+@pytest.mark.promise("D4")
 def test_a_picture_shows_the_state_of_its_arena_and_leaves_it_alone(change):
     game = new_game(2)
     arenas: Any = game.arenas

@@ -6,16 +6,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
+from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
-from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
+from joybridge.config.presets import preset_of
+from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
-    "log_interval", "evaluate_over",
+    "log_interval", "log_to", "evaluate_over",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
 OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
@@ -26,9 +28,11 @@ MAY_DIFFER = (  # from the training, when a trained policy plays
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
     "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
-    "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
+    "policies": "policies.NAME.KEY=VALUE", "shares": "opponents.shares.NAME=SHARE",
+    "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
+CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
 MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
 
 # Names of other libraries, with the key to use instead.
@@ -50,6 +54,10 @@ OTHER_NAMES = {
     "beta_schedule": "policy.entropy_coef_schedule", "epsilon_schedule": "policy.clip_range_schedule",
     "grad_clip": "policy.max_grad_norm", "kl_target": "policy.target_kl", "normalize": "policy.scale_observations",
     "norm_obs": "policy.scale_observations", "norm_reward": "policy.scale_rewards",
+    "value_coef": "policy.vf_coef", "vf_loss_coeff": "policy.vf_coef", "clip_range_vf": "policy.clip_vloss",
+    "clip_value_loss": "policy.clip_vloss", "norm_adv": "policy.normalize_advantage",
+    "orthogonal_init": "policy.ortho_init", "log_std": "policy.log_std_init",
+    "adam_epsilon": "policy.adam_eps",
 }  # fmt: skip
 
 Schedule = Literal["linear", "constant"]
@@ -82,8 +90,11 @@ class PolicyConfig(Checked):
         "auto", description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
         "are plain numbers"
     )  # fmt: skip
-    shared_encoder: bool = Field(True, description="actor and critic share the convolutions")
-    frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
+    network: str | None = Field(
+        None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
+    )
+    shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
+    frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
     )
@@ -92,16 +103,30 @@ class PolicyConfig(Checked):
     shared_body: bool | None = Field(
         None, description="one body for actor and critic; null: only if there are no Gaussians"
     )
+    ortho_init: bool = Field(
+        False, description="begin with orthogonal weights, of gain √2, policy heads 0.01, value 1; false: from a "
+        "truncated normal, as ML-Agents"
+    )  # fmt: skip
+    log_std_init: float | dict[str, float] = Field(
+        0.0, description="logarithm of the deviation that Gaussians begin with, in thirds of half an axis's range, of "
+        "all or by the names of axes; 1.0986, log 3: half the range"
+    )  # fmt: skip
     rollout_steps: int = Field(59, ge=1, description="decisions per lane between two updates")
     time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
     minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
     epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")
     learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam")
+    adam_eps: float = Field(1e-8, gt=0, description="what Adam adds to its denominators")
     learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
     entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
     entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
     clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
     clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
+    normalize_advantage: Literal["rollout", "minibatch", "none"] = Field(
+        "rollout", description="of what advantages get mean 0 and deviation 1"
+    )
+    vf_coef: float = Field(0.5, ge=0, description="coefficient of the mean squared error of values")
+    clip_vloss: bool = Field(True, description="values clip as the policy does, by the same range")
     max_grad_norm: float | None = Field(
         None, gt=0, description="longest gradient of the whole network; a longer one is shortened to it"
     )
@@ -113,16 +138,50 @@ class PolicyConfig(Checked):
     cloning_coef: float = Field(
         1.0, ge=0, description="coefficient of the loss of cloning; beside PPO it falls linearly, to 0"
     )
+    only_with: bool = Field(
+        True, description="leave axes that count only with a choice out of the loss where they do not count"
+    )
+    loss: str | None = Field(
+        None, pattern=CODE, description="MODULE:FUNCTION, a term of your own that is added to the loss"
+    )
     threads: int = Field(
         1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
     )
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
+class OpponentsConfig(Checked):
+    """Who plays beside the learner in a game of several agents."""
+
+    shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
+        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, or the folder of "
+        "another run; one seat of a match is always the learner's; none: it holds all"
+    )  # fmt: skip
+    sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
+        "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
+        "those as strong as it"
+    )  # fmt: skip
+    pool_size: int = Field(
+        20, ge=1, le=1000, description="past policies that are kept, spread evenly over the training"
+    )
+    at_once: int = Field(4, ge=1, description="past policies that are drawn for the matches until the next update")
+    pool_updates: int = Field(20, ge=1, description="updates after which a policy is added to them")
+
+    @field_validator("shares")
+    @classmethod
+    def _some_share(cls, shares: dict[str, float]) -> dict[str, float]:
+        if shares and not sum(shares.values()):
+            raise ValueError("expected a share above 0")
+        return shares
+
+
 class Config(Checked):
     """A whole run."""
 
-    game: str = Field(description="which game is trained")
+    game: str = Field(description="which game is trained: its name, or pygame:PROGRAM")
+    preset: Literal["sb3", "cleanrl", "paper"] | None = Field(
+        None, description="settings of another program, for what is not set beside this key"
+    )
     options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
     parameters: dict[str, Value] = Field(
         {}, description="parameters of the game, as in `joybridge list`; {uniform: [LOW, HIGH]}, {log_uniform: [LOW, "
@@ -138,7 +197,7 @@ class Config(Checked):
         "squashed, threshold-T, map-WxH, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
-    arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
+    arenas: int = Field(75, ge=1, le=2**20, description="copies of the game that are played at once")
     groups: int = Field(
         2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
     )
@@ -151,6 +210,9 @@ class Config(Checked):
         None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
     )
     log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
+    log_to: list[Literal["tensorboard", "wandb", "mlflow"]] = Field(
+        ["tensorboard"], description="where rows of metrics go besides the CSV files of the run"
+    )
     checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
     keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
@@ -177,9 +239,14 @@ class Config(Checked):
         "alone",
         description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
     )
+    evaluate_during: EvaluateDuring | None = Field(
+        None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
+        "and `parameters` that differ, see Held-out settings in docs/training.md"
+    )  # fmt: skip
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
+    opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
     hand_delay: int = Field(
         0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
     )
@@ -202,6 +269,12 @@ class Config(Checked):
         {}, description="what differs for one policy: its name, then a key as those of policy"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _with_preset(cls, data: Any) -> Any:
+        """Lay the given keys on top of those of their preset."""
+        return merge(preset_of(data), data) if isinstance(data, dict) else data
+
     def policy_config(self, name: str) -> PolicyConfig:
         """Return the configuration of the policy called `name`. Raises ConfigError."""
         merged = merge(self.policy.model_dump(), self.policies.get(name, {}))
@@ -220,6 +293,7 @@ def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -
     ML-Agents, and this is whose settings are used.
     """
     data, over = read_yaml(path), read_overrides(overrides)
+    over = merge(preset_of(over), over)
     if behavior:
         data = load("joybridge.configurations", "mlagents")(data, behavior, over.get("arenas"))
     given = data.get("parameters")
@@ -254,8 +328,10 @@ def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise ConfigError(f"override {override!r} is not of the form key=value")
-        value = parse_yaml(text, f"override {override!r}: {text!r}")
-        for part in reversed(key.split(".")):
+        value, parts = parse_yaml(text, f"override {override!r}: {text!r}"), key.split(".")
+        if len(parts) > DEEPEST:
+            raise ConfigError(f"the key of an override has {len(parts):,} parts, expected {DEEPEST} at most")
+        for part in reversed(parts):
             value = {part: value}
         data = merge(data, value)
     return data
@@ -289,7 +365,7 @@ def _expected(key: str, value: object, problem: str) -> str:
     name = key.rpartition(".")[2]
     if problem == "list_type" and isinstance(value, str | int | float):
         parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
-        return f"expected a list, for example {key}=[{parts}]"
+        return f"expected a list, for example {key}=[{printable(parts)}]"
     if problem == "value_error" and key.startswith("parameters.") and isinstance(value, str):
         return f"expected a number; if it is an option of the game, write options.{name}={value}"
     if problem in ("dict_type", "model_type"):

@@ -9,8 +9,6 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from joybridge.contract.tensors import Array
 
-Given: TypeAlias = tuple[tuple[int, int], ...]  # branches of the policy, and a choice of each
-
 
 @dataclass(frozen=True)
 class AxisRange:
@@ -20,7 +18,6 @@ class AxisRange:
     low: float
     high: float
     distribution: str = ""  # "module:Class" of a `Distribution` (ppo/continuous); "": a Gaussian
-    given: Given = ()  # without all of which the action does not count
 
 
 @dataclass(frozen=True)

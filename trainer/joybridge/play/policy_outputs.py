@@ -8,7 +8,7 @@ import torch
 
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import CLIP, AxisTable, JointTable
-from joybridge.play.playing import Player
+from joybridge.policy.player import Player
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.v1 import bridge_pb2 as pb

@@ -10,7 +10,6 @@ import torch
 from joybridge.config.arrays import select
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles
@@ -22,10 +21,13 @@ from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
 from joybridge.ppo.images import check_maps
+from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
+from joybridge.ppo.own import OwnEncoder
 from joybridge.ppo.sampling import sample_actions
+from joybridge.ppo.threads import compute_alike
 from joybridge.v1 import bridge_pb2 as pb
 
 SCALING = "scaling."  # begins the names of arrays that are not the network's
@@ -38,11 +40,11 @@ class Acted(NamedTuple):
     values: Array  # [lanes]: of what it saw
     memory: Array | None = None  # [lanes, state_size]: what it remembers now; None: an actor without memory
 
-    def of_deciding(self, observation: Observation, step: StepArrays) -> "Acted":
-        """Return the same, but lanes that wait in `step` remember what they did in `observation`."""
-        if self.memory is None or observation.memory is None or step.deciding is None:
+    def of_deciding(self, observation: Observation, deciding: Array | None) -> "Acted":
+        """Return the same, but lanes that wait remember what they did in `observation`. deciding [lanes]; None: all."""
+        if self.memory is None or observation.memory is None or deciding is None:
             return self
-        return self._replace(memory=np.where(step.deciding[:, None], self.memory, observation.memory))
+        return self._replace(memory=np.where(deciding[:, None], self.memory, observation.memory))
 
 
 class Actor:
@@ -66,15 +68,30 @@ class Actor:
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
         check_maps(role.name, [form for _, form in space.maps], pictures)
-        count = 0 if not pictures else 1 if shared or config.shared_encoder else 2
-        encoders = [
-            ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
-            for _ in range(count)
-        ]
+        count = 1 if shared or config.shared_encoder else 2
+        encoders: list[ImageEncoder | OwnEncoder] = []
+        if config.network and space.maps:
+            raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
+        if config.network:
+            encoders += [
+                OwnEncoder(config.network, self.encoder.numbers, self.encoder.images, config.frame_stack, seed + index)
+                for index in range(count)
+            ]
+        elif pictures:
+            encoders += [
+                ImageEncoder(
+                    config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation
+                )
+                for _ in range(count)
+            ]
         memory = None if config.memory.kind == "none" else MemoryKind(config.memory.kind, config.memory.size)
         network = Network(
             self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
         )
+        if config.ortho_init:
+            orthogonal(network, seed)
+        if config.log_std_init:
+            set_log_std(network, config.log_std_init, self.gaussians)
         self.network = network.to(self.accelerator)
 
     def see(self, observations: Sequence[Array]) -> Observation:
@@ -139,6 +156,8 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
     """Return untrained policies for all behaviors of a spec. Raises ConfigError."""
     if accelerator == "cuda" and not torch.cuda.is_available():
         raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
+    if accelerator == "cuda":
+        compute_alike()
     roles = fitting_roles(config, spec)
     children = np.random.SeedSequence(config.seed).spawn(len(roles))
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in children]
@@ -146,3 +165,19 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
         Actor(role, spec.behaviors[role.behavior], config.policy_config(role.name), seed, accelerator)
         for role, seed in zip(roles, seeds, strict=True)
     ]
+
+
+def trained_actors(config: Config, spec: pb.GameSpec, arrays: dict[str, Array]) -> list[Actor]:
+    """Return the policies in the arrays of a checkpoint of a run with this configuration.
+
+    Raises ConfigError, and CheckpointError where they do not fit.
+    """
+    actors = make_actors(config, spec)
+    for actor in actors:
+        actor.load(policy_state(arrays, actor.name))
+    return actors
+
+
+def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Array]:
+    """Return the parameters of one policy's network from the arrays of a checkpoint."""
+    return select(arrays, f"{policy}/policy/network.")

@@ -8,6 +8,7 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
+from joybridge.layouts.conditions import Conditions
 from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
@@ -53,8 +54,11 @@ class Policy:
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
         self.learner = Learner(
             name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
-            threads=self.config.threads,
+            threads=self.config.threads, adam_eps=self.config.adam_eps,
         )  # fmt: skip
+        if self.config.loss:
+            self.learner.add_term(self.config.loss)
+        self.conditions = (self.config.only_with and Conditions(actor.layout, behavior.device)) or None
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones
@@ -80,12 +84,20 @@ class Policy:
         observation = rollout.present(group)
         acted = actor.act(observation, masks, rollout.noise_of(group))
         if observation.memory is not None:
-            acted = acted.of_deciding(observation, step)
+            acted = acted.of_deciding(observation, step.deciding)
         self._acted[group] = acted
         actor.layout.write(acted.action.continuous, acted.action.discrete, acts[actor.behavior], step.masks)
 
-    def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
-        """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
+    def note_choices(self, acts: Sequence[ActArrays], group: int = 0) -> None:
+        """Store which parts of the action count with what all policies chose for the device, if not all always do."""
+        if self.conditions is not None:
+            self.rollout.store_counts(self.conditions.counts(acts[self.actor.behavior].choices), group)
+
+    def store(self, steps: Sequence[StepArrays], group: int = 0, played: Sequence[Array] | None = None) -> None:
+        """Store what followed the action: in the rollout, and episodes that ended in `episodes`.
+
+        played: per behavior, the lanes that it held, a bool for each; None: all.
+        """
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
         seen, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
         t, lanes = rollout.rows[group], rollout.groups[group]
@@ -107,7 +119,7 @@ class Policy:
         learned = rewards - self._eased * actor.encoder.penalties(step) if self._eased else rewards
         rollout.put(*self._acted[group], group=group)
         rollout.store(step, learned, final_values, group)
-        self.episodes.add(step, rewards, lanes)
+        self.episodes.add(step, rewards, lanes, None if played is None else played[actor.behavior])
 
     def _begin_rollout(self) -> None:
         """Draw the noise of the present rollout, and fix which share of penalties does not count in it."""

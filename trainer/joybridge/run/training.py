@@ -20,9 +20,13 @@ from joybridge.policy.stratify import balanced_options
 from joybridge.run.advice import Adviser
 from joybridge.run.collect import Group, group_bounds, open_groups
 from joybridge.run.curriculum import Curriculum
-from joybridge.run.folder import keep_config
+from joybridge.run.folder import keep_config, keep_spec
+from joybridge.run.held_out import HeldOut
+from joybridge.run.league import League
 from joybridge.run.logger import Logger
+from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
+from joybridge.run.progress import row_text
 from joybridge.run.run_state import RunState, capture, take_weights
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -41,16 +45,16 @@ class Training:
 
     def __init__(
         self, config: Config, policies: Sequence[Policy], groups: Sequence[Group], loggers: Sequence[Logger],
-        curriculum: Curriculum, audience: Audience,
+        curriculum: Curriculum, league: League | None, audience: Audience, held_out: HeldOut,
     ) -> None:  # fmt: skip
-        """Take the parts; nothing is played yet. Raises ConfigError."""
-        self.config, self.policies, self.groups = config, policies, groups
+        """Take the parts; nothing is played yet. league: None where the learner holds all seats. Raises ConfigError."""
+        self.config, self.policies, self.groups, self._league = config, policies, groups, league
         self.timesteps, self.profiler = 0, Profiler()
         self.stretches, self.stretch = rollout_stretches(policies)
         behaviors = groups[0].session.spec.behaviors
         self._advisers = {policy.actor.name: Adviser(policy, behaviors[policy.actor.behavior]) for policy in policies}
         self._loggers = {policy.actor.name: logger for policy, logger in zip(policies, loggers, strict=True)}
-        self._curriculum, self._audience = curriculum, audience
+        self._curriculum, self._audience, self._held_out = curriculum, audience, held_out
         self._metric, self._sign = best_metric(config, policies[0])
         self._score: float | None = None  # of the rows since the last state
         self._logged = 0  # timesteps
@@ -59,13 +63,20 @@ class Training:
         """Begin, or continue from a state. Raises CheckpointError."""
         self.timesteps = self._logged = state.timesteps
         if state.arrays:
-            state.restore(self.policies, [*self._loggers.values()], self.groups)
+            state.restore(self.policies, [*self._loggers.values()], self.groups, self._league)
         elif self.config.weights_from:
             trained = take_weights(self.policies, Path(self.config.weights_from))
             self._audience.say(f"begins with the policies of {self.config.weights_from} after {trained:,} timesteps")
+        if self._league:
+            self.renew_opponents()
+            for group, opponents in zip(self.groups, self._league.groups, strict=True):
+                group.opponents = opponents
+                if state.snapshots is None:
+                    opponents.begin(group.session.steps)
+                opponents.see(group.session.steps)
         if state.snapshots is None:
             for policy in self.policies:
-                policy.begin([group.session.steps for group in self.groups])
+                policy.begin([group.steps for group in self.groups])
         self._audience.report(self.timesteps, self.profiler.live(), None)
         self._say_lesson()
 
@@ -75,10 +86,19 @@ class Training:
         return self.timesteps / self.config.total_timesteps
 
     def count(self) -> None:
-        """Count a decision of every lane of the first policy."""
-        self.timesteps += self.policies[0].lanes
-        self.profiler.timesteps += self.policies[0].lanes
+        """Count a decision of every lane of the first policy, but not of lanes that opponents hold."""
+        policy = self.policies[0]
+        held = [group.played[policy.actor.behavior].sum() for group in self.groups if group.played is not None]
+        decisions = int(sum(held)) if held else policy.lanes
+        self.timesteps += decisions
+        self.profiler.timesteps += decisions
         self._curriculum.watch()
+
+    def renew_opponents(self) -> None:
+        """After an update: draw opponents anew, among them the policies as they are now, if it is time."""
+        if self._league:
+            actors = [policy.actor for policy in self.policies]
+            self._league.renew(self.timesteps, self.policies[0].updates, actors)
 
     def log(self) -> None:
         """Write a row of metrics for each policy if it is time; else report live figures if it is time for them."""
@@ -87,12 +107,17 @@ class Training:
             if self.profiler.due():
                 self._audience.report(self.timesteps, self.profiler.live(), None)
             return
+        before, now = (timesteps // interval * interval for timesteps in (self._logged, self.timesteps))
         self._logged, times, lesson = self.timesteps, self.profiler.summarize(), self._curriculum.row()
+        lesson |= self._league.row() if self._league else {}
+        held_out = self._held_out.rows([policy.actor for policy in self.policies], before, now)
         rows = [
-            self._loggers[policy.actor.name].write(self.timesteps, lesson | policy.episodes.summarize(), times)
-            for policy in self.policies
+            self._loggers[policy.actor.name].write(self.timesteps, lesson | policy.episodes.summarize() | more, times)
+            for policy, more in zip(self.policies, held_out, strict=True)
         ]
         self._audience.report(self.timesteps, rows[0], rows[0])
+        for policy, row in zip(self.policies[1:], rows[1:], strict=True):
+            self._audience.say(f"{'':>11}  {policy.actor.name}: {row_text(row)}")
         if self._metric in rows[0]:
             self._score = self._sign * rows[0][self._metric]
 
@@ -114,7 +139,9 @@ class Training:
 
     def capture(self) -> RunState:
         """Return the state between two cycles, and report live figures."""
-        state = capture(self.timesteps, self.policies, [*self._loggers.values()], self.groups, self._curriculum)
+        state = capture(
+            self.timesteps, self.policies, [*self._loggers.values()], self.groups, self._curriculum, self._league
+        )
         self._audience.report(self.timesteps, self.profiler.live(), None)
         score, self._score = self._score, None
         return replace(state, score=score)
@@ -139,7 +166,10 @@ def open_training(
     for remark in demonstrate(policies, config, run, spec, resumed=state.timesteps > 0):
         audience.say(remark)
     best_metric(config, policies[0])
+    league = League(config, spec, group_bounds(config)) if config.opponents.shares else None
     keep_config(config, run)
+    keep_spec(spec, run)
+    keep_origin(run)
     curriculum = Curriculum(config, spec, policies)
     state.restore_lesson(curriculum)
     with ExitStack() as opened:
@@ -151,9 +181,11 @@ def open_training(
         if record_faults:
             opened.enter_context(recording(groups, run / "faults"))
         loggers = [
-            opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps))) for policy in policies
+            opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps, config)))
+            for policy in policies
         ]
-        training = Training(config, policies, groups, loggers, curriculum, audience)
+        held_out = HeldOut(config, spec, addresses[0])
+        training = Training(config, policies, groups, loggers, curriculum, league, audience, held_out)
         training.begin(state)
         yield training
 
