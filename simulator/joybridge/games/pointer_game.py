@@ -49,6 +49,11 @@ class PointerGame(RecordGame):
         return views(options, cls.field.half_width, cls.field.half_height)
 
     @classmethod
+    def max_arenas(cls, options: Mapping[str, str]) -> int:
+        """Return how many arenas a session may run: few if each keeps images of a level of its own."""
+        return 128 if options["levels"] == "generated" and cls.views(options) else 4096
+
+    @classmethod
     def sensors(cls, options: Mapping[str, str]) -> list[pb.Sensor]:
         """Return what an agent observes: numbers, images or both, and the sensor of the locomotion."""
         images = [image_sensor(name, view) for name, view in cls.views(options).items()]

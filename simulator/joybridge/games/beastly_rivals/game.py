@@ -151,7 +151,7 @@ class BeastlyRivals(PointerGame):
             decision_interval=r.DECISION_TICKS,
             tick_seconds=r.TICK,
             max_episode_decisions=r.CLOCK_TICKS // r.DECISION_TICKS,
-            max_arenas=4096,
+            max_arenas=cls.max_arenas(options),
             picture=PICTURE,
             snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
             parameters_per_episode=True,

@@ -143,7 +143,7 @@ class ShootingBirds(PointerGame):
             parameters=PARAMETERS,
             tick_seconds=r.TICK,
             max_episode_decisions=r.EPISODE_TICKS,
-            max_arenas=4096,
+            max_arenas=cls.max_arenas(options),
             picture=PICTURE,
             snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
             parameters_per_episode=True,
