@@ -58,7 +58,6 @@ def sampled(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=Fa
         np.zeros(len(log_variance), np.float32),
         np.array(log_variance, np.float32),
         np.array(sizes, np.int64),
-        np.zeros((0, 0, 0), bool),
     )
     masks = NO_MASKS if masks is None else masks.numpy()
     action = sample(outputs.numpy(), head, masks, Noise(normal, uniform), likeliest)

@@ -17,7 +17,7 @@ import torch
 from joybridge import cli
 from joybridge.client.client import describe
 from joybridge.commands.__main__ import main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.play import export as exporting
 from joybridge.play.export import Exported, compare
 from joybridge.play.onnx_model import build_model
@@ -263,6 +263,11 @@ def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(
     [
         ({}, ["options.size=large"], "the trained network does not fit: the sensors had 30 numbers, now 48"),
         ({}, ["--behavior", "goalkeeper"], "hybrid has no behavior 'goalkeeper'; choose one with --behavior: player"),
+        (
+            {"policy": SMALL.model_copy(update={"memory": MemoryConfig(kind="gru", size=8)})},
+            [],
+            "networks with memory cannot be exported; train it with policy.memory.kind=none",
+        ),
         ({"game": "duel"}, [], "duel has several behaviors; choose one with --behavior: runner, judge"),
     ],
 )

@@ -12,9 +12,11 @@ import torch
 from gymnasium.error import ResetNeeded
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.torch_layers import CombinedExtractor, NatureCNN
+from stable_baselines3.common.vec_env import VecExtractDictObs, VecFrameStack, VecMonitor
 
 from joybridge.client.launch import simulator_process
+from joybridge.config.errors import ConfigError
 from joybridge.games import BUILT_IN
 from joybridge.gym import BridgeEnv, BridgeVectorEnv
 from joybridge.gym.sb3 import BridgeVecEnv
@@ -92,6 +94,29 @@ def test_maskable_ppo_never_makes_a_forbidden_choice(make, game):
 def test_sensors_in_their_shapes_feed_a_policy_of_several_inputs(make):
     envs = make("gallery", 2, flatten=False, frame_stack=1)
     PPO("MultiInputPolicy", envs, **(SHORT | {"batch_size": 16})).learn(16)
+
+
+SCREEN: dict[str, Any] = {"flatten": False, "frame_stack": 1, "layout": "bucket-3", "forbidden": "first_allowed",
+          "options": {"observation": "screen"}}  # fmt: skip
+
+
+def test_a_policy_of_stable_baselines3_sees_the_screen_with_convolutions(make):
+    envs = make("shooting_birds", 2, **SCREEN)
+    space = envs.observation_space["screen"]
+    assert (space.dtype, space.shape, space.low.max(), space.high.min()) == (np.uint8, (40, 64, 1), 0, 255)
+    several = PPO("MultiInputPolicy", envs, **(SHORT | {"batch_size": 16})).learn(16)
+    assert isinstance(several.policy.features_extractor, CombinedExtractor)
+    assert isinstance(dict(several.policy.features_extractor.extractors.named_children())["screen"], NatureCNN)
+    frames = VecFrameStack(VecExtractDictObs(envs, "screen"), 3)
+    single = PPO("CnnPolicy", frames, **(SHORT | {"batch_size": 16})).learn(16)
+    assert isinstance(single.policy.features_extractor, NatureCNN)
+    assert single.policy.observation_space.shape == (3, 40, 64)
+
+
+def test_images_are_not_flattened(make):
+    settings = SCREEN | {"flatten": True}
+    with pytest.raises(ConfigError, match=r"hunter: screen of hunter would be flattened.*pass flatten=False"):
+        make("shooting_birds", 2, **settings)
 
 
 def test_one_arena_passes_the_checks_of_stable_baselines3(make):

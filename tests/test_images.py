@@ -54,7 +54,10 @@ def test_what_a_game_calls_an_image_is_one_without_a_word_in_the_configuration()
 def test_each_encoder_sees_the_smallest_image_that_it_is_said_to(kind):
     size = MIN_PIXELS[kind]
     encoder = ImageEncoder(kind, [Image(size, size, 1)], 0, 1, "relu")
-    assert encoder(Observations(torch.zeros(2, 0), (torch.zeros(2, 1, size, size, 1),))).shape == (2, encoder.features)
+    assert encoder(Observations(torch.zeros(2, 0), (torch.zeros(2, 1, size, size, 1),))).features.shape == (
+        2,
+        encoder.features,
+    )
 
 
 def bytes_of(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
@@ -64,14 +67,14 @@ def bytes_of(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
 def test_the_pictures_of_a_stack_are_channels_of_one_image_and_numbers_pass_by():
     encoder = ImageEncoder("simple", [*IMAGES.values()], 12, 2, "relu")
     numbers = torch.rand(7, 12, generator=torch.Generator().manual_seed(0))
-    camera, board = (torch.from_numpy(bytes_of((7, 2, *IMAGES[name]))) for name in IMAGES)
-    features = encoder(Observations(numbers, (camera, board)))
+    camera, board = (torch.from_numpy(bytes_of((7, 2, *IMAGES[name].shape))) for name in IMAGES)
+    features = encoder(Observations(numbers, (camera, board))).features
     torch.testing.assert_close(features[:, :12], numbers)
-    pixels = torch.cat([camera[:, frame].permute(0, 3, 1, 2) for frame in (0, 1)], 1) / WHITE
+    pixels = torch.cat([camera[:, 0], camera[:, 1]], 3) / WHITE
     count = 32 * 2 * 1  # channels of 5 x 4 pixels, halved twice
-    torch.testing.assert_close(features[:, 12 : 12 + count], encoder.convolutions[0](pixels).flatten(1))
-    pixels = board[:, :, :, :, 0] / WHITE
-    torch.testing.assert_close(features[:, 12 + count :], encoder.convolutions[1](pixels).flatten(1))
+    torch.testing.assert_close(features[:, 12 : 12 + count], encoder.bodies[0].see(pixels)[-1].flatten(1))
+    pixels = torch.cat([board[:, 0], board[:, 1]], 3) / WHITE
+    torch.testing.assert_close(features[:, 12 + count :], encoder.bodies[1].see(pixels)[-1].flatten(1))
 
 
 @pytest.mark.parametrize(
@@ -96,10 +99,22 @@ def test_every_convolution_learns_shared_or_not(kind, size, numbers, shared, enc
     assert len([name for name, _ in network.named_parameters() if "convolutions" in name]) >= 4 * encoders
 
 
+@pytest.mark.parametrize(
+    ("kind", "height", "width"),
+    [("windows", 32, 32), ("windows", 40, 64), ("windows", 16, 17), ("windows", 84, 30), ("simple", 9, 6),
+     ("nature", 84, 84), ("nature", 64, 40), ("impala", 17, 12)],
+)  # fmt: skip
+def test_every_pixel_of_an_image_is_seen(kind, height, width):
+    encoder = ImageEncoder(kind, [Image(height, width, 1)], 0, 1, "elu")
+    pixels = torch.rand(1, height, width, 1, generator=torch.Generator().manual_seed(0)).requires_grad_()
+    encoder.bodies[0].see(pixels)[-1].sum().backward()
+    assert pixels.grad is not None and pixels.grad.all()
+
+
 def test_a_policy_of_a_game_with_an_image_acts_on_it():
     spec = load_games(PLACES)["hybrid"].describe({"size": "large", "masks": "off"})
     (actor,) = make_actors(Config(game="hybrid", policy=PolicyConfig(image_encoder="simple", frame_stack=1)), spec)
-    shape = (2, 1, *actor.encoder.images["image"])
+    shape = (2, 1, *actor.encoder.images["image"].shape)
     pictures = np.zeros(shape, np.uint8)
     pictures[1] = 255
     values = actor.values(Observation(np.zeros((2, actor.encoder.size), np.float32), (pictures,)))
@@ -110,7 +125,7 @@ def test_a_policy_of_a_game_with_an_image_acts_on_it():
 # ------------------------------------------------------------------------------------------------------ stacks
 
 STEPS, LANES, STACK = 6, 4, 3
-SHAPE = Image(2, 3, 1)
+SHAPE, PICTURE = (2, 3, 1), Image(2, 3, 1)
 
 
 def made_step(rng: np.random.Generator, ended: np.ndarray, deciding: np.ndarray | None) -> StepArrays:
@@ -137,7 +152,7 @@ def naive(now: np.ndarray, pictures: np.ndarray, step: StepArrays) -> np.ndarray
 @pytest.mark.parametrize("waits", [False, True])
 def test_stacks_that_are_gathered_equal_stacks_that_are_copied(waits):
     rng = np.random.default_rng(1)
-    history, whole = History(STEPS, LANES, SHAPE, STACK), slice(None)
+    history, whole = History(STEPS, LANES, PICTURE, STACK), slice(None)
     first = bytes_of((LANES, *SHAPE), 2)
     history.begin(first, whole)
     expected = np.zeros((LANES, STACK, *SHAPE), np.uint8)
@@ -156,7 +171,7 @@ def test_stacks_that_are_gathered_equal_stacks_that_are_copied(waits):
         marked = rng.random((STEPS, LANES)) < 0.5
         np.testing.assert_array_equal(history.at(*np.nonzero(marked)).gather(), np.stack(seen)[marked])
         history.restart()
-    fresh = History(STEPS, LANES, SHAPE, STACK)
+    fresh = History(STEPS, LANES, PICTURE, STACK)
     fresh.load(history.window(0).gather())
     np.testing.assert_array_equal(fresh.window(0).gather(), expected)
 

@@ -26,7 +26,9 @@ FAST = PolicyConfig(
 
 @pytest.fixture(scope="module")
 def address():
-    games = [f"tests.support.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid", "Far", "Shown")]
+    games = [
+        f"tests.support.learning_games:{name}" for name in ("Discrete", "Continuous", "Hybrid", "Far", "Shown", "Moles")
+    ]
     with simulator_process(games) as bound:
         yield bound
 
@@ -71,6 +73,13 @@ def test_sensors_far_from_0_are_learned_scaled(kind, address, tmp_path):
 def test_a_picture_and_a_number_are_learned_through_convolutions(address, tmp_path):
     settings = {"image_encoder": "simple", "activation": "relu"}
     assert learn(address, tmp_path / "run", "identity_shown", "hybrid", 8_000, **settings) > 0.9
+
+
+def test_a_map_finds_moles_of_which_independent_axes_have_hit_few(address, tmp_path):
+    settings = {"activation": "relu", "learning_rate": 2e-3, "gamma": 0.0, "hidden_sizes": [64]}
+    found = learn(address, tmp_path / "map", "moles", "map-16x12", 6_000, **settings)
+    assert found > 0.6
+    assert learn(address, tmp_path / "bucket", "moles", "bucket-16", 6_000, **settings) < found - 0.3
 
 
 def test_an_untrained_policy_does_not_reach_it(address, tmp_path):

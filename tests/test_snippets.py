@@ -56,6 +56,7 @@ RUN_BY = {  # Python that is not run here: by what a test of its own says about 
     "my_layouts.py": "test_layouts.py",
     'Policy("policy.json")': "test_new.py",
     "MaskablePPO(": "test_gym_learners.py",
+    '"CnnPolicy"': "test_gym_learners.py",
     "minari.load_dataset(": "test_minari.py",
 }
 READERS = {

@@ -5,7 +5,8 @@ python -m tools.bench [simulator | pictures | wire | learner | train | start | p
 simulator   a game alone, in this process, by number of arenas
 pictures    the images that agents observe, beside a bare write of as many bytes
 wire        simulator process and client with random actions, and the round trip of one arena beside a bare echo
-learner     sample passes of an update, beside the bare matrix products of the same shapes
+learner     sample passes of an update, beside the bare matrix products of the same shapes; with images, beside the
+            bare forward and backward passes of the network
 train       all of it: what `joybridge train` reaches
 start       seconds that a simulator takes, seconds until a run's first update, and memory of both (Linux)
 peers       the same beside Stable-Baselines3's PPO and a Gymnasium AsyncVectorEnv, on the same game
@@ -39,7 +40,10 @@ from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
 from joybridge.games.pointer_game import PointerGame
 from joybridge.gym import BridgeEnv
-from joybridge.layouts import make_layouts
+from joybridge.layouts import ActionSpace, make_layouts
+from joybridge.ppo.convolutions import ImageEncoder
+from joybridge.ppo.history import Window
+from joybridge.ppo.images import Image
 from joybridge.ppo.loss import Batch
 from joybridge.ppo.networks import Network
 from joybridge.ppo.observation_tensors import Observations
@@ -279,7 +283,39 @@ def bench_learner() -> Figures:
         for way in ways[1:]:
             ratio = figures[f"{way}, {body}, sample passes/s"]["median"] / bare
             figures[f"{way} / bare products, {body}"] = {"median": ratio, "low": ratio, "high": ratio}
-    return figures
+    return figures | _image_learner(layout.space)
+
+
+def _image_learner(space: ActionSpace) -> Figures:
+    """Sample passes per second of an update from two images of 32 x 32, and of the bare passes of its network."""
+    rows, minibatch, images, rng = 3072, 1024, [Image(32, 32, 1)] * 2, np.random.default_rng(0)
+    network = Network(0, space, [128, 128], True, 0, "relu", [ImageEncoder("auto", images, 0, 1, "relu")])
+    names = [str(branch) for branch in range(len(space.branches))]
+    learner = Learner("player", network, branches=names, gaussians=[], autograd=False)
+    bytes_of_all = [rng.integers(0, 256, (rows, 1, *image.shape), np.uint8) for image in images]
+    windows = tuple(Window(each, np.arange(rows)[:, None], np.zeros(rows, np.int64)) for each in bytes_of_all)
+    batch = Batch(
+        Observations(torch.zeros(rows, 0), windows), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
+        torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
+    )  # fmt: skip
+    seen = batch.observations.index_select(0, torch.arange(minibatch))
+
+    def update() -> float:
+        ppo_update(
+            learner, batch, Coefficients(1e-3, 0.2, 0.02), epochs=1, minibatch_size=minibatch,
+            rng=np.random.default_rng(0),
+        )  # fmt: skip
+        return float(rows)
+
+    def bare() -> float:
+        for _ in range(rows // minibatch):
+            logits, _, value = network(seen)
+            (logits[:, :, :3].sum() + value.sum()).backward()
+        return float(rows)
+
+    figures = {"two images, sample passes/s": measure(update), "two images, bare passes/s": measure(bare)}
+    ratio = figures["two images, sample passes/s"]["median"] / figures["two images, bare passes/s"]["median"]
+    return figures | {"two images / bare passes": {"median": ratio, "low": ratio, "high": ratio}}
 
 
 def _products(heads: list[torch.Tensor], minibatch: int, inputs: int, hidden: int) -> float:

@@ -2,7 +2,19 @@
 
 import numpy as np
 
-from joybridge.simulator import Game, TimeStep, axis, behavior, branch, button, sensor, spec, transition, truncation
+from joybridge.simulator import (
+    Game,
+    TimeStep,
+    axis,
+    behavior,
+    branch,
+    button,
+    image,
+    sensor,
+    spec,
+    transition,
+    truncation,
+)
 
 LENGTH = 8
 
@@ -114,3 +126,44 @@ class Shown(Identity):
         row, column = self.rng.integers(0, 2, 2) + 4 * np.array([self.choice // 2, self.choice % 2])
         picture[row : row + 3, column : column + 3] = 255
         return {"target": [pressed], "picture": picture}
+
+
+class Moles(Game):
+    """A mole appears in a picture, and a click on it pays. Half of the time, one that sleeps is beside it."""
+
+    name = "moles"
+    description = "Click the bright moles."
+    size = (24, 32)  # height, width
+
+    @classmethod
+    def describe(cls, options):
+        player = behavior(
+            "player",
+            sensors=[image("field", *cls.size)],
+            axes=[axis("x", description="-1 is the left edge"), axis("y", description="-1 is the bottom edge")],
+            branches=[button("click")],
+            metrics=["length"],
+        )
+        return spec(cls, [player], max_episode_decisions=LENGTH)
+
+    def reset(self) -> TimeStep:
+        self.steps = 0
+        return transition(self.show())
+
+    def show(self):
+        rows, columns = np.indices(self.size)
+        picture = np.zeros((*self.size, 1), np.uint8)
+        for gray in [90, 255][self.rng.integers(2) :]:
+            self.place = self.rng.integers(3, np.array(self.size) - 3)
+            picture[(rows - self.place[0]) ** 2 + (columns - self.place[1]) ** 2 <= 8] = gray
+        return {"field": picture}
+
+    def step(self, action) -> TimeStep:
+        height, width = self.size
+        down, right = (1 - action["y"]) / 2 * height - 0.5, (1 + action["x"]) / 2 * width - 0.5
+        near = np.hypot(down - self.place[0], right - self.place[1]) <= 3
+        self.steps += 1
+        rewards = {"reward": float(near and action["click"])}
+        if self.steps < LENGTH:
+            return transition(self.show(), rewards)
+        return truncation(self.show(), rewards, {"length": self.steps})

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
 from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.config.presets import preset_of
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
@@ -51,6 +52,10 @@ OTHER_NAMES = {
     "beta_schedule": "policy.entropy_coef_schedule", "epsilon_schedule": "policy.clip_range_schedule",
     "grad_clip": "policy.max_grad_norm", "kl_target": "policy.target_kl", "normalize": "policy.scale_observations",
     "norm_obs": "policy.scale_observations", "norm_reward": "policy.scale_rewards",
+    "value_coef": "policy.vf_coef", "vf_loss_coeff": "policy.vf_coef", "clip_range_vf": "policy.clip_vloss",
+    "clip_value_loss": "policy.clip_vloss", "norm_adv": "policy.normalize_advantage",
+    "orthogonal_init": "policy.ortho_init", "log_std": "policy.log_std_init",
+    "adam_epsilon": "policy.adam_eps",
 }  # fmt: skip
 
 Schedule = Literal["linear", "constant"]
@@ -93,16 +98,30 @@ class PolicyConfig(Checked):
     shared_body: bool | None = Field(
         None, description="one body for actor and critic; null: only if there are no Gaussians"
     )
+    ortho_init: bool = Field(
+        False, description="begin with orthogonal weights, of gain √2, policy heads 0.01, value 1; false: from a "
+        "truncated normal, as ML-Agents"
+    )  # fmt: skip
+    log_std_init: float | dict[str, float] = Field(
+        0.0, description="logarithm of the deviation that Gaussians begin with, in thirds of half an axis's range, of "
+        "all or by the names of axes; 1.0986, log 3: half the range"
+    )  # fmt: skip
     rollout_steps: int = Field(59, ge=1, description="decisions per lane between two updates")
     time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
     minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
     epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")
     learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam")
+    adam_eps: float = Field(1e-8, gt=0, description="what Adam adds to its denominators")
     learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
     entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
     entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
     clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
     clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
+    normalize_advantage: Literal["rollout", "minibatch", "none"] = Field(
+        "rollout", description="of what advantages get mean 0 and deviation 1"
+    )
+    vf_coef: float = Field(0.5, ge=0, description="coefficient of the mean squared error of values")
+    clip_vloss: bool = Field(True, description="values clip as the policy does, by the same range")
     max_grad_norm: float | None = Field(
         None, gt=0, description="longest gradient of the whole network; a longer one is shortened to it"
     )
@@ -149,6 +168,9 @@ class Config(Checked):
     """A whole run."""
 
     game: str = Field(description="which game is trained")
+    preset: Literal["sb3", "cleanrl", "paper"] | None = Field(
+        None, description="settings of another program, for what is not set beside this key"
+    )
     options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
     parameters: dict[str, Value] = Field(
         {}, description="parameters of the game, as in `joybridge list`; {uniform: [LOW, HIGH]}, {log_uniform: [LOW, "
@@ -161,7 +183,7 @@ class Config(Checked):
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
-        "squashed, threshold-T, multiagent or one of an installed package; after commas, "
+        "squashed, threshold-T, map-WxH, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
     arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
@@ -229,6 +251,12 @@ class Config(Checked):
         {}, description="what differs for one policy: its name, then a key as those of policy"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _with_preset(cls, data: Any) -> Any:
+        """Lay the given keys on top of those of their preset."""
+        return merge(preset_of(data), data) if isinstance(data, dict) else data
+
     def policy_config(self, name: str) -> PolicyConfig:
         """Return the configuration of the policy called `name`. Raises ConfigError."""
         merged = merge(self.policy.model_dump(), self.policies.get(name, {}))
@@ -247,6 +275,7 @@ def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -
     ML-Agents, and this is whose settings are used.
     """
     data, over = read_yaml(path), read_overrides(overrides)
+    over = merge(preset_of(over), over)
     if behavior:
         data = load("joybridge.configurations", "mlagents")(data, behavior, over.get("arenas"))
     given = data.get("parameters")

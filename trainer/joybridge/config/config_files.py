@@ -17,6 +17,7 @@ from ruamel.yaml.error import YAMLError
 from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
 
 from joybridge.config.errors import ConfigError
+from joybridge.config.presets import preset_of
 from joybridge.contract.files import read_file
 
 _INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
@@ -55,7 +56,7 @@ def find_config(text: str) -> Path:
 
 
 def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return the keys and values of a file, on top of those of the file that it extends. Raises ConfigError."""
+    """Return the keys and values of a file, on top of its preset and of what it extends. Raises ConfigError."""
     try:
         real, text = path.resolve(), read_file(path, LARGEST).decode("utf-8")
     except UnicodeDecodeError as error:
@@ -72,6 +73,7 @@ def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise ConfigError(f"{path} holds {type(data).__name__}, expected keys and values")
     base = data.pop("extends", None)
+    data = merge(preset_of(data), data)
     if base is None:
         return data
     return merge(read_yaml(path.parent / str(base), (*seen, real)), data)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel
 
 from joybridge.config.config import FORMS, OTHER_NAMES, Config
+from joybridge.config.presets import PRESETS
 
 INDENT, WIDTH = 38, 120  # columns
 TYPES = {"string": "text", "boolean": "true or false"}  # others are called as JSON schema calls them
@@ -63,6 +64,18 @@ def listing(word: str = "") -> Iterator[str]:
             first, *more = wrap(f"{key.meaning} ({key.kind})", WIDTH - INDENT)
             yield f"{written:<{INDENT - 2}}  {first}"
             yield from (" " * INDENT + line for line in more)
+            if key.name == "preset":
+                yield from preset_lines()
+
+
+def preset_lines() -> Iterator[str]:
+    """Yield what each preset sets."""
+    for name, settings in PRESETS.items():
+        pairs = [f"{key}={json.dumps(value)}" for key, value in settings.items() if key != "policy"]
+        pairs += [f"policy.{key}={json.dumps(value)}" for key, value in settings["policy"].items()]
+        text = f"preset={name}: {'  '.join(pair.replace(' ', '').replace(chr(34), '') for pair in pairs)}"
+        indent = " " * INDENT
+        yield from wrap(text, WIDTH, initial_indent=indent, subsequent_indent=f"{indent}  ", break_on_hyphens=False)
 
 
 def all_keys() -> Iterator[Key]:

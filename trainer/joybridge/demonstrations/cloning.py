@@ -16,6 +16,7 @@ from joybridge.demonstrations.files import chosen_demonstrations, load_demonstra
 from joybridge.demonstrations.recorded import Demonstration
 from joybridge.demonstrations.shown_pictures import Numbered, gather_pictures, number_pictures
 from joybridge.layouts import Layout
+from joybridge.layouts.conditions import Conditions
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import FrameStack
@@ -94,7 +95,9 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
     pictures = gather_pictures(actor.encoder, numbered, actor.behavior, sources[rows])
     seen = Observations(torch.from_numpy(numbers[rows]), pictures)
     masked = None if additions is None else torch.from_numpy(additions[rows])
-    learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked)
+    conditions = Conditions(layout, device)
+    counts = torch.from_numpy(conditions.counts(choices[rows])) if conditions else None
+    learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked, counts=counts)
     if actor.network.state_size:
         begins, lengths, parts = cut(episodes_of[rows], actor.config.memory.length)
         states = np.zeros((len(begins), actor.network.state_size), np.float32)

@@ -42,7 +42,7 @@ def gather_pictures(
 ) -> tuple[Window, ...]:
     """Return the stacks of each image. sources: numbers of their pictures, [n, frame_stack], oldest first."""
     used, rows = np.unique(np.append(sources.ravel(), BLANK), return_inverse=True)
-    stored = [np.zeros((len(used), 1, *image), np.uint8) for image in encoder.images.values()]
+    stored = [np.zeros((len(used), 1, *image.shape), np.uint8) for image in encoder.images.values()]
     for stretch, first, lanes in numbered if stored else ():
         for number, step in enumerate(stretch.steps):
             begin = first + number * lanes

@@ -15,7 +15,8 @@ Defaults. Arguments have the names, meanings and defaults of the keys of a train
 Observations. A frame is the sensors in the order of the spec, flattened side by side, float32. An observation is the
 last `frame_stack` frames, oldest first, with zeros before the first frame of an episode. A reward is the weighted sum
 of the reward channels. Training uses the same code. With `flatten=False` an observation is a dict with the array of
-each sensor in its own dtype and shape; with more than one frame, the first axis is that of the frames.
+each sensor in its own dtype and shape; with more than one frame, the first axis is that of the frames. Images are never
+flattened: a game that shows some needs `flatten=False`.
 
 Actions. The layout defines the action space: a MultiDiscrete, a Box from -1 to 1, or for both a Dict with the Box as
 "continuous" and the MultiDiscrete as "discrete". Continuous actions outside of the Box act like the nearest bound.

@@ -53,7 +53,7 @@ class Player:
 
         name: of the actions in errors begins with it, unless it is empty. lanes: number of lanes of the behavior.
         lane: the one to play in; None: all. forbidden: one of FORBIDDEN. Raises ConfigError for an unknown sensor or
-        reward channel.
+        reward channel, and for images that are to be flattened.
         """
         self.index, self.layout, self.behavior, self._lane = role.behavior, role.layout, behavior, lane
         self._where = f"actions[{name!r}]" if name else "actions"
@@ -62,6 +62,12 @@ class Player:
         if sensors is not None and not sensors:
             raise ConfigError(f"{name or role.name}: sensors is empty, expected at least one; leave it out to use all")
         self._encoder = ObservationEncoder(name or role.name, behavior, sensors, reward_weights)
+        images = [sensor.name for sensor in self._encoder.sensors if sensor.HasField("image")]
+        if flatten and images:
+            raise ConfigError(
+                f"{name or role.name}: {', '.join(images)} of {behavior.name} would be flattened, which makes four "
+                "bytes of each byte of an image; pass flatten=False, or choose sensors that are no images"
+            )
         self._observer = Observer(self._encoder, behavior, self.lanes, frame_stack, flatten=flatten)
         self.observation_space = self._observer.space
         self._parts = make_action_spaces(self.layout.space)

@@ -9,6 +9,7 @@ The paper compares such mappings. Each works on the device of any spec, knows no
     joint-N       one branch: all combinations of N values per axis and of the choices of all branches
     beta          as hybrid, with a beta distribution for every axis
     squashed      as hybrid, with a Gaussian that tanh squashes for every axis
+    map-WxH       two axes one branch: a place in an image that the policy sees
     threshold-T   every axis and every button a Gaussian; a button is pressed by a threshold
     multiagent    two policies: one holds the axes, one the buttons
 
@@ -21,9 +22,9 @@ from joybridge.config.errors import DeviceError, SettingError
 from joybridge.layouts.layout import CLIP, ActionSpace, Layout
 from joybridge.layouts.mixed import make_layouts
 from joybridge.layouts.roles import Role, list_roles, make_acts
-from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Split, Threshold
+from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Map, Split, Threshold
 
 __all__ = [
-    "CLIP", "ActionSpace", "AxisRange", "AxisTable", "DeviceError", "JointTable", "Layout", "Role", "SettingError",
-    "Split", "Threshold", "list_roles", "make_acts", "make_layouts",
+    "CLIP", "ActionSpace", "AxisRange", "AxisTable", "DeviceError", "JointTable", "Layout", "Map", "Role",
+    "SettingError", "Split", "Threshold", "list_roles", "make_acts", "make_layouts",
 ]  # fmt: skip

@@ -1,7 +1,7 @@
 """The layouts `beta` and `squashed`: axes whose distributions have the bounds of the axis, so nothing is clipped."""
 
 from joybridge.config.errors import SettingError
-from joybridge.layouts.hybrid import conditional_ranges, hybrid
+from joybridge.layouts.hybrid import hybrid, ranges
 from joybridge.layouts.layout import SQUASHED, Layout
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -19,4 +19,4 @@ def squashed(device: pb.Device, setting: str = "") -> Layout:
 def _hybrid(kind: str, distribution: str, device: pb.Device, setting: str) -> Layout:
     if setting:
         raise SettingError(f"expected {kind}")
-    return Layout(conditional_ranges(device, distribution), hybrid(device).discrete)
+    return Layout(ranges(device, distribution), hybrid(device).discrete)

@@ -18,6 +18,7 @@ from joybridge.layouts.check import check_layouts
 from joybridge.layouts.hybrid import hybrid
 from joybridge.layouts.joint import joint
 from joybridge.layouts.layout import Layout
+from joybridge.layouts.map import point_map
 from joybridge.layouts.multiagent import multiagent
 from joybridge.layouts.ordinal import ordinal
 from joybridge.layouts.threshold import threshold
@@ -32,11 +33,11 @@ Maker = Callable[[pb.Device, str], Layout | Mapping[str, Layout]]
 
 KINDS: dict[str, Maker] = {
     "hybrid": hybrid, "multiagent": multiagent, "bucket": bucket, "threshold": threshold, "joint": joint,
-    "ordinal": ordinal, "beta": beta, "squashed": squashed,
+    "ordinal": ordinal, "beta": beta, "squashed": squashed, "map": point_map,
 }  # fmt: skip
 FORMS = (
     "hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu", "ordinal-N",
-    "ordinal-N-mu", "beta", "squashed",
+    "ordinal-N-mu", "beta", "squashed", "map-WxH", "map-WxH-relative",
 )  # fmt: skip
 
 

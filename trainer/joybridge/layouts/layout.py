@@ -5,24 +5,20 @@ A policy's action is a float array `continuous` [lanes, continuous] of unbounded
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts.reading import read_continuous, read_discrete
-from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Part, Split, Threshold, covers
+from joybridge.layouts.targets import AxisRange, AxisTable, JointTable, Map, Part, Split, Threshold, covers
 from joybridge.v1 import bridge_pb2 as pb
 
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
 GAUSSIAN = "joybridge.ppo.continuous.gaussian:Gaussian"  # beside other distributions
 SQUASHED = "joybridge.ppo.continuous.squashed:Squashed"
-
-# A continuous action, a branch, and a choice of it without which the action does not count; all are indices.
-Conditions: TypeAlias = tuple[tuple[int, int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -33,19 +29,7 @@ class ActionSpace:
     branches: tuple[int, ...]
     ordinal: tuple[int, ...] = ()  # branches whose choices are neighbors, by their indices
     distributions: tuple[str, ...] = ()  # of each continuous action; (): all are Gaussians
-    needs: Conditions = ()  # of continuous actions that count only with some choices of branches
-
-    def counting(self) -> Array:
-        """Return with which choice of which branch each continuous action counts, bool [continuous, branches, widest].
-
-        It counts if it does with the choices of all branches. Empty, [0, 0, 0], if all always count.
-        """
-        if not self.needs:
-            return np.zeros((0, 0, 0), np.bool_)
-        counting = np.ones((self.continuous, len(self.branches), self.widest), np.bool_)
-        for action, branch, choice in self.needs:
-            counting[action, branch] = np.arange(self.widest) == choice
-        return counting
+    maps: tuple[tuple[int, Map], ...] = ()  # branches, by their indices, whose choices are places in an image
 
     @property
     def widest(self) -> int:
@@ -63,14 +47,13 @@ class Layout:
     @cached_property
     def space(self) -> ActionSpace:
         """Return the action space that this layout gives its policy."""
-        tables = enumerate(self.discrete)
+        tables = [*enumerate(self.discrete)]
         ordinal = tuple(index for index, table in tables if isinstance(table, AxisTable) and table.ordinal)
+        maps = tuple((index, table.map) for index, table in tables if isinstance(table, JointTable) and table.map)
         sizes = tuple(len(table.values) for table in self.discrete)
         names = [target.distribution if isinstance(target, AxisRange) else "" for target in self.continuous]
         distributions = tuple(name or GAUSSIAN for name in names) if any(names) else ()
-        ranges = [(index, each) for index, each in enumerate(self.continuous) if isinstance(each, AxisRange)]
-        needs = tuple((index, *pair) for index, each in ranges for pair in each.given)
-        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, needs)
+        return ActionSpace(len(self.continuous), sizes, ordinal, distributions, maps)
 
     def names(self, device: pb.Device) -> tuple[list[str], list[str]]:
         """Return what the policy's branches and its continuous actions act on: names of the device's parts."""
@@ -146,11 +129,7 @@ def together(*layouts: Layout) -> Layout:
     continuous: list[AxisRange | Threshold | Split] = []
     discrete: list[AxisTable | JointTable] = []
     for layout in layouts:
-        before = len(discrete)
-        for action in layout.continuous:
-            if isinstance(action, AxisRange):
-                action = replace(action, given=tuple((before + branch, choice) for branch, choice in action.given))
-            continuous.append(action)
+        continuous += layout.continuous
         discrete += layout.discrete
     return Layout(tuple(continuous), tuple(discrete))
 

@@ -5,11 +5,9 @@ Axes and branches are named by their indices in the device.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from joybridge.contract.tensors import Array
-
-Given: TypeAlias = tuple[tuple[int, int], ...]  # branches of the policy, and a choice of each
 
 
 @dataclass(frozen=True)
@@ -20,7 +18,6 @@ class AxisRange:
     low: float
     high: float
     distribution: str = ""  # "module:Class" of a `Distribution` (ppo/continuous); "": a Gaussian
-    given: Given = ()  # without all of which the action does not count
 
 
 @dataclass(frozen=True)
@@ -48,6 +45,14 @@ class AxisTable:
     ordinal: bool = False  # the values are neighbors: what makes one likelier makes those beyond it likelier as well
 
 
+class Map(NamedTuple):
+    """How the choices of a branch lie in an image: row after row, from the top left."""
+
+    height: int  # cells
+    width: int
+    relative: bool  # to the pointer, which is in the middle of the image; else the image shows the whole field
+
+
 @dataclass(frozen=True)
 class JointTable:
     """A branch whose choices are joint choices of some of the device's branches, and joint values of some axes."""
@@ -56,6 +61,7 @@ class JointTable:
     values: Array  # int32 [choices, branches]
     axes: tuple[int, ...] = ()
     positions: Array | None = None  # float32 [choices, axes]; None without axes
+    map: Map | None = None  # where the choices lie in an image, if they are places
 
 
 Part: TypeAlias = AxisRange | Threshold | Split | AxisTable | JointTable

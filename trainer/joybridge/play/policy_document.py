@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from joybridge.config.errors import ExportError
 from joybridge.contract.tensors import NUMPY_TYPES, Array
@@ -75,6 +76,16 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
+    if space.maps:
+        raise ExportError(
+            f"{actor.name}: layouts with a map point with convolutions, which cannot be exported; train it with "
+            "another layout, such as bucket-11, or play it with the trainer"
+        )
+    if actor.network.state_size:
+        raise ExportError(
+            f"{actor.name}: networks with memory cannot be exported; train it with policy.memory.kind=none, or play it "
+            "with the trainer"
+        )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
     rows = [*choices, *range(padded, padded + space.continuous)]
@@ -107,12 +118,26 @@ def _images(actor: Actor) -> list[Document]:
     encoder, frames = actor.network.encoders[0], actor.config.frame_stack  # the other one is the critic's
     assert isinstance(encoder, ImageEncoder)
     documents = []
-    for (name, image), white, layers in zip(
-        actor.encoder.images.items(), encoder.white, encoder.convolutions, strict=True
-    ):
+    for (name, image), body in zip(actor.encoder.images.items(), encoder.bodies, strict=True):
         blank = torch.zeros(1, image.channels * frames, image.height, image.width, device=actor.accelerator)
-        documents.append({"sensor": name, "shape": [*image], "white": white, "steps": [*_steps([layers], blank)]})
+        layers = [*body.stages, nn.Flatten(), *body.dense]
+        first, *more = _steps(layers, functional.pad(blank, body.margins))
+        steps = [_with_margins(first, body.margins), *more]
+        documents.append({"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps})
     return documents
+
+
+def _with_margins(step: Document, margins: tuple[int, int, int, int]) -> Document:
+    """Return a convolution without padding that does the same to an image without its margins.
+
+    A runtime pads all sides alike, by the widest margin; weights of 0 make up for what the others have too much.
+    """
+    widest = max(margins)
+    if not widest:
+        return step
+    left, right, top, bottom = (widest - margin for margin in margins)
+    weight = np.pad(step["weight"], ((0, 0), (0, 0), (top, bottom), (left, right)))
+    return {**step, "size": list(weight.shape[2:]), "padding": widest, "weight": weight}
 
 
 def _steps(layers: Iterable[nn.Module], values: Tensor) -> Iterator[Document]:

@@ -52,10 +52,10 @@ class PolicyView:
         whole = np.tile(BACKGROUND, (self.height, self.width, 1))
         whole[: picture.shape[0], : picture.shape[1]] = picture
         rows = min(ROWS, len(self._images))
-        for number, (behavior, sensor, agent, shape) in enumerate(self._images):
+        for number, (behavior, sensor, agent, image) in enumerate(self._images):
             left = picture.shape[1] + number // rows * self._cell[0] + MARGIN
             top = number % rows * self._cell[1]
-            pixels = steps[behavior].observations[sensor][agent].reshape(shape)
+            pixels = steps[behavior].observations[sensor][agent].reshape(image.shape)
             large = pixels.repeat(self._scale, axis=0).repeat(self._scale, axis=1)
             whole[top : top + large.shape[0], left : left + large.shape[1]] = large  # gray has one channel
         return whole

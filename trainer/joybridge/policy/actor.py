@@ -20,6 +20,8 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
+from joybridge.ppo.images import check_maps
+from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
@@ -63,6 +65,7 @@ class Actor:
         self.observation_size = self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
+        check_maps(role.name, [form for _, form in space.maps], pictures)
         count = 0 if not pictures else 1 if shared or config.shared_encoder else 2
         encoders = [
             ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
@@ -72,6 +75,10 @@ class Actor:
         network = Network(
             self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
         )
+        if config.ortho_init:
+            orthogonal(network, seed)
+        if config.log_std_init:
+            set_log_std(network, config.log_std_init, self.gaussians)
         self.network = network.to(self.accelerator)
 
     def see(self, observations: Sequence[Array]) -> Observation:

@@ -12,6 +12,7 @@ from joybridge.layouts import Role, list_roles
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.policy.scaling import make_scaling
 from joybridge.policy.stratify import balanced_options
+from joybridge.ppo.images import check_maps
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -41,6 +42,7 @@ def check_fit(config: Config, spec: pb.GameSpec) -> None:
         weights, images = policy.reward_weights, policy.image_encoder
         encoder = ObservationEncoder(role.name, behavior, policy.sensors, weights, images)
         make_scaling(role.name, policy.scale_observations, encoder.numbers)
+        check_maps(role.name, [form for _, form in role.layout.space.maps], encoder.images.values())
 
 
 def check_curriculum(config: Config, spec: pb.GameSpec) -> None:

@@ -55,7 +55,7 @@ class ObservationEncoder:
 
     def pictures(self, observations: Sequence[Array]) -> tuple[Array, ...]:
         """Return the images, uint8 [rows, height, width, channels] each."""
-        return tuple(observations[column].reshape(-1, *image) for column, image in self._pictures)
+        return tuple(observations[column].reshape(-1, *image.shape) for column, image in self._pictures)
 
     def rewards(self, step: StepArrays) -> Array:
         """Return the weighted sum of the reward channels, float32 [lanes]."""
@@ -121,7 +121,7 @@ class Stacks:
     def __init__(self, encoder: ObservationEncoder, lanes: int, frame_stack: int) -> None:
         """Begin with zeros."""
         self._numbers = FrameStack(lanes, encoder.size, frame_stack)
-        self._shapes = [(frame_stack, *image) for image in encoder.images.values()]
+        self._shapes = [(frame_stack, *image.shape) for image in encoder.images.values()]
         self._images = [FrameStack(lanes, math.prod(shape[1:]), frame_stack, np.uint8) for shape in self._shapes]
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
+from joybridge.layouts.conditions import Conditions
 from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
@@ -53,8 +54,9 @@ class Policy:
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
         self.learner = Learner(
             name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
-            threads=self.config.threads,
+            threads=self.config.threads, adam_eps=self.config.adam_eps,
         )  # fmt: skip
+        self.conditions = Conditions(actor.layout, behavior.device) or None
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones
@@ -83,6 +85,11 @@ class Policy:
             acted = acted.of_deciding(observation, step.deciding)
         self._acted[group] = acted
         actor.layout.write(acted.action.continuous, acted.action.discrete, acts[actor.behavior], step.masks)
+
+    def note_choices(self, acts: Sequence[ActArrays], group: int = 0) -> None:
+        """Store which parts of the action count with what all policies chose for the device, if not all always do."""
+        if self.conditions is not None:
+            self.rollout.store_counts(self.conditions.counts(acts[self.actor.behavior].choices), group)
 
     def store(self, steps: Sequence[StepArrays], group: int = 0, played: Sequence[Array] | None = None) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`.

@@ -52,6 +52,6 @@ def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> flo
     """Add the gradient of the loss, times `coef`, to that of the network; return the loss."""
     outputs = network(actions.observations)
     spread = network.log_variance if network.distributions else network.log_variance.clamp(min=MIN_LOG_VARIANCE)
-    loss = -joint_log_probs(outputs, spread, actions, network.distributions, network.counting)[0].mean()
+    loss = -joint_log_probs(outputs, spread, actions, network.distributions)[0].mean()
     (coef * loss).backward()  # type: ignore[no-untyped-call]
     return float(loss.detach())

@@ -1,10 +1,15 @@
 """Encoders of images: from bytes to features, beside which all numbers pass by. Differentiated by autograd."""
 
+import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
+from joybridge.contract.tensors import Array
 from joybridge.ppo.activations import ACTIVATIONS
 from joybridge.ppo.images import Image, encoder_kind
 from joybridge.ppo.observation_tensors import Observations
@@ -12,6 +17,15 @@ from joybridge.ppo.observation_tensors import Observations
 FEATURES = 128  # of an image, with the encoder of windows
 WHITE = 255.0  # the byte that becomes 1
 WINDOWS_WHITE = 64.0  # the same with the encoder of windows, for pictures of which much is dark
+STEP = 8  # pixels between two windows of the last convolution, of the encoders whose windows need whole steps
+WHOLE = {"windows": 0, "nature": 4}  # the pixels of a side, modulo STEP, with which the windows reach all of it
+
+
+class Encoded(NamedTuple):
+    """What an encoder makes of observations."""
+
+    features: Tensor  # [n, features]
+    maps: list[list[Tensor]]  # of each image what each stage of its convolutions returns, [n, channels, height, width]
 
 
 class ImageEncoder(nn.Module):
@@ -24,31 +38,85 @@ class ImageEncoder(nn.Module):
     def __init__(self, kind: str, images: Sequence[Image], numbers: int, frame_stack: int, activation: str) -> None:
         """Encode stacks of so many pictures beside `numbers` numbers. kind: see `PolicyConfig.image_encoder`."""
         super().__init__()
-        builders = {"windows": _windows, "simple": _simple, "nature": _nature, "impala": _impala}
-        self.convolutions = nn.ModuleList()
-        self.white = [WINDOWS_WHITE if encoder_kind(kind, image) == "windows" else WHITE for image in images]
-        self.features = numbers
-        for image in images:
-            channels = image.channels * frame_stack
-            body = builders[encoder_kind(kind, image)](channels, activation)
-            with torch.no_grad():
-                size = body(torch.zeros(1, channels, image.height, image.width)).numel()
-            if encoder_kind(kind, image) == "windows":
-                body = nn.Sequential(body, nn.Flatten(), nn.Linear(size, FEATURES), Activate(activation))
-                size = FEATURES
-            self.convolutions.append(body)
-            self.features += size
+        self.images = images
+        self.convolutions = nn.ModuleList(Convolutions(kind, image, frame_stack, activation) for image in images)
+        self.features = numbers + sum(body.features for body in self.bodies)
 
-    def forward(self, observations: Observations) -> Tensor:
-        """Return features [n, features]."""
-        parts = [observations.numbers]
-        for stacks, convolutions, white in zip(observations.images, self.convolutions, self.white, strict=True):
+    @property
+    def bodies(self) -> list["Convolutions"]:
+        """Return the convolutions of each image."""
+        return [body for body in self.convolutions if isinstance(body, Convolutions)]
+
+    def forward(self, observations: Observations) -> Encoded:
+        """Return features and maps."""
+        features, maps = [observations.numbers], []
+        for stacks, body in zip(observations.images, self.bodies, strict=True):
             assert isinstance(stacks, Tensor)
-            n, frames, height, width, channels = stacks.shape
-            # Bytes become numbers in the order of memory in which convolutions are fastest: channels last.
-            pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).float() / white
-            parts.append(convolutions(pixels.permute(0, 3, 1, 2)).flatten(1))
-        return torch.cat(parts, dim=1)
+            own, stages = body(stacks)
+            features.append(own)
+            maps.append(stages)
+        return Encoded(torch.cat(features, dim=1), maps)
+
+
+class Convolutions(nn.Module):
+    """What one image passes through: margins, the stages of convolutions, and a dense layer after windows."""
+
+    def __init__(self, kind: str, image: Image, frame_stack: int, activation: str) -> None:
+        """Make layers for stacks of so many pictures. kind: see `PolicyConfig.image_encoder`."""
+        super().__init__()
+        kind = encoder_kind(kind, image)
+        self.image, self.white = image, WINDOWS_WHITE if kind == "windows" else WHITE
+        self.margins = margins(kind, image)
+        self.stages = nn.ModuleList(STAGES[kind](image.channels * frame_stack, activation))
+        with torch.no_grad():
+            pixels = torch.zeros(1, image.height, image.width, image.channels * frame_stack)
+            self.maps = [tuple(stage.shape[1:]) for stage in self.see(pixels)]  # channels, height, width of each stage
+        self.features = math.prod(self.maps[-1])
+        self.dense = nn.Sequential()
+        if kind == "windows":
+            self.dense = nn.Sequential(nn.Linear(self.features, FEATURES), Activate(activation))
+            self.features = FEATURES
+
+    def forward(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels]."""
+        n, frames, height, width, channels = stacks.shape
+        # Bytes become numbers in one pass, in the order of memory in which convolutions are fastest: channels last.
+        pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).div(self.white)
+        maps = self.see(pixels)
+        return self.dense(maps[-1].flatten(1)), maps
+
+    def see(self, pixels: Tensor) -> list[Tensor]:
+        """Return what each stage returns for [n, height, width, channels]."""
+        pixels = pixels.permute(0, 3, 1, 2)
+        maps = [functional.pad(pixels, self.margins) if any(self.margins) else pixels]  # to add nothing copies it all
+        for stage in self.stages:
+            maps.append(stage(maps[-1]))
+        return maps[1:]
+
+    def places(self, stage: int) -> tuple[Array, Array]:
+        """Return where the rows and the columns of the map of a stage are in the image, in pixels; 0 is its edge."""
+        first, apart = 0.5, 1.0  # of the windows of the layers so far: the middle of the first, and their distance
+        for module in (each for stage_so_far in self.stages[: stage + 1] for each in stage_so_far.modules()):
+            if isinstance(module, nn.Conv2d | nn.MaxPool2d):
+                size, stride, padding = (
+                    value if isinstance(value, int) else int(value[0])
+                    for value in (module.kernel_size, module.stride, module.padding)
+                )
+                first, apart = first + ((size - 1) / 2 - padding) * apart, apart * stride
+        _, height, width = self.maps[stage]
+        left, _, top, _ = self.margins
+        return first - top + apart * np.arange(height), first - left + apart * np.arange(width)
+
+
+def margins(kind: str, image: Image) -> tuple[int, int, int, int]:
+    """Return how many black pixels an image gets on the left, right, top and bottom, so that windows reach all of it.
+
+    Without them, what stands in the last rows and columns would not be seen.
+    """
+    if kind not in WHOLE:
+        return 0, 0, 0, 0
+    wide, high = ((WHOLE[kind] - side) % STEP for side in (image.width, image.height))
+    return wide // 2, wide - wide // 2, high // 2, high - high // 2
 
 
 class Activate(nn.Module):
@@ -80,35 +148,40 @@ class Residual(nn.Module):
         return values + self.layers(values)  # type: ignore[no-any-return]
 
 
-def _windows(channels: int, activation: str) -> nn.Module:
+def _windows(channels: int, activation: str) -> list[nn.Module]:
     """Return two convolutions over windows that overlap by half, which cost a processor little."""
-    return nn.Sequential(
-        nn.Conv2d(channels, 16, 8, stride=4), Activate(activation),
-        nn.Conv2d(16, 32, 4, stride=2), Activate(activation),
-    )  # fmt: skip
+    return [
+        nn.Sequential(nn.Conv2d(channels, 16, 8, stride=4), Activate(activation)),
+        nn.Sequential(nn.Conv2d(16, 32, 3, stride=2), Activate(activation)),
+    ]
 
 
-def _simple(channels: int, activation: str) -> nn.Module:
+def _simple(channels: int, activation: str) -> list[nn.Module]:
     """Return two convolutions for images of any size; each halves it."""
-    return nn.Sequential(
-        nn.Conv2d(channels, 16, 3, stride=2, padding=1), Activate(activation),
-        nn.Conv2d(16, 32, 3, stride=2, padding=1), Activate(activation),
-    )  # fmt: skip
+    return [
+        nn.Sequential(nn.Conv2d(channels, 16, 3, stride=2, padding=1), Activate(activation)),
+        nn.Sequential(nn.Conv2d(16, 32, 3, stride=2, padding=1), Activate(activation)),
+    ]
 
 
-def _nature(channels: int, activation: str) -> nn.Module:
+def _nature(channels: int, activation: str) -> list[nn.Module]:
     """Return the convolutions of Mnih et al. (2015), for images of about 84 x 84."""
-    return nn.Sequential(
-        nn.Conv2d(channels, 32, 8, stride=4), Activate(activation),
-        nn.Conv2d(32, 64, 4, stride=2), Activate(activation),
-        nn.Conv2d(64, 64, 3), Activate(activation),
-    )  # fmt: skip
+    return [
+        nn.Sequential(nn.Conv2d(channels, 32, 8, stride=4), Activate(activation)),
+        nn.Sequential(nn.Conv2d(32, 64, 4, stride=2), Activate(activation)),
+        nn.Sequential(nn.Conv2d(64, 64, 3), Activate(activation)),
+    ]
 
 
-def _impala(channels: int, activation: str) -> nn.Module:
-    """Return the residual network of Espeholt et al. (2018); each of its three parts halves the size."""
-    parts: list[nn.Module] = []
+def _impala(channels: int, activation: str) -> list[nn.Module]:
+    """Return the residual network of Espeholt et al. (2018); each of its three stages halves the size."""
+    stages: list[nn.Module] = []
     for before, after in ((channels, 16), (16, 32), (32, 32)):
-        parts += [nn.Conv2d(before, after, 3, padding=1), nn.MaxPool2d(3, stride=2, padding=1)]
-        parts += [Residual(after, activation), Residual(after, activation)]
-    return nn.Sequential(*parts, Activate(activation))
+        halved = nn.Conv2d(before, after, 3, padding=1), nn.MaxPool2d(3, stride=2, padding=1)
+        stages.append(nn.Sequential(*halved, Residual(after, activation), Residual(after, activation)))
+    return [*stages[:-1], nn.Sequential(stages[-1], Activate(activation))]
+
+
+STAGES: dict[str, Callable[[int, str], list[nn.Module]]] = {
+    "windows": _windows, "simple": _simple, "nature": _nature, "impala": _impala,
+}  # fmt: skip

@@ -17,34 +17,26 @@ from joybridge.contract.tensors import Array
 FORBIDDEN = -1e9  # a logit whose probability is exactly 0 and whose p·log p is 0, not NaN
 
 
-def chosen_log_probs(log_p: Tensor, discrete: Tensor) -> Tensor:
-    """Return the log-probability of the choices, summed over branches, [lanes].
+def chosen_log_probs(log_p: Tensor, discrete: Tensor, counts: Tensor | None = None) -> Tensor:
+    """Return the log-probability of the choices, summed over the branches that count, [lanes].
 
-    log_p [lanes, branches, widest]: log-softmax of the logits; discrete int64 [lanes, branches].
+    log_p [lanes, branches, widest]: log-softmax of the logits; discrete int64 [lanes, branches]; counts bool [lanes,
+    branches], None: all do.
     """
-    return log_p.gather(-1, discrete.unsqueeze(-1)).sum((-1, -2))
+    chosen = log_p.gather(-1, discrete.unsqueeze(-1))
+    return (chosen if counts is None else chosen.where(counts.unsqueeze(-1), 0.0)).sum((-1, -2))
 
 
-def branch_entropies(log_p: Tensor) -> Tensor:
-    """Return the entropy of each branch, [lanes, branches]."""
-    return -(log_p.exp() * log_p).sum(-1)
-
-
-def counting_actions(counting: Tensor, discrete: Tensor) -> Tensor | None:
-    """Return which continuous actions count with the choices of each row, bool [n, continuous]; None: all do.
-
-    counting: see `ActionSpace.counting`. discrete int64 [n, branches].
-    """
-    if not len(counting):
-        return None
-    branches = torch.arange(discrete.shape[1], device=discrete.device)
-    return counting[:, branches, discrete].all(-1).t()
+def branch_entropies(log_p: Tensor, counts: Tensor | None = None) -> Tensor:
+    """Return the entropy of each branch, 0 where it does not count, [lanes, branches]."""
+    entropies = -(log_p.exp() * log_p).sum(-1)
+    return entropies if counts is None else entropies.where(counts, 0.0)
 
 
 def mean_entropy(entropies: Tensor, counts: Tensor | None) -> Tensor:
     """Return the mean over rows of the mean entropy of the continuous actions that count in each, 0 if none does.
 
-    entropies [n or 1, continuous]; counts: see `counting_actions`.
+    entropies [n or 1, continuous]; counts bool [n, continuous], None: all do.
     """
     if counts is None:
         return entropies.mean()
@@ -66,8 +58,8 @@ def gaussian_log_probs(
 ) -> tuple[Tensor, Tensor]:
     """Return the log-probability of the samples, summed over dimensions, [lanes], and the entropy, a number.
 
-    mean and continuous [lanes, dimensions], log_variance [dimensions]. counts: see `counting_actions`; the others
-    have log-probability and entropy 0. As in the original, the entropy is the mean over dimensions, not the sum, and
+    mean and continuous [lanes, dimensions], log_variance [dimensions]. counts: see `mean_entropy`; the others have
+    log-probability and entropy 0. As in the original, the entropy is the mean over dimensions, not the sum, and
     does not depend on the state.
     """
     squares = (continuous - mean).square() * torch.exp(-log_variance)

@@ -35,7 +35,7 @@ class History:
     def __init__(self, steps: int, lanes: int, image: Image, frame_stack: int) -> None:
         """Begin with blank pictures."""
         self.frame_stack = frame_stack
-        self.pictures = np.zeros((1 + frame_stack + steps, lanes, *image), np.uint8)
+        self.pictures = np.zeros((1 + frame_stack + steps, lanes, *image.shape), np.uint8)
         self.sources = np.zeros((steps + 1, lanes, frame_stack), np.int32)
         self._lanes = np.arange(lanes)
 

@@ -1,20 +1,27 @@
 """Which sensors of a policy are images, and their shapes. Needs no torch."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from joybridge.config.errors import ConfigError
+from joybridge.layouts import Map
 from joybridge.v1 import bridge_pb2 as pb
 
 MIN_PIXELS = {"windows": 20, "simple": 1, "nature": 36, "impala": 1}  # of each side, that an encoder needs
 
 
 class Image(NamedTuple):
-    """The shape of one picture: uint8 [height, width, channels]."""
+    """One picture: uint8 [height, width, channels]."""
 
     height: int
     width: int
     channels: int
+    centered: bool = False  # whether its middle is always where the agent's pointer is
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Return the shape of its array."""
+        return self[:3]
 
 
 def find_images(policy: str, encoder: str, sensors: Sequence[pb.Sensor]) -> dict[str, Image]:
@@ -26,7 +33,7 @@ def find_images(policy: str, encoder: str, sensors: Sequence[pb.Sensor]) -> dict
     if encoder == "none":
         return {}
     chosen = [s for s in sensors if (s.HasField("image") if encoder == "auto" else _is_picture(s))]
-    images = {sensor.name: Image(*(*sensor.shape, 1)[:3]) for sensor in chosen}
+    images = {sensor.name: _image(sensor) for sensor in chosen}
     for name, image in images.items():
         kind = encoder_kind(encoder, image)
         if min(image.height, image.width) < MIN_PIXELS[kind]:
@@ -43,11 +50,36 @@ def find_images(policy: str, encoder: str, sensors: Sequence[pb.Sensor]) -> dict
     return images
 
 
+def check_maps(policy: str, maps: Iterable[Map], images: Collection[Image]) -> None:
+    """Raise ConfigError unless there is an image for each map of a policy's layout: see `shows`."""
+    for each in maps:
+        if any(shows(image, each) for image in images):
+            continue
+        kind = "centered on the pointer" if each.relative else "that shows the whole field"
+        if not images:
+            found, instead = "it sees no image", "joint-N, which makes one choice for two axes from numbers"
+        elif each.relative:
+            found, instead = "none of its images is", "map-WxH if the axes are positions"
+        else:
+            found, instead = "its images are centered on the pointer", "map-WxH-relative if the axes move the pointer"
+        raise ConfigError(f"{policy}: the layout is a map in an image {kind}, but {found}; take {instead}")
+
+
+def shows(image: Image, each: Map) -> bool:
+    """Return whether the cells of a map are places in an image."""
+    return image.centered == each.relative
+
+
 def encoder_kind(encoder: str, image: Image) -> str:
     """Return which convolutions an image gets: by default overlapping windows, or simple ones if it is small."""
     if encoder != "auto":
         return encoder
     return "windows" if min(image.height, image.width) >= MIN_PIXELS["windows"] else "simple"
+
+
+def _image(sensor: pb.Sensor) -> Image:
+    height, width, channels = (*sensor.shape, 1)[:3]
+    return Image(height, width, channels, sensor.image.centered)
 
 
 def _is_picture(sensor: pb.Sensor) -> bool:

@@ -16,7 +16,6 @@ from joybridge.ppo.continuous import Distribution, entropies_of_each, log_probs_
 from joybridge.ppo.distributions import (
     branch_entropies,
     chosen_log_probs,
-    counting_actions,
     gaussian_log_probs,
     mean_entropy,
 )
@@ -34,6 +33,7 @@ class Actions:
     continuous: Tensor  # [n, continuous]: samples before clipping
     discrete: Tensor  # int64 [n, branches]
     masks: Tensor | None  # [n, branches, widest]: 0 or FORBIDDEN, added to the logits
+    counts: Tensor | None = field(default=None, kw_only=True)  # see `Conditions`, bool [n, parts]; None: all parts do
     sequences: Sequences | None = field(default=None, kw_only=True)  # None: policies without memory
 
     @property
@@ -80,7 +80,7 @@ class Batch(Actions):
 
     log_probs: Tensor  # [n]: joint, when the action was sampled
     values: Tensor  # [n]: when the action was sampled
-    advantages: Tensor  # [n], normalized
+    advantages: Tensor  # [n], normalized unless each minibatch is, or none
     returns: Tensor  # [n]
 
 
@@ -94,22 +94,22 @@ def joint_log_probs(
     log_variance: Tensor,
     batch: Actions,
     distributions: Sequence[Distribution] = (),
-    counting: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return the joint log-probability of the actions [n], their mean entropy, and the entropies of the parts.
 
-    Those are one per branch, and one per continuous action if these have other distributions than Gaussians.
-    counting: see `ActionSpace.counting`; None: all continuous actions always count.
+    Those are one per branch, and one per continuous action if these have other distributions than Gaussians. A part
+    that does not count in a row adds nothing to its log-probability and entropy.
     """
-    counts = None if counting is None else counting_actions(counting, batch.discrete)
+    branches = batch.discrete.shape[1]
+    chosen, counts = (None, None) if batch.counts is None else (batch.counts[:, :branches], batch.counts[:, branches:])
     log_probs = torch.zeros_like(outputs.value)
     entropy = torch.zeros(())
     entropies = torch.zeros(0)
-    if batch.discrete.shape[1]:
+    if branches:
         logits = outputs.logits if batch.masks is None else outputs.logits + batch.masks
         log_p = torch.log_softmax(logits, dim=-1)
-        log_probs = log_probs + chosen_log_probs(log_p, batch.discrete)
-        entropies = branch_entropies(log_p).mean(0)
+        log_probs = log_probs + chosen_log_probs(log_p, batch.discrete, chosen)
+        entropies = branch_entropies(log_p, chosen).mean(0)
         entropy = entropies.sum()
     if distributions:
         log_probs = log_probs + log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous, counts)
@@ -123,6 +123,22 @@ def joint_log_probs(
     return log_probs, entropy, entropies
 
 
+@torch.no_grad()
+def acted_log_probs(network: Network, batch: Actions, units: int) -> Tensor:
+    """Return the joint log-probabilities of the actions under the network as it is, [n], so many units at once."""
+    index = torch.arange(batch.units, device=batch.discrete.device)
+    parts = (batch.minibatch(index[start : start + units]) for start in range(0, batch.units, units))
+    return torch.cat(
+        [joint_log_probs(network(p.observations), network.log_variance, p, network.distributions)[0] for p in parts]
+    )
+
+
+def advantage_moments(advantages: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the mean and the deviation by which a minibatch is normalized, as Stable-Baselines3 and CleanRL do."""
+    deviation = advantages.std() if len(advantages) > 1 else torch.ones_like(advantages[0])
+    return advantages.mean(), deviation + 1e-8
+
+
 def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tuple[Tensor, Tensor]:
     """Return the loss of a minibatch and its statistics [len(STATISTICS) + branches].
 
@@ -130,18 +146,21 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     that acted (the third one of http://joschu.net/blog/kl-approx.html), the fraction of ratios beyond the clip range,
     and the entropy of each branch.
     """
-    clip = coefficients.clip_range
+    clip, advantages = coefficients.clip_range, batch.advantages
+    if coefficients.normalize_minibatch:
+        mean, deviation = advantage_moments(advantages)
+        advantages = (advantages - mean) / deviation
     outputs = network(batch.observations)
-    log_probs, entropy, entropies = joint_log_probs(
-        outputs, network.log_variance, batch, network.distributions, network.counting
-    )
+    log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch, network.distributions)
     log_ratio = log_probs - batch.log_probs
     ratio = torch.exp(log_ratio)
-    surrogate = torch.min(ratio * batch.advantages, ratio.clamp(1 - clip, 1 + clip) * batch.advantages)
-    clipped_value = batch.values + (outputs.value - batch.values).clamp(-clip, clip)
-    errors = torch.max((batch.returns - outputs.value).square(), (batch.returns - clipped_value).square())
+    surrogate = torch.min(ratio * advantages, ratio.clamp(1 - clip, 1 + clip) * advantages)
+    errors = (batch.returns - outputs.value).square()
+    if coefficients.clip_vloss:
+        clipped_value = batch.values + (outputs.value - batch.values).clamp(-clip, clip)
+        errors = torch.max(errors, (batch.returns - clipped_value).square())
     policy_loss, value_loss = -surrogate.mean(), errors.mean()
-    loss = policy_loss + 0.5 * value_loss - coefficients.entropy_coef * entropy
+    loss = policy_loss + coefficients.vf_coef * value_loss - coefficients.entropy_coef * entropy
     approx_kl = (ratio - 1.0 - log_ratio).mean()
     clip_fraction = ((ratio - 1.0).abs() > clip).float().mean()
     statistics = torch.stack([policy_loss, value_loss, entropy, approx_kl, clip_fraction])

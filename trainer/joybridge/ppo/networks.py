@@ -15,6 +15,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.memory import Memory, Recall
 from joybridge.ppo.observation_tensors import Observations
+from joybridge.ppo.pointing import Pointers
 
 
 class Outputs(NamedTuple):
@@ -77,11 +78,12 @@ class Network(nn.Module):
     independent of the state, begins at 0. `distributions` are those of continuous actions, none if all are Gaussians;
     `log_variance` then holds the parameters of all of them.
 
+    `pointers`, None without maps: the logits of maps are not in the head of the tower, but come from the convolutions.
+
     `sums` [columns, columns], None without ordinal branches: the logits are the outputs of the tower times this matrix.
     """
 
     pad: Tensor
-    counting: Tensor  # see `ActionSpace.counting`
     sums: Tensor | None
 
     def __init__(
@@ -100,7 +102,6 @@ class Network(nn.Module):
         for branch, size in enumerate(space.branches):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
-        self.register_buffer("counting", torch.from_numpy(space.counting()), persistent=False)
         sizes = [encoders[0].features if encoders else observation, *hidden]
         self.distributions = load_distributions(space.distributions)
         self._continuous, free = space.continuous, space.continuous  # outputs and parameters of continuous actions
@@ -109,7 +110,8 @@ class Network(nn.Module):
             free = sum(each.parameters for each in self.distributions)
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
-        self.actor = Tower(sizes, columns, activation, memory)
+        self.pointers = Pointers(space, self._continuous, shared, encoders[0]) if space.maps else None
+        self.actor = Tower(sizes, self.pointers.columns if self.pointers else columns, activation, memory)
         self.critic = None if shared else Tower(sizes, 1, activation, memory)
         self.state_size = sum(each.state_size for each in self.memories)  # numbers that a lane remembers
         self.mean_bias = nn.Parameter(torch.zeros(self._continuous))
@@ -141,20 +143,23 @@ class Network(nn.Module):
                         nn.init.orthogonal_(gate, generator=generator)
                 else:
                     _variance_scaling(weight, 1.0, generator)
-        policy = self.actor.head.weight[: self.pad.numel() + self._continuous]
+        policy = self.actor.head.weight[: len(self.actor.head.weight) - (self.critic is None)]
         _variance_scaling(policy, 0.01, generator)
         value = (self.critic or self.actor).head.weight[-1:]
         nn.init.xavier_uniform_(value, generator=generator)
 
     def heads(self, observations: Observations) -> Heads:
         """Return what the towers make of observations."""
-        features = [encoder(observations) for encoder in self.encoders] or [observations.numbers]
+        encoded = [encoder(observations) for encoder in self.encoders]
+        features = [each.features for each in encoded] or [observations.numbers]
         first, second = self._recalls(observations.recall)
         outputs, memory = self.actor(features[0], first)
         value = outputs
         if self.critic is not None:
             value, other = self.critic(features[-1], second)
             memory = None if memory is None else torch.cat([memory, other], dim=1)
+        if self.pointers is not None:
+            outputs = self.pointers(outputs, encoded[0].maps)
         if self.sums is not None:
             outputs = outputs @ self.sums
         return Heads(outputs, value[:, -1] + self.value_bias, memory)

@@ -43,6 +43,7 @@ class RolloutBuffer:
         self.continuous = np.zeros((steps, lanes, space.continuous), np.float32)
         self.discrete = np.zeros((steps, lanes, len(space.branches)), np.int64)
         self.masks: Array | None = None  # [steps, lanes, branches, widest], made when a game first forbids a choice
+        self.counts: Array | None = None  # bool [steps, lanes, parts], made if not all parts of actions always count
         self.log_probs = np.zeros((steps, lanes), np.float32)
         self.values = np.zeros((steps, lanes), np.float32)
         self.rewards = np.zeros((steps, lanes), np.float32)
@@ -112,6 +113,12 @@ class RolloutBuffer:
         fill_masks(allowed, masks)
         return masks
 
+    def store_counts(self, counts: Array, group: int = 0) -> None:
+        """Store which parts of the actions of a group's decision count, bool [lanes, parts]; see `Conditions`."""
+        if self.counts is None:
+            self.counts = np.ones((*self.discrete.shape[:2], counts.shape[1]), bool)
+        self.counts[self.rows[group], self.groups[group]] = counts
+
     def store(self, step: StepArrays, rewards: Array, final_values: Array | None = None, group: int = 0) -> None:
         """Store the outcome of a group's decision, whose next observations are already in row t + 1.
 
@@ -153,10 +160,11 @@ class RolloutBuffer:
         decided[self.pending[unknown], unknown] = False
         return decided
 
-    def batch(self, advantages: Array, decided: Array, length: int = 0) -> Batch:
-        """Return the decided timesteps with these advantages [steps, lanes], normalized, as one flat batch.
+    def batch(self, advantages: Array, decided: Array, length: int = 0, *, normalize: bool = True) -> Batch:
+        """Return the decided timesteps with these advantages [steps, lanes] as one flat batch.
 
-        length: of the longest sequence, with memory; the timesteps of a lane are then side by side.
+        length: of the longest sequence, with memory; the timesteps of a lane are then side by side. normalize: the
+        advantages, by their mean and deviation.
         """
         whole = decided.all() and self.memory is None
         places = np.nonzero(decided) if self.memory is None else np.nonzero(decided.T)[::-1]
@@ -165,6 +173,7 @@ class RolloutBuffer:
             return torch.from_numpy(array.reshape(decided.size, *array.shape[2:]) if whole else array[places])
 
         chosen = flat(advantages).numpy()
+        normalized = (chosen - chosen.mean()) / (chosen.std() + 1e-10) if normalize else chosen
         return Batch(
             sequences=None if self.memory is None else self._sequences(self.memory, places, length),
             observations=Observations(
@@ -173,9 +182,10 @@ class RolloutBuffer:
             continuous=flat(self.continuous),
             discrete=flat(self.discrete),
             masks=None if self.masks is None else flat(self.masks),
+            counts=None if self.counts is None else flat(self.counts),
             log_probs=flat(self.log_probs),
             values=flat(self.values),
-            advantages=torch.from_numpy((chosen - chosen.mean()) / (chosen.std() + 1e-10)),
+            advantages=torch.from_numpy(normalized),
             returns=flat(advantages + self.values),
         )
 

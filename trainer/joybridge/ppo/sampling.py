@@ -6,7 +6,6 @@ from torch import Tensor
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.continuous import log_probs_of_each, sample_each
-from joybridge.ppo.distributions import counting_actions
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
 from joybridge.ppo.networks import Network
 
@@ -22,17 +21,16 @@ def sample_actions(
     actions that a noise of 0 gives.
     """
     space = network.space
-    sizes, counting = np.array(space.branches, np.int64), space.counting()
+    sizes = np.array(space.branches, np.int64)
     means, log_variance = NOTHING, NOTHING
     if not network.distributions:
         means, log_variance = network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True)
-    head = Head(means, log_variance, sizes, counting)
+    head = Head(means, log_variance, sizes)
     action = sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic)
     if not network.distributions:
         return action
     normal = torch.from_numpy(np.zeros_like(noise.normal) if deterministic else noise.normal)
     given = network.distributions, network.continuous(outputs).cpu(), network.log_variance.cpu()
     samples = sample_each(*given, normal)
-    counts = counting_actions(torch.from_numpy(counting), torch.from_numpy(action.discrete))
-    log_probs = action.log_probs + log_probs_of_each(*given, samples, counts).numpy()
+    log_probs = action.log_probs + log_probs_of_each(*given, samples).numpy()
     return Action(samples.numpy(), action.discrete, log_probs)

@@ -1,4 +1,4 @@
-"""The schedules of a run, linear or constant: learning rate, clip range, entropy."""
+"""The coefficients of an update. Learning rate, clip range and that of the entropy follow schedules."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,14 @@ from joybridge.config.config import PolicyConfig
 
 @dataclass(frozen=True)
 class Coefficients:
-    """The scheduled values of one update."""
+    """What the loss of one update is made of."""
 
     learning_rate: float
     clip_range: float
     entropy_coef: float
+    vf_coef: float = 0.5
+    clip_vloss: bool = True
+    normalize_minibatch: bool = False  # the advantages of each minibatch, by its own mean and deviation
 
 
 def anneal(progress: float, config: PolicyConfig) -> Coefficients:
@@ -28,4 +31,5 @@ def anneal(progress: float, config: PolicyConfig) -> Coefficients:
         line(config.learning_rate_schedule, config.learning_rate, 1e-10),
         line(config.clip_range_schedule, config.clip_range, 0.1),
         line(config.entropy_coef_schedule, config.entropy_coef, 1e-5),
-    )
+        config.vf_coef, config.clip_vloss, config.normalize_advantage == "minibatch",
+    )  # fmt: skip

@@ -15,13 +15,13 @@ from joybridge.contract.tensors import Array
 from joybridge.ppo.cloning import Cloning, add_cloning_gradient
 from joybridge.ppo.fast.adam import adam_step
 from joybridge.ppo.fast.gradient import ClosedFormGradient
-from joybridge.ppo.loss import Batch, LossGradient, autograd_gradient
+from joybridge.ppo.loss import Batch, LossGradient, acted_log_probs, autograd_gradient
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.schedule import Coefficients
 
 KL = STATISTICS.index("approx_kl")
 LOSSES = ("policy_loss", "value_loss", "entropy")
-BETAS, EPSILON = (0.9, 0.999), 1e-8  # of Adam
+BETAS = (0.9, 0.999)  # of Adam
 
 
 class Learner:
@@ -29,15 +29,15 @@ class Learner:
 
     def __init__(
         self, name: str, network: Network, *, branches: Sequence[str], gaussians: Sequence[str], autograd: bool,
-        threads: int = 1,
+        threads: int = 1, adam_eps: float = 1e-8,
     ) -> None:  # fmt: skip
         """Learn for `network`, whose parameters are moved into one tensor.
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
-        processor, no images, no memory, and Gaussians or choices. threads: of the closed form.
+        processor, no images, no memory, and Gaussians or choices. threads: of the closed form. adam_eps: see `step`.
         """
-        self.name, self.network, self.gaussians = name, network, gaussians
+        self.name, self.network, self.gaussians, self.adam_eps = name, network, gaussians, adam_eps
         self.weights = flatten_parameters(network)
         self.moments = {
             "step": torch.zeros((), device=self.weights.device),
@@ -62,7 +62,7 @@ class Learner:
 
     @torch.no_grad()
     def step(self, learning_rate: float) -> None:
-        """Move the weights against their gradient with Adam (Kingma and Ba, 2015)."""
+        """Move the weights against their gradient with Adam (Kingma and Ba, 2015), whose epsilon is `adam_eps`."""
         weights, gradient = self.weights, self.weights.grad
         step, mean, square = self.moments["step"], self.moments["exp_avg"], self.moments["exp_avg_sq"]
         assert gradient is not None
@@ -70,12 +70,12 @@ class Learner:
             step += 1
             adam_step(
                 weights.detach().numpy(), gradient.numpy(), mean.numpy(), square.numpy(), float(step), learning_rate,
-                *BETAS, EPSILON,
+                *BETAS, self.adam_eps,
             )  # fmt: skip
             return
         adam(
             [weights], [gradient], [mean], [square], [], [step], fused=True, amsgrad=False, beta1=BETAS[0],
-            beta2=BETAS[1], lr=learning_rate, weight_decay=0.0, eps=EPSILON, maximize=False,
+            beta2=BETAS[1], lr=learning_rate, weight_decay=0.0, eps=self.adam_eps, maximize=False,
         )  # fmt: skip
 
 
@@ -94,6 +94,8 @@ def ppo_update(
     """
     accelerator = batch.returns.device
     size = min(max(1, minibatch_size * batch.units // len(batch)), batch.units)  # in units
+    if batch.counts is not None:  # when actions were sampled, it was not known yet which of their parts count
+        batch.log_probs = acted_log_probs(learner.network, batch, size)
     rows: list[Array] = []
     losses: list[float] = []  # of cloning
     if cloning is not None and cloning.alone:

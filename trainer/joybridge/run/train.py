@@ -93,7 +93,9 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
             rollout.final_values, decided,
             gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
         )  # fmt: skip
-        batch = rollout.batch(advantages, decided, config.memory.length).to(policy.actor.accelerator)
+        normalize = config.normalize_advantage == "rollout"
+        batch = rollout.batch(advantages, decided, config.memory.length, normalize=normalize)
+        batch = batch.to(policy.actor.accelerator)
         coefficients = anneal(progress, config)
         try:
             statistics = ppo_update(

@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
-from joybridge.ppo.fast.kernels import COUNT, NO_MASKS, Gradient, Rows, compiled, loss_gradient, take
+from joybridge.ppo.fast.kernels import COUNT, NO_COUNTS, NO_MASKS, Gradient, Rows, Terms, compiled, loss_gradient, take
 from joybridge.ppo.fast.towers import (
     Form,
     Kept,
@@ -25,7 +25,7 @@ from joybridge.ppo.fast.towers import (
     hidden_width,
     matrix,
 )  # fmt: skip
-from joybridge.ppo.loss import Batch
+from joybridge.ppo.loss import Batch, advantage_moments
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.schedule import Coefficients
 
@@ -47,6 +47,7 @@ class ClosedFormGradient:
         timesteps = Rows(
             batch.observations.numbers.numpy(), batch.continuous.numpy(), batch.discrete.numpy(),
             NO_MASKS if batch.masks is None else batch.masks.numpy(),
+            NO_COUNTS if batch.counts is None else batch.counts.numpy(),
             batch.log_probs.numpy(), batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy(),
         )  # fmt: skip
         parts = min(self.threads, len(rows))
@@ -54,11 +55,15 @@ class ClosedFormGradient:
         if size > self.workspaces.shape[1]:
             self.workspaces = np.zeros((self.threads, size), np.float32)
         given = self.weights, self.gradient, self.form, timesteps, rows.numpy()
-        clip, entropy_coef = coefficients.clip_range, coefficients.entropy_coef
+        mean, deviation = advantage_moments(batch.advantages[rows]) if coefficients.normalize_minibatch else (0.0, 1.0)
+        terms = Terms(
+            len(rows), coefficients.clip_range, coefficients.entropy_coef, coefficients.vf_coef,
+            coefficients.clip_vloss, float(mean), 1.0 / float(deviation),
+        )  # fmt: skip
         if self.threads == 1:
-            return part_gradient(*given, len(rows), clip, entropy_coef, self.workspaces[0, :size])
+            return part_gradient(*given, terms, self.workspaces[0, :size])
         numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))
-        return gradient_in_parts(*given, clip, entropy_coef, self.parts[:parts], self.workspaces)
+        return gradient_in_parts(*given, terms, self.parts[:parts], self.workspaces)
 
 
 @compiled
@@ -69,12 +74,11 @@ def workspace_size(form: Form, rows: int) -> int:
 
 @compiled
 def part_gradient(
-    weights: Array, gradient: Array, form: Form, batch: Rows, index: Array, total: int, clip: float,
-    entropy_coef: float, workspace: Array,
-) -> Array:  # fmt: skip
+    weights: Array, gradient: Array, form: Form, batch: Rows, index: Array, terms: Terms, workspace: Array
+) -> Array:
     """Write the gradients of the loss on the rows at `index`, by all parameters; return the statistics.
 
-    total: see `loss_gradient`. workspace: overwritten. The system may take as long to map new memory each time as the
+    workspace: overwritten. The system may take as long to map new memory each time as the
     products take.
     """
     n, inputs, hidden = len(index), form.widths[0], len(index) * hidden_width(form)
@@ -94,7 +98,7 @@ def part_gradient(
     d_outputs, d_values = np.empty_like(outputs), np.empty(n, np.float32)
     free = gaussians(gradient, form)
     statistics = loss_gradient(
-        outputs, estimates, gaussians(weights, form), rows, total, clip, entropy_coef,
+        outputs, estimates, gaussians(weights, form), rows, terms,
         Gradient(d_outputs, d_values, free.mean_bias, free.log_variance),
     )  # fmt: skip
 
@@ -122,8 +126,8 @@ def add_up(parts: Array, total: Array) -> Array:
 
 @partial(compiled, parallel=True)
 def gradient_in_parts(
-    weights: Array, gradient: Array, form: Form, batch: Rows, index: Array, clip: float, entropy_coef: float,
-    parts: Array, workspaces: Array,
+    weights: Array, gradient: Array, form: Form, batch: Rows, index: Array, terms: Terms, parts: Array,
+    workspaces: Array,
 ) -> Array:  # fmt: skip
     """Do what `part_gradient` does for a whole minibatch, in threads.
 
@@ -134,6 +138,6 @@ def gradient_in_parts(
     for part in numba.prange(count):
         own = index[total * part // count : total * (part + 1) // count]
         space = workspaces[part, : workspace_size(form, len(own))]
-        statistics[part] = part_gradient(weights, parts[part], form, batch, own, total, clip, entropy_coef, space)
+        statistics[part] = part_gradient(weights, parts[part], form, batch, own, terms, space)
     add_up(parts, gradient)
     return add_up(statistics, np.empty_like(statistics[0]))

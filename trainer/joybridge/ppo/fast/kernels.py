@@ -20,6 +20,7 @@ from joybridge.contract.tensors import Array
 LOG_2_PI = math.log(2 * math.pi)
 COUNT = len(STATISTICS)
 NO_MASKS = np.zeros((0, 0, 0), np.float32)  # an array, because each type of an argument is compiled anew, for seconds
+NO_COUNTS = np.zeros((0, 0), np.bool_)
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -41,7 +42,6 @@ class Head(NamedTuple):
     mean_bias: Array  # [continuous]
     log_variance: Array  # [continuous]
     sizes: Array  # int64 [branches]: choices of each branch
-    counting: Array  # bool [continuous, branches, widest]; see `ActionSpace.counting`
 
 
 class Noise(NamedTuple):
@@ -72,10 +72,23 @@ class Rows(NamedTuple):
     continuous: Array  # [n, continuous]
     discrete: Array  # int64 [n, branches]
     masks: Array  # see `softmax`
+    counts: Array  # bool [n, branches + continuous]: see `Conditions`; NO_COUNTS: all do
     log_probs: Array  # [n]: of when the actions were sampled, like the values
     values: Array  # [n]
     advantages: Array  # [n]
     returns: Array  # [n]
+
+
+class Terms(NamedTuple):
+    """What the loss of a minibatch is made of; see `Coefficients`."""
+
+    total: int  # rows of the minibatch, of which only a part may be at hand
+    clip_range: float
+    entropy_coef: float
+    vf_coef: float
+    clip_vloss: bool
+    mean: float  # of the advantages, which is taken from them
+    scale: float  # that they are multiplied with then
 
 
 class Gradient(NamedTuple):
@@ -94,6 +107,7 @@ def take(rows: Rows, index: Array, observations: Array) -> Rows:
     taken = Rows(
         observations, np.empty((n, dimensions), np.float32), np.empty((n, branches), np.int64),
         np.empty((n, rows.masks.shape[1], rows.masks.shape[2]), np.float32) if len(rows.masks) else rows.masks,
+        np.empty((n, rows.counts.shape[1]), np.bool_) if len(rows.counts) else rows.counts,
         np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32),
     )  # fmt: skip
     for i in range(n):
@@ -106,6 +120,8 @@ def take(rows: Rows, index: Array, observations: Array) -> Rows:
             taken.discrete[i, b] = rows.discrete[row, b]
             for j in range(taken.masks.shape[2]):
                 taken.masks[i, b, j] = rows.masks[row, b, j]
+        for part in range(taken.counts.shape[1]):
+            taken.counts[i, part] = rows.counts[row, part]
         taken.log_probs[i], taken.values[i] = rows.log_probs[row], rows.values[row]
         taken.advantages[i], taken.returns[i] = rows.advantages[row], rows.returns[row]
     return taken
@@ -139,36 +155,29 @@ def softmax(
 
 
 @compiled
-def counts(counting: Array, action: int, discrete: Array, row: int) -> bool:
-    """Return whether a continuous action counts with the choices of a row."""
-    if len(counting):
-        for b in range(counting.shape[1]):
-            if not counting[action, b, discrete[row, b]]:
-                return False
-    return True
+def part_counts(counts: Array, row: int, part: int) -> bool:
+    """Return whether a part of the action of a row counts. counts: see `Rows`."""
+    return not len(counts) or counts[row, part]
 
 
 @compiled
-def shares_of_entropy(counting: Array, discrete: Array, dimensions: int) -> Array:
+def shares_of_entropy(counts: Array, rows: int, dimensions: int) -> Array:
     """Return the sum over rows of the share of each continuous action in the mean entropy of those that count."""
     shares = np.zeros(dimensions)
-    if not len(counting):
-        shares[:] = len(discrete) / max(dimensions, 1)
+    if not len(counts):
+        shares[:] = rows / max(dimensions, 1)
         return shares
-    for i in range(len(discrete)):
-        used = 0
+    for own in counts[:, counts.shape[1] - dimensions :]:
         for k in range(dimensions):
-            used += counts(counting, k, discrete, i)
-        for k in range(dimensions):
-            if counts(counting, k, discrete, i):
-                shares[k] += 1.0 / used
+            if own[k]:
+                shares[k] += 1.0 / own.sum()
     return shares
 
 
 @compiled
 def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bool) -> Action:
     """Return an action per row, sampled, or the likeliest one. masks: see `softmax`."""
-    mean_bias, log_variance, sizes, counting = head
+    mean_bias, log_variance, sizes = head
     branches, dimensions = len(sizes), len(mean_bias)
     continuous = np.empty((len(outputs), dimensions), np.float32)
     discrete = np.empty((len(outputs), branches), np.int64)
@@ -195,32 +204,31 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
             deviation = 0.0 if likeliest else noise.normal[i, k]
             mean = outputs[i, branches * widest + k] + mean_bias[k]
             continuous[i, k] = mean + math.exp(0.5 * log_variance[k]) * deviation
-            if counts(counting, k, discrete, i):
-                log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
+            log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
         log_probs[i] = log_prob
     return Action(continuous, discrete, log_probs)
 
 
 @compiled
-def loss_gradient(
-    outputs: Array, values: Array, head: Head, rows: Rows, total: int, clip: float, entropy_coef: float,
-    gradient: Gradient,
-) -> Array:  # fmt: skip
+def loss_gradient(outputs: Array, values: Array, head: Head, rows: Rows, terms: Terms, gradient: Gradient) -> Array:
     """Differentiate the branched PPO loss (`ppo_loss` in `ppo/loss.py`) by the outputs of a network.
 
-    total: rows of the minibatch, of which these may be a part; over all parts, gradients and statistics add up to those
-    of the minibatch. With r the ratio, A the advantage, R the return, for a minibatch of n rows:
+    The rows may be a part of a minibatch; over all parts, gradients and statistics add up to those of the minibatch.
+    With r the ratio, A the advantage, R the return, for a minibatch of n rows:
 
         d loss / d log-probability  = -A r / n, or 0 where the clipped surrogate is the smaller
         d log-probability / d logit = 1[chosen] - p
         d entropy / d logit         = -p (log p + H), H the branch's entropy
         d log-probability / d mean  = (a - mean) / variance
-        d loss / d value            = (V - R) / n, or 0 where the clipped value is the worse
+        d loss / d value            = 2 c (V - R) / n, c its coefficient, or 0 where the clipped value is the worse
+
+    Parts of an action that do not count in a row add nothing to its log-probability, its entropy and its gradient.
 
     Return the statistics that `ppo_loss` returns, float64 [len(STATISTICS) + branches].
     """
-    mean_bias, log_variance, sizes, counting = head
-    continuous, discrete, n = rows.continuous, rows.discrete, total
+    mean_bias, log_variance, sizes = head
+    continuous, discrete, n = rows.continuous, rows.discrete, terms.total
+    clip, entropy_coef = terms.clip_range, terms.entropy_coef
     branches, dimensions = len(sizes), len(mean_bias)
     widest = sizes.max() if branches else 0
     p, log_p, entropies = np.zeros((branches, widest)), np.zeros((branches, widest)), np.empty(branches)
@@ -233,11 +241,15 @@ def loss_gradient(
         log_prob = 0.0
         for b in range(branches):
             entropies[b] = softmax(outputs, rows.masks, i, b, widest, sizes[b], p[b], log_p[b])
+            if not part_counts(rows.counts, i, b):
+                entropies[b] = 0.0
+                p[b, :] = 0.0
+                continue
             entropy += entropies[b]
             statistics[COUNT + b] += entropies[b]
             log_prob += log_p[b, discrete[i, b]]
         for k in range(dimensions):
-            if not counts(counting, k, discrete, i):
+            if not part_counts(rows.counts, i, branches + k):
                 continue
             deviation = continuous[i, k] - (outputs[i, branches * widest + k] + mean_bias[k])
             log_prob -= 0.5 * (deviation * deviation * precision[k] + log_variance[k] + LOG_2_PI)
@@ -246,7 +258,7 @@ def loss_gradient(
         ratio = math.exp(log_ratio)
         kl += ratio - 1.0 - log_ratio
         clipped_rows += abs(ratio - 1.0) > clip
-        advantage = rows.advantages[i]
+        advantage = (rows.advantages[i] - terms.mean) * terms.scale
         unclipped = ratio * advantage
         clipped = min(max(ratio, 1.0 - clip), 1.0 + clip) * advantage
         policy_loss -= min(unclipped, clipped)
@@ -255,10 +267,11 @@ def loss_gradient(
             for j in range(widest):  # p is 0 beyond the branch's own choices
                 d_entropy = (log_p[b, j] + entropies[b]) * entropy_coef / n
                 gradient.outputs[i, b * widest + j] = p[b, j] * (d_entropy - d_log_prob)
-            gradient.outputs[i, b * widest + discrete[i, b]] += d_log_prob
+            if part_counts(rows.counts, i, b):
+                gradient.outputs[i, b * widest + discrete[i, b]] += d_log_prob
         for k in range(dimensions):
             column = branches * widest + k
-            if not counts(counting, k, discrete, i):
+            if not part_counts(rows.counts, i, branches + k):
                 gradient.outputs[i, column] = 0.0
                 continue
             deviation = continuous[i, k] - (outputs[i, column] + mean_bias[k])
@@ -269,12 +282,12 @@ def loss_gradient(
         error = values[i] - rows.returns[i]
         moved = values[i] - rows.values[i]
         clipped_error = rows.values[i] + min(max(moved, -clip), clip) - rows.returns[i]
-        value_loss += max(error * error, clipped_error * clipped_error)
-        free = abs(moved) <= clip or error * error >= clipped_error * clipped_error
-        gradient.values[i] = error / n if free else 0.0
+        free = not terms.clip_vloss or abs(moved) <= clip or error * error >= clipped_error * clipped_error
+        value_loss += error * error if free else clipped_error * clipped_error
+        gradient.values[i] = 2.0 * terms.vf_coef * error / n if free else 0.0
 
     entropy /= n
-    shares = shares_of_entropy(counting, discrete, dimensions)
+    shares = shares_of_entropy(rows.counts, len(outputs), dimensions)
     for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row; the mean over them counts
         share = shares[k] / n
         entropy += share * 0.5 * (LOG_2_PI + 1.0 + log_variance[k])

@@ -25,7 +25,6 @@ class Form(NamedTuple):
 
     widths: Array  # int64: of the input and of each hidden layer
     choices: Array  # int64 [branches]
-    counting: Array  # see `ActionSpace.counting`
     sums: Array  # see `Network`; NO_SUMS without ordinal branches
     columns: int  # of the outputs of the actor
     means: int
@@ -41,7 +40,6 @@ def form(network: Network) -> Form:
     return Form(
         widths=np.array([*(layer.in_features for layer in layers), head.in_features], np.int64),
         choices=np.array(network.space.branches, np.int64),
-        counting=network.space.counting(),
         sums=NO_SUMS if network.sums is None else network.sums.numpy(),
         columns=head.out_features,
         means=network.mean_bias.numel(),
@@ -119,7 +117,7 @@ def tower_size(form: Form, outputs: int) -> int:
 def gaussians(flat: Array, form: Form) -> Head:
     """Return mean_bias and log_variance, which are views of `flat`, with what is known about branches and actions."""
     begin = form.means + 1
-    return Head(flat[: form.means], flat[begin : begin + form.free], form.choices, form.counting)
+    return Head(flat[: form.means], flat[begin : begin + form.free], form.choices)
 
 
 @compiled

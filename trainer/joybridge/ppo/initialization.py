@@ -1,0 +1,46 @@
+"""What a network begins with where that is not its default, which is that of ML-Agents 0.7."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import nn
+
+from joybridge.config.errors import ConfigError
+from joybridge.layouts.layout import GAUSSIAN, SQUASHED
+from joybridge.ppo.networks import Network
+
+
+@torch.no_grad()
+def orthogonal(network: Network, seed: int) -> None:
+    """Make all weights orthogonal (Saxe et al. 2014), with the gains of Stable-Baselines3 and CleanRL; biases are 0.
+
+    The gain is √2 for hidden layers and convolutions, 0.01 for policy heads and 1 for values.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    towers = [tower for tower in (network.actor, network.critic) if tower is not None]
+    modules = [module for encoder in network.encoders for module in encoder.modules()]
+    for module in (*modules, *(layer for tower in towers for layer in tower.layers)):
+        if isinstance(module, nn.Conv2d | nn.Linear):
+            nn.init.orthogonal_(module.weight, math.sqrt(2.0), generator=generator)
+    head = network.actor.head.weight
+    shared = network.critic is None
+    nn.init.orthogonal_(head[: len(head) - shared], 0.01, generator=generator)
+    nn.init.orthogonal_(towers[-1].head.weight[-1:], 1.0, generator=generator)
+
+
+@torch.no_grad()
+def set_log_std(network: Network, log_std: float | Mapping[str, float], names: Sequence[str]) -> None:
+    """Set the deviations that Gaussians begin with, squashed ones included, to the exponential of `log_std`.
+
+    names: what the continuous actions act on. Raises ConfigError for a name with none.
+    """
+    kinds = network.space.distributions or [GAUSSIAN] * len(names)
+    counts = [each.parameters for each in network.distributions] or [1] * len(names)
+    ends = torch.tensor(counts).cumsum(0).tolist()
+    known = {name: end - 1 for name, kind, end in zip(names, kinds, ends, strict=True) if kind in (GAUSSIAN, SQUASHED)}
+    given = log_std if isinstance(log_std, Mapping) else dict.fromkeys(known, log_std)
+    for name, value in given.items():
+        if name not in known:
+            raise ConfigError(f"log_std_init: {name!r} has no Gaussian; there are {', '.join(known) or 'none'}")
+        network.log_variance[known[name]] = 2.0 * value
