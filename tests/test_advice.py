@@ -78,3 +78,22 @@ def test_a_single_other_choice_begins_the_count_anew():
     policy.rollout.discrete[..., 0] = 2
     assert said(adviser, ROLLOUTS - 1) == []
     assert said(adviser, 1)[0].startswith("player: 'gear' was always 'high' in 20,000 decisions")
+
+
+def test_a_button_that_is_about_to_be_forgotten_is_named_at_the_first_sign():
+    policy, adviser = lively("hybrid")
+    assert said(adviser, 1) == []
+    policy.rollout.discrete[..., 1] = 0
+    policy.rollout.discrete[0, :, 1] = 1  # 50 of 5000: a hundredth
+    assert said(adviser, 1) == []
+    policy.rollout.discrete[0, 20:, 1] = 0
+    (line,) = said(adviser, 3)
+    assert line.startswith("player: 'press' is pressed in 0.4% of the decisions, after 1.0%: it may be forgotten")
+    assert "policy.penalty_ramp" in line
+
+
+def test_a_button_that_was_never_pressed_much_is_not_said_to_be_forgotten():
+    policy, adviser = lively("hybrid")
+    policy.rollout.discrete[..., 1] = 0
+    policy.rollout.discrete[0, :20, 1] = 1
+    assert said(adviser, 3) == []

@@ -54,10 +54,8 @@ def test_what_a_game_calls_an_image_is_one_without_a_word_in_the_configuration()
 def test_each_encoder_sees_the_smallest_image_that_it_is_said_to(kind):
     size = MIN_PIXELS[kind]
     encoder = ImageEncoder(kind, [Image(size, size, 1)], 0, 1, "relu")
-    assert encoder(Observations(torch.zeros(2, 0), (torch.zeros(2, 1, size, size, 1),))).features.shape == (
-        2,
-        encoder.features,
-    )
+    encoded = encoder(Observations(torch.zeros(2, 0), (torch.zeros(2, 1, size, size, 1),)))
+    assert encoded.features.shape == (2, encoder.features)
 
 
 def bytes_of(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:

@@ -71,8 +71,10 @@ def test_names_that_are_no_maps_are_refused(name):
 
 
 def test_a_device_without_two_axes_is_refused_with_what_to_write():
-    with pytest.raises(ConfigError, match=r"'map-4x4' cannot express this device: .* of the 3 that .* x=map-16x10"):
+    with pytest.raises(ConfigError, match=r"'map-4x4' cannot express this device: .* and there are 3; .* x=map-16x10"):
         make_layouts("map-4x4", make_device([(-1, 1)] * 3, []))
+    with pytest.raises(ConfigError, match="and there are 1; take bucket-N"):
+        make_layouts("map-4x4", make_device([(-1, 1)], []))
 
 
 def test_demonstrated_places_become_the_nearest_cells():
@@ -152,6 +154,7 @@ def test_the_logit_of_a_cell_is_of_its_place_in_the_image(kind, relative, height
             seen = logits[:, 0] if side == 0 else logits[0]
             np.testing.assert_allclose(seen, truth, atol=1e-3)
             assert places[0] < pixels / 2 < places[-1] or len(places) == 1
+            assert abs(places[0] + places[-1] - pixels) < 8  # about in the middle of the image
 
 
 def test_the_middle_of_a_window_is_where_a_spot_excites_it_most():

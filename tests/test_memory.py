@@ -10,8 +10,9 @@ import torch
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import make_acts
-from joybridge.play.playing import Player, open_play
+from joybridge.play.playing import open_play
 from joybridge.policy.actor import make_actors
+from joybridge.policy.player import Player
 from joybridge.ppo.cloning import refresh
 from joybridge.ppo.loss import autograd_gradient
 from joybridge.ppo.networks import flatten_parameters

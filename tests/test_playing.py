@@ -48,6 +48,30 @@ def test_a_policy_is_evaluated_under_other_parameters_and_options_and_says_what_
     assert after["player"]["means"]["length"] > before["player"]["means"]["length"]  # without drift nobody leaves
 
 
+@pytest.mark.parametrize("episodes", [1, 7, 64, 70])
+def test_as_many_episodes_are_played_as_are_asked_for_and_each_return_is_told(episodes, run, simulator, capsys):
+    (report, printed) = evaluate(run, simulator, capsys, "--episodes", str(episodes))
+    played = report["player"]
+    assert played["episodes"] == len(played["returns"]) == episodes
+    assert played["means"]["reward"] == pytest.approx(np.mean(played["returns"]), rel=1e-6)
+    assert f"player: {episodes} episodes after" in printed.out
+
+
+def test_the_first_line_says_how_actions_are_chosen(run, simulator, capsys):
+    _, printed = evaluate(run, simulator, capsys)
+    first = "policy after 64 timesteps, sampled actions (--deterministic: the most probable)\n"
+    assert printed.err.startswith(first)
+    _, printed = evaluate(run, simulator, capsys, "--deterministic")
+    assert printed.err.startswith("policy after 64 timesteps, the most probable actions\n")
+
+
+def test_each_agent_of_an_arena_has_episodes_and_short_ones_count_no_more_often(simulator, tmp_path, capsys):
+    config = Config(game="duel", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
+    train(config, tmp_path, [simulator], resume=False, report=lambda *_: None)
+    report, _ = evaluate(tmp_path, simulator, capsys, "--episodes", "70")
+    assert {name: played["episodes"] for name, played in report.items()} == {"runner": 140, "judge": 70}
+
+
 def test_a_parameter_that_is_set_as_an_option_is_named(run, simulator, capsys):
     assert main(["record", str(run), "play.mp4", "options.drift=0.5", "--simulator", simulator]) == 1
     wanted = "error: options.drift: it is a parameter of hybrid; write parameters.drift=VALUE\n"

@@ -105,7 +105,7 @@ def answers(folder: Path, games: Sequence[str], layouts: Sequence[str]) -> None:
                 config = load_config(find_config(f"{game}/hybrid"), [*SHORT, f"layout={layout}"])
                 config = config.model_copy(update={"policies": {}})  # settings by names that `multiagent` changes
                 train(config, run, [address], resume=False, report=lambda *_: None, say=lambda text: None)
-                for behavior in BEHAVIORS.get(game, (None,)):
+                for behavior in BEHAVIORS.get(game, ("",)):
                     file = run / f"{behavior or 'policy'}.onnx"
                     print(export(run, address, file, behavior=behavior, seed=1, deterministic=False), flush=True)
 
@@ -115,7 +115,7 @@ def scores(run: Path, episodes: int) -> None:
     files = {"ONNX Runtime": run / "exported.onnx", "policy.py": run / "exported.json"}
     with simulator_process() as address:
         for file in files.values():
-            print(export(run, address, file, behavior=None, seed=1, deterministic=False))
+            print(export(run, address, file, behavior="", seed=1, deterministic=False))
         print(f"trainer: reward {score(run, address, None, episodes)}", flush=True)
         for name, file in files.items():
             print(f"{name}: reward {score(run, address, file, episodes)}", flush=True)

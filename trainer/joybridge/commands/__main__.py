@@ -16,6 +16,7 @@ from threading import Thread
 
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
+    add_own_game,
     add_simulator_options,
     add_trust_option,
     at_least,
@@ -46,7 +47,10 @@ from joybridge.play.sweep import plot, read_sweep, table
 from joybridge.play.video_formats import video_format
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, play_config, run_config, run_name
+from joybridge.run.origin import remark
+from joybridge.run.own_code import check_code, sign_code, trust
 from joybridge.run.run_lock import PARENT_SECONDS, locked
+from joybridge.run.sinks import check_sinks
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
 
@@ -109,9 +113,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays.add_argument("--deterministic", action="store_true", help="take the most probable action instead of sampling")
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
     evaluates.set_defaults(function=_evaluate)
-    evaluates.add_argument(
-        "--episodes", type=at_least(1), default=210, help="minimum number of episodes; default %(default)s"
-    )
+    evaluates.add_argument("--episodes", type=at_least(1), default=210, help="number of episodes; default %(default)s")
     evaluates.add_argument(
         "--over", metavar="KEY=VALUE,VALUE,…",
         help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
@@ -137,7 +139,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     exports.set_defaults(function=_export)
     exports.add_argument("output", type=_policy_file, help="e.g. policy.onnx or policy.json")
-    exports.add_argument("--behavior", metavar="NAME", help="which behavior to export, if the game has several")
+    exports.add_argument(
+        "--behavior", default="", metavar="NAME", help="which behavior to export, if the game has several"
+    )
 
     for with_others in (evaluates, records):
         with_others.add_argument(
@@ -151,6 +155,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
     options = parse_overrides(parser, arguments)
     check_simulator_options(parser, options)
+    if options.trust_run and options.command != "train":
+        trust(options.run)
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     if options.command == "evaluate" and options.others and options.inputs:
@@ -177,10 +183,16 @@ def _train(options: argparse.Namespace) -> None:
         options.overrides.append(f"weights_from={options.weights_from}")
     if options.demos:
         options.overrides.append(f"demonstrations={options.demos}")
+    add_own_game(options, [options.config])
     config = load_config(path, options.overrides, options.behavior)
+    check_sinks(config.log_to)
     if config.demonstrations:
         find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
+    for known in filter(has_checkpoint, {path.parent, run}):  # they may be a stranger's
+        if options.trust_run:
+            trust(known)
+        check_code(known, config)
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
     if options.resume and not resume:
@@ -210,6 +222,7 @@ def _train(options: argparse.Namespace) -> None:
         begin = int(saved[-1].name) if saved else 0
         heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
         remember(run, simulators, say)
+        sign_code(run, config, say)
         try:
             with Display(heading, config.layout, config.end, begin) as display:
                 train(
@@ -311,7 +324,8 @@ def _export(options: argparse.Namespace) -> None:
 def _player(options: argparse.Namespace) -> Iterator[str]:
     """Yield the address of a simulator for a run, after its configuration and its checkpoint have been checked."""
     config = play_config(options.run, options.overrides)
-    load_checkpoint(options.run, options.checkpoint)
+    if text := remark(load_checkpoint(options.run, options.checkpoint)[1].origin):
+        say(text)
     last = last_simulators(options.run)
     simulators = choose_simulators(wanted_simulators(options), last, config, say, trust=options.trust_run)
     with open_simulators(simulators, options.wait, say) as connect:

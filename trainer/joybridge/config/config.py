@@ -8,15 +8,16 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
+from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
-from joybridge.config.parameter_keys import Checked, Lessons, Value
+from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.presets import preset_of
+from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
     "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
-    "log_interval", "evaluate_over",
+    "log_interval", "log_to", "evaluate_over",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
 OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
@@ -31,6 +32,7 @@ FORMS = {
     "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
+CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
 MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
 
 # Names of other libraries, with the key to use instead.
@@ -88,8 +90,11 @@ class PolicyConfig(Checked):
         "auto", description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
         "are plain numbers"
     )  # fmt: skip
-    shared_encoder: bool = Field(True, description="actor and critic share the convolutions")
-    frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
+    network: str | None = Field(
+        None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
+    )
+    shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
+    frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
     )
@@ -133,6 +138,12 @@ class PolicyConfig(Checked):
     cloning_coef: float = Field(
         1.0, ge=0, description="coefficient of the loss of cloning; beside PPO it falls linearly, to 0"
     )
+    only_with: bool = Field(
+        True, description="leave axes that count only with a choice out of the loss where they do not count"
+    )
+    loss: str | None = Field(
+        None, pattern=CODE, description="MODULE:FUNCTION, a term of your own that is added to the loss"
+    )
     threads: int = Field(
         1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
     )
@@ -167,7 +178,7 @@ class OpponentsConfig(Checked):
 class Config(Checked):
     """A whole run."""
 
-    game: str = Field(description="which game is trained")
+    game: str = Field(description="which game is trained: its name, or pygame:PROGRAM")
     preset: Literal["sb3", "cleanrl", "paper"] | None = Field(
         None, description="settings of another program, for what is not set beside this key"
     )
@@ -186,7 +197,7 @@ class Config(Checked):
         "squashed, threshold-T, map-WxH, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
-    arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
+    arenas: int = Field(75, ge=1, le=2**20, description="copies of the game that are played at once")
     groups: int = Field(
         2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
     )
@@ -199,6 +210,9 @@ class Config(Checked):
         None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
     )
     log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
+    log_to: list[Literal["tensorboard", "wandb", "mlflow"]] = Field(
+        ["tensorboard"], description="where rows of metrics go besides the CSV files of the run"
+    )
     checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
     keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
@@ -225,6 +239,10 @@ class Config(Checked):
         "alone",
         description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
     )
+    evaluate_during: EvaluateDuring | None = Field(
+        None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
+        "and `parameters` that differ, see Held-out settings in docs/training.md"
+    )  # fmt: skip
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
@@ -310,8 +328,10 @@ def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise ConfigError(f"override {override!r} is not of the form key=value")
-        value = parse_yaml(text, f"override {override!r}: {text!r}")
-        for part in reversed(key.split(".")):
+        value, parts = parse_yaml(text, f"override {override!r}: {text!r}"), key.split(".")
+        if len(parts) > DEEPEST:
+            raise ConfigError(f"the key of an override has {len(parts):,} parts, expected {DEEPEST} at most")
+        for part in reversed(parts):
             value = {part: value}
         data = merge(data, value)
     return data
@@ -345,7 +365,7 @@ def _expected(key: str, value: object, problem: str) -> str:
     name = key.rpartition(".")[2]
     if problem == "list_type" and isinstance(value, str | int | float):
         parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
-        return f"expected a list, for example {key}=[{parts}]"
+        return f"expected a list, for example {key}=[{printable(parts)}]"
     if problem == "value_error" and key.startswith("parameters.") and isinstance(value, str):
         return f"expected a number; if it is an option of the game, write options.{name}={value}"
     if problem in ("dict_type", "model_type"):

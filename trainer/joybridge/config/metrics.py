@@ -23,6 +23,7 @@ _COLUMNS = {
     "explained_variance", "grad_norm", "epochs", "cloning_loss", "learning_rate", "ahead",
     "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
+HELD_OUT = "held_out_"  # begins the columns of `evaluate_during`
 KEYS = ("run", "experiment", "seed", "total_timesteps", "policy")  # what a table of several runs adds to a row
 
 
@@ -33,12 +34,12 @@ def column_name(metric: str) -> str:
 
 def is_trainers(column: str) -> bool:
     """Return whether the trainer writes a column for every game; the others are metrics of the game."""
-    return column in _COLUMNS or column.startswith("entropy_")
+    return column in _COLUMNS or column.startswith(("entropy_", "loss_", HELD_OUT))
 
 
 def metrics_name(policy: str) -> str:
     """Return the name of a policy in the names of files: never a path of its own."""
-    return re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)
+    return re.sub(r"[/\\%\0]|^\.+$", lambda match: "".join(f"%{ord(char):02X}" for char in match[0]), policy)
 
 
 def read_rows(path: Path) -> list[Row]:

@@ -86,6 +86,15 @@ class Lesson(Checked):
     until: Until | None = Field(None, description="when the next lesson begins; only the last one has none")
 
 
+class EvaluateDuring(Checked):
+    """What policies play in between to be measured, without learning."""
+
+    every: int = Field(ge=1, description="timesteps; the next row of metrics gets the columns held_out_…")
+    episodes: int = Field(64, ge=1, le=MOST_EPISODES, description="that are played each time, the same ones")
+    options: dict[str, str] = Field({}, description="options that differ from the training")
+    parameters: dict[str, Value] = Field({}, description="parameters that differ from the training")
+
+
 def _check_lessons(lessons: list[Lesson]) -> list[Lesson]:
     for number, lesson in enumerate(lessons, 1):
         if (lesson.until is None) != (number == len(lessons)):

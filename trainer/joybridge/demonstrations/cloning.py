@@ -42,11 +42,6 @@ def demonstrate(
     shown = [load_demonstration(file, spec) for file in files]
     yield from filter(None, (demonstration.remark() for demonstration in shown))
     for policy in policies:
-        if policy.config.scale_observations == "running":
-            raise ConfigError(
-                f"scale_observations: the moments of {policy.actor.name} change in training, so demonstrations cannot "
-                "be scaled alike; set it to bounds or none"
-            )
         policy.demonstrated, remark = targets(policy.actor, shown, config)
         yield remark
     if all(policy.demonstrated is None for policy in policies):
@@ -55,6 +50,11 @@ def demonstrate(
 
 def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tuple[Actions | None, str]:
     """Return what a policy clones, None if nothing is shown to it, and a remark. Raises ConfigError."""
+    if actor.config.scale_observations == "running":
+        raise ConfigError(
+            f"scale_observations: the moments of {actor.name} change in training, so demonstrations cannot be scaled "
+            "alike; set it to bounds or none"
+        )
     numbered = number_pictures([part for demonstration in shown for part in demonstration.stretches], actor.behavior)
     begun = count()  # episodes
     found = [part for stretch in numbered for part in _decisions(actor, stretch, begun)]

@@ -22,11 +22,11 @@ def point_map(device: pb.Device, setting: str) -> Layout:
     pointer in its middle: the cells in the middle are rest, those at the edges are full deflection.
     """
     shape = _shape(setting)
-    if len(device.axes) != 2:
-        raise DeviceError(
-            f"it sets two axes, to the right and upwards, of the {len(device.axes)} that there are; give it two by "
-            "their names, as in bucket-7, x=map-16x10, y=map-16x10"
+    if (count := len(device.axes)) != 2:
+        instead = (
+            "give it two by their names, as in bucket-7, x=map-16x10, y=map-16x10" if count > 2 else "take bucket-N"
         )
+        raise DeviceError(f"it sets two axes, to the right and upwards, and there are {count}; {instead}")
     across, up = device.axes
     columns, rows = _values(across, shape.width, shape), _values(up, shape.height, shape)[::-1]
     positions = np.stack([np.tile(columns, shape.height), np.repeat(rows, shape.width)], axis=1)

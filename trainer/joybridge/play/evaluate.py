@@ -1,6 +1,5 @@
 """Evaluation: play the policies of a run for many episodes; mean results with confidence intervals."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
 from joybridge.play.input_statistics import InputMeasures, Inputs
 from joybridge.play.playing import Change, Play, open_play
-from joybridge.policy.episodes import Episodes
+from joybridge.policy.episodes import Episodes, equal_shares
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
 
@@ -25,6 +24,7 @@ class Evaluation:
     episodes: int
     means: Row
     half_widths: Row
+    returns: list[float]  # of every episode, lane by lane
     by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
     changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
     behavior: str  # which the policy plays, or a part of
@@ -36,15 +36,15 @@ def evaluate(
     overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
     others: Path | None = None,
 ) -> dict[str, Evaluation]:  # fmt: skip
-    """Play at least `episodes` episodes of a run's policies; return an Evaluation per policy.
+    """Play so many episodes of a run's policies; return an Evaluation per policy.
 
     overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
     its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
     with their devices. others: a run whose policies hold all seats but one of each arena; only this one counts.
 
     Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
-    often. Where episodes have a common time limit, whole limits are played and every episode counts, as in
-    the original's figures. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
+    often. How many episodes of an arena count is fixed beforehand, so short ones count no more often than long ones.
+    Each agent of an arena has its own episodes. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
     """
     with open_play(
         run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
@@ -55,9 +55,8 @@ def evaluate(
             say(f"recorded in {demos}")
             for session in single_sessions(play.session):
                 session.record_demonstration(demos)
-        rounds = math.ceil(episodes / play.arenas)
         balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
-        say(f"{play.arenas} arenas × {rounds} rounds{balanced}")
+        say(f"{episodes} episodes in {play.arenas} arenas{balanced}")
         spec, behaviors = play.spec, {player.actor.behavior: player.lanes for player in play.players}
         seconds = spec.tick_seconds * spec.decision_interval
         measured = [
@@ -65,7 +64,7 @@ def evaluate(
             for index, lanes in behaviors.items()
             if inputs
         ]
-        tables = _play(play, rounds, say, measured)
+        tables = _play(play, equal_shares(episodes, play.arenas, len(play.choices)), say, measured)
     results = {index: measures.result() for index, measures in measured}
     return {
         player.actor.name: _summarize(tables[player.actor.name], play, player.actor.behavior, results)
@@ -87,6 +86,7 @@ def _summarize(table: Episodes, play: Play, behavior: int, inputs: Mapping[int, 
         episodes=len(table.finished),
         means=dict(zip(names, means.tolist(), strict=True)),
         half_widths=dict(zip(names, errors.tolist(), strict=True)),
+        returns=table.finished[:, 1].tolist(),
         by_choice={choice: float(g[:, 0].mean()) for choice, g in zip(choices, groups, strict=True) if choice},
         changed=play.changed,
         behavior=play.spec.behaviors[behavior].name,
@@ -139,11 +139,10 @@ def _cell(value: float | None) -> str:
 
 
 def _play(
-    play: Play, rounds: int, say: Callable[[str], None], measured: Sequence[tuple[int, InputMeasures]]
+    play: Play, shares: Array, say: Callable[[str], None], measured: Sequence[tuple[int, InputMeasures]]
 ) -> dict[str, Episodes]:
-    """Play `rounds` time limits, or where there is none until every lane has finished `rounds` episodes."""
+    """Play until every arena has finished its share of episodes; return these."""
     tables = {player.actor.name: Episodes(player.lanes, player.actor.metrics) for player in play.players}
-    limit = play.spec.max_episode_decisions
     for number, decision in enumerate(play.decisions(), 1):
         for player, rewards in zip(play.players, decision.rewards, strict=True):
             behavior = player.actor.behavior
@@ -152,29 +151,8 @@ def _play(
             measures.add(decision.before[index], decision.acts[index], decision.after[index])
         if number % 1000 == 0:
             say(f"{number} decisions")
-        if number >= limit * rounds if limit else _finished(play, tables) >= rounds:
+        if all(tables[player.actor.name].has(shares, play.held[player.actor.behavior]) for player in play.players):
             break
-    if not limit:  # lanes with short episodes must not count more often than others
-        for table in tables.values():
-            table.finished = _first(table.finished, rounds)
+    for table in tables.values():
+        table.keep(shares)
     return tables
-
-
-def _finished(play: Play, tables: Mapping[str, Episodes]) -> int:
-    """Return how many episodes every lane that counts has finished at least."""
-    counts = []
-    for player in play.players:
-        table, held = tables[player.actor.name], play.held[player.actor.behavior]
-        counts += np.bincount(table.finished[:, 0].astype(int), minlength=len(held))[held].tolist()
-    return int(min(counts))
-
-
-def _first(finished: Array, rounds: int) -> Array:
-    """Return the first `rounds` episodes of each lane."""
-    seen: dict[int, int] = {}
-    keep = []
-    for row, lane in enumerate(finished[:, 0].astype(int)):
-        seen[lane] = seen.get(lane, 0) + 1
-        if seen[lane] <= rounds:
-            keep.append(row)
-    return finished[keep]

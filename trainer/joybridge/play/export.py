@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import onnxruntime as ort
 
-from joybridge.config.errors import ConfigError, ExportError
+from joybridge.config.errors import ExportError
 from joybridge.config.files import storing, write_atomically
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.play.onnx_model import build_model
 from joybridge.play.playing import Play, open_play
 from joybridge.play.policy_document import decode, encode, make_document
+from joybridge.policy.config_fit import find_behavior
 from joybridge.v1 import bridge_pb2 as pb
 
 ARENAS, DECISIONS = 8, 128  # that are compared
@@ -85,12 +86,12 @@ class Exported:
 
 
 def export(
-    run: Path, address: str, output: Path, *, behavior: str | None, seed: int, deterministic: bool,
+    run: Path, address: str, output: Path, *, behavior: str, seed: int, deterministic: bool,
     overrides: Sequence[str] = (), checkpoint: str = "",
 ) -> str:  # fmt: skip
     """Write the policies that play one behavior of a run into one file; return what was written, in words.
 
-    output: its suffix is .onnx or .json. behavior: its name; None if the game has one. Before it is written, the
+    output: its suffix is .onnx or .json. behavior: its name; "" if the game has one. Before it is written, the
     content plays beside the trainer at the simulator at `address`. overrides: "key=value" each, options and parameters
     of the game that differ from the training. checkpoint: "best", its timesteps, or "" for the newest. Raises
     SimulatorError, CheckpointError, ConfigError, StorageError and ExportError; then nothing is written.
@@ -99,8 +100,14 @@ def export(
         run, address, seed=seed, episodes=ARENAS, arenas_limit=ARENAS, deterministic=deterministic, overrides=overrides,
         checkpoint=checkpoint,
     ) as play:  # fmt: skip
-        index = _find_behavior(play.spec, behavior)
+        index = find_behavior(play.spec, behavior, "--behavior")
         actors = [player.actor for player in play.players if player.actor.behavior == index]
+        for actor in actors:
+            if actor.config.network:
+                raise ExportError(
+                    f"{actor.name} has a network of its own, {actor.config.network}, which no exported file can hold; "
+                    "export a policy without `network`, or play it with joybridge.play"
+                )
         about = {
             "game": play.spec.name, "options": play.config.options, "layout": play.config.layout,
             "timesteps": play.timesteps,
@@ -138,13 +145,3 @@ def compare(model: bytes, play: Play, index: int) -> Comparison:
         found.add(acts, decision.acts[index], behavior.device, exported.masks(before), rows)
         exported.store(decision.after[index])
     return found
-
-
-def _find_behavior(spec: pb.GameSpec, name: str | None) -> int:
-    names = [behavior.name for behavior in spec.behaviors]
-    if name is None and len(names) == 1:
-        return 0
-    if name not in names:
-        problem = "has several behaviors" if name is None else f"has no behavior {name!r}"
-        raise ConfigError(f"{spec.name} {problem}; choose one with --behavior: {', '.join(names)}")
-    return names.index(name)

@@ -29,7 +29,7 @@ from joybridge.policy.player import Player
 from joybridge.policy.stratify import balanced_options
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
-from joybridge.run.folder import play_config
+from joybridge.run.folder import SPEC, play_config, run_spec
 from joybridge.run.league import load_run
 from joybridge.run.run_state import load_state
 from joybridge.v1 import bridge_pb2 as pb
@@ -37,7 +37,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 @dataclass(frozen=True)
 class Change:
-    """An option or a parameter of the game, or a limit of the hand, that differs from the training."""
+    """An option, a parameter or the version of the game, or a limit of the hand, that differs from the training."""
 
     trained: str | Value
     played: str | Value
@@ -131,7 +131,9 @@ class Play:
             f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
             for key, change in self.changed.items()
         ]
-        return "; ".join([f"policy after {self.timesteps:,} timesteps", *changed])
+        likeliest = self.players[0].deterministic
+        actions = "the most probable actions" if likeliest else "sampled actions (--deterministic: the most probable)"
+        return "; ".join([f"policy after {self.timesteps:,} timesteps, {actions}", *changed])
 
     def view(self) -> PolicyView:
         """Return what draws the images that the policies see."""
@@ -191,6 +193,8 @@ def open_play(
         held = [table.seats.holders(behavior) == 0 for behavior in range(len(spec.behaviors))]
         policies.begin(session.steps)
         changed = changed_settings(play_config(run, ()), config, spec)
+        if (run / SPEC).exists() and (was := run_spec(run).version) != spec.version:
+            changed["version"] = Change(was, spec.version)
         yield Play(config, changed, list(options), arenas, session, policies, held)
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from joybridge.config.errors import ExportError
 from joybridge.contract.tensors import NUMPY_TYPES, Array
@@ -120,24 +119,9 @@ def _images(actor: Actor) -> list[Document]:
     documents = []
     for (name, image), body in zip(actor.encoder.images.items(), encoder.bodies, strict=True):
         blank = torch.zeros(1, image.channels * frames, image.height, image.width, device=actor.accelerator)
-        layers = [*body.stages, nn.Flatten(), *body.dense]
-        first, *more = _steps(layers, functional.pad(blank, body.margins))
-        steps = [_with_margins(first, body.margins), *more]
+        steps = [*_steps([*body.stages, nn.Flatten(), *body.dense], blank)]
         documents.append({"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps})
     return documents
-
-
-def _with_margins(step: Document, margins: tuple[int, int, int, int]) -> Document:
-    """Return a convolution without padding that does the same to an image without its margins.
-
-    A runtime pads all sides alike, by the widest margin; weights of 0 make up for what the others have too much.
-    """
-    widest = max(margins)
-    if not widest:
-        return step
-    left, right, top, bottom = (widest - margin for margin in margins)
-    weight = np.pad(step["weight"], ((0, 0), (0, 0), (top, bottom), (left, right)))
-    return {**step, "size": list(weight.shape[2:]), "padding": widest, "weight": weight}
 
 
 def _steps(layers: Iterable[nn.Module], values: Tensor) -> Iterator[Document]:

@@ -25,7 +25,9 @@ from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
+from joybridge.ppo.own import OwnEncoder
 from joybridge.ppo.sampling import sample_actions
+from joybridge.ppo.threads import compute_alike
 from joybridge.v1 import bridge_pb2 as pb
 
 SCALING = "scaling."  # begins the names of arrays that are not the network's
@@ -66,11 +68,22 @@ class Actor:
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
         check_maps(role.name, [form for _, form in space.maps], pictures)
-        count = 0 if not pictures else 1 if shared or config.shared_encoder else 2
-        encoders = [
-            ImageEncoder(config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation)
-            for _ in range(count)
-        ]
+        count = 1 if shared or config.shared_encoder else 2
+        encoders: list[ImageEncoder | OwnEncoder] = []
+        if config.network and space.maps:
+            raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
+        if config.network:
+            encoders += [
+                OwnEncoder(config.network, self.encoder.numbers, self.encoder.images, config.frame_stack, seed + index)
+                for index in range(count)
+            ]
+        elif pictures:
+            encoders += [
+                ImageEncoder(
+                    config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation
+                )
+                for _ in range(count)
+            ]
         memory = None if config.memory.kind == "none" else MemoryKind(config.memory.kind, config.memory.size)
         network = Network(
             self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
@@ -143,6 +156,8 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
     """Return untrained policies for all behaviors of a spec. Raises ConfigError."""
     if accelerator == "cuda" and not torch.cuda.is_available():
         raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
+    if accelerator == "cuda":
+        compute_alike()
     roles = fitting_roles(config, spec)
     children = np.random.SeedSequence(config.seed).spawn(len(roles))
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in children]

@@ -1,4 +1,4 @@
-"""Whether a configuration fits a game, found without torch: its layout, its policies, their sensors and rewards."""
+"""Whether a configuration fits a game, found without torch: layout, policies, their sensors, rewards and behaviors."""
 
 from collections.abc import Sequence
 
@@ -72,3 +72,14 @@ def fitting_roles(config: Config, spec: pb.GameSpec) -> list[Role]:
         if name not in names:
             raise ConfigError(f"policies: there is no policy {name!r}; this game and layout have {', '.join(names)}")
     return roles
+
+
+def find_behavior(spec: pb.GameSpec, name: str, where: str) -> int:
+    """Return the index of a behavior; "": the only one. where: it is named, for errors. Raises ConfigError."""
+    names = [behavior.name for behavior in spec.behaviors]
+    if not name and len(names) == 1:
+        return 0
+    if name not in names:
+        problem = f"has no behavior {name!r}" if name else "has several behaviors"
+        raise ConfigError(f"{spec.name} {problem}; choose one with {where}: {', '.join(names)}")
+    return names.index(name)

@@ -52,6 +52,23 @@ class Episodes:
             self.reward[ended] = 0.0
             self.length[ended] = 0
 
+    def has(self, shares: Array, held: Array | None = None) -> bool:
+        """Return whether the lanes that are held have finished so many episodes: shares [arenas], see `equal_shares`.
+
+        held: bool [lanes]; None: all.
+        """
+        lanes = np.bincount(self.finished[:, 0].astype(int), minlength=len(self.reward))
+        enough = lanes >= self._of_lanes(shares)
+        return bool((enough if held is None else enough[held]).all())
+
+    def keep(self, shares: Array) -> None:
+        """Keep the first episodes of each lane, lane by lane, as many as its arena's share [arenas]."""
+        lanes, own = self.finished[:, 0].astype(int), self._of_lanes(shares).tolist()
+        self.finished = np.concatenate([self.finished[lanes == lane][:share] for lane, share in enumerate(own)])
+
+    def _of_lanes(self, shares: Array) -> Array:
+        return np.repeat(shares, len(self.reward) // len(shares))
+
     def summarize(self) -> Row:
         """Return means over the finished episodes and forget them; no means where none has finished."""
         finished, self.finished = self.finished, self.finished[:0]
@@ -69,3 +86,15 @@ class Episodes:
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""
         self.reward, self.length, self.finished = (state[name].copy() for name in ("reward", "length", "finished"))
+
+
+def equal_shares(episodes: int, arenas: int, choices: int = 1) -> Array:
+    """Return how many of some episodes each arena plays, [arenas], as equally as it goes.
+
+    They are fixed beforehand, so short episodes count no more often than long ones. choices: parts of the arenas, side
+    by side, that get equal shares, too.
+    """
+    in_turn = np.arange(arenas).reshape(choices, -1).T.ravel()  # the first arena of each choice, …
+    shares = np.full(arenas, episodes // arenas)
+    shares[in_turn[: episodes % arenas]] += 1
+    return shares

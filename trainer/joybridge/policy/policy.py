@@ -56,7 +56,9 @@ class Policy:
             name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
             threads=self.config.threads, adam_eps=self.config.adam_eps,
         )  # fmt: skip
-        self.conditions = Conditions(actor.layout, behavior.device) or None
+        if self.config.loss:
+            self.learner.add_term(self.config.loss)
+        self.conditions = (self.config.only_with and Conditions(actor.layout, behavior.device)) or None
         self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn)
         self.demonstrated: Actions | None = None  # what it clones

@@ -48,10 +48,15 @@ def minibatches(actions: Actions, size: int, rng: np.random.Generator) -> Iterat
             yield actions.minibatch(order[start : start + size])
 
 
-def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> float:
-    """Add the gradient of the loss, times `coef`, to that of the network; return the loss."""
+def cloning_loss(network: Network, actions: Actions) -> torch.Tensor:
+    """Return minus the mean log-probability of what was demonstrated."""
     outputs = network(actions.observations)
     spread = network.log_variance if network.distributions else network.log_variance.clamp(min=MIN_LOG_VARIANCE)
-    loss = -joint_log_probs(outputs, spread, actions, network.distributions)[0].mean()
+    return -joint_log_probs(outputs, spread, actions, network.distributions)[0].mean()
+
+
+def add_cloning_gradient(network: Network, actions: Actions, coef: float) -> float:
+    """Add the gradient of the loss, times `coef`, to that of the network; return the loss."""
+    loss = cloning_loss(network, actions)
     (coef * loss).backward()  # type: ignore[no-untyped-call]
     return float(loss.detach())

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.activations import ACTIVATIONS
@@ -17,8 +16,8 @@ from joybridge.ppo.observation_tensors import Observations
 FEATURES = 128  # of an image, with the encoder of windows
 WHITE = 255.0  # the byte that becomes 1
 WINDOWS_WHITE = 64.0  # the same with the encoder of windows, for pictures of which much is dark
-STEP = 8  # pixels between two windows of the last convolution, of the encoders whose windows need whole steps
-WHOLE = {"windows": 0, "nature": 4}  # the pixels of a side, modulo STEP, with which the windows reach all of it
+FIELDS = {"windows": 16, "nature": 36}  # pixels of a side that one place of the last map depends on, all in all
+APART = 8  # pixels between two such places
 
 
 class Encoded(NamedTuple):
@@ -59,17 +58,17 @@ class ImageEncoder(nn.Module):
 
 
 class Convolutions(nn.Module):
-    """What one image passes through: margins, the stages of convolutions, and a dense layer after windows."""
+    """What one image passes through: the stages of convolutions, and a dense layer after windows."""
 
     def __init__(self, kind: str, image: Image, frame_stack: int, activation: str) -> None:
         """Make layers for stacks of so many pictures. kind: see `PolicyConfig.image_encoder`."""
         super().__init__()
         kind = encoder_kind(kind, image)
         self.image, self.white = image, WINDOWS_WHITE if kind == "windows" else WHITE
-        self.margins = margins(kind, image)
-        self.stages = nn.ModuleList(STAGES[kind](image.channels * frame_stack, activation))
+        channels = image.channels * frame_stack
+        self.stages = nn.ModuleList(STAGES[kind](channels, activation, padding_of(kind, image)))
         with torch.no_grad():
-            pixels = torch.zeros(1, image.height, image.width, image.channels * frame_stack)
+            pixels = torch.zeros(1, image.height, image.width, channels)
             self.maps = [tuple(stage.shape[1:]) for stage in self.see(pixels)]  # channels, height, width of each stage
         self.features = math.prod(self.maps[-1])
         self.dense = nn.Sequential()
@@ -87,8 +86,7 @@ class Convolutions(nn.Module):
 
     def see(self, pixels: Tensor) -> list[Tensor]:
         """Return what each stage returns for [n, height, width, channels]."""
-        pixels = pixels.permute(0, 3, 1, 2)
-        maps = [functional.pad(pixels, self.margins) if any(self.margins) else pixels]  # to add nothing copies it all
+        maps = [pixels.permute(0, 3, 1, 2)]
         for stage in self.stages:
             maps.append(stage(maps[-1]))
         return maps[1:]
@@ -104,19 +102,19 @@ class Convolutions(nn.Module):
                 )
                 first, apart = first + ((size - 1) / 2 - padding) * apart, apart * stride
         _, height, width = self.maps[stage]
-        left, _, top, _ = self.margins
-        return first - top + apart * np.arange(height), first - left + apart * np.arange(width)
+        return first + apart * np.arange(height), first + apart * np.arange(width)
 
 
-def margins(kind: str, image: Image) -> tuple[int, int, int, int]:
-    """Return how many black pixels an image gets on the left, right, top and bottom, so that windows reach all of it.
-
-    Without them, what stands in the last rows and columns would not be seen.
-    """
-    if kind not in WHOLE:
-        return 0, 0, 0, 0
-    wide, high = ((WHOLE[kind] - side) % STEP for side in (image.width, image.height))
-    return wide // 2, wide - wide // 2, high // 2, high - high // 2
+def padding_of(kind: str, image: Image) -> int:
+    """Return how many black pixels surround an image, so that the windows of all convolutions reach all of it."""
+    if kind not in FIELDS:
+        return 0
+    field, sides = FIELDS[kind], (image.height, image.width)
+    return next(
+        padding
+        for padding in range(APART)
+        if all((side + 2 * padding - field) // APART * APART + field - padding >= side for side in sides)
+    )
 
 
 class Activate(nn.Module):
@@ -148,15 +146,15 @@ class Residual(nn.Module):
         return values + self.layers(values)  # type: ignore[no-any-return]
 
 
-def _windows(channels: int, activation: str) -> list[nn.Module]:
+def _windows(channels: int, activation: str, padding: int) -> list[nn.Module]:
     """Return two convolutions over windows that overlap by half, which cost a processor little."""
     return [
-        nn.Sequential(nn.Conv2d(channels, 16, 8, stride=4), Activate(activation)),
+        nn.Sequential(nn.Conv2d(channels, 16, 8, stride=4, padding=padding), Activate(activation)),
         nn.Sequential(nn.Conv2d(16, 32, 3, stride=2), Activate(activation)),
     ]
 
 
-def _simple(channels: int, activation: str) -> list[nn.Module]:
+def _simple(channels: int, activation: str, _: int) -> list[nn.Module]:
     """Return two convolutions for images of any size; each halves it."""
     return [
         nn.Sequential(nn.Conv2d(channels, 16, 3, stride=2, padding=1), Activate(activation)),
@@ -164,16 +162,16 @@ def _simple(channels: int, activation: str) -> list[nn.Module]:
     ]
 
 
-def _nature(channels: int, activation: str) -> list[nn.Module]:
+def _nature(channels: int, activation: str, padding: int) -> list[nn.Module]:
     """Return the convolutions of Mnih et al. (2015), for images of about 84 x 84."""
     return [
-        nn.Sequential(nn.Conv2d(channels, 32, 8, stride=4), Activate(activation)),
+        nn.Sequential(nn.Conv2d(channels, 32, 8, stride=4, padding=padding), Activate(activation)),
         nn.Sequential(nn.Conv2d(32, 64, 4, stride=2), Activate(activation)),
         nn.Sequential(nn.Conv2d(64, 64, 3), Activate(activation)),
     ]
 
 
-def _impala(channels: int, activation: str) -> list[nn.Module]:
+def _impala(channels: int, activation: str, _: int) -> list[nn.Module]:
     """Return the residual network of Espeholt et al. (2018); each of its three stages halves the size."""
     stages: list[nn.Module] = []
     for before, after in ((channels, 16), (16, 32), (32, 32)):
@@ -182,6 +180,6 @@ def _impala(channels: int, activation: str) -> list[nn.Module]:
     return [*stages[:-1], nn.Sequential(stages[-1], Activate(activation))]
 
 
-STAGES: dict[str, Callable[[int, str], list[nn.Module]]] = {
+STAGES: dict[str, Callable[[int, str, int], list[nn.Module]]] = {
     "windows": _windows, "simple": _simple, "nature": _nature, "impala": _impala,
 }  # fmt: skip

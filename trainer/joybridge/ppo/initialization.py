@@ -8,6 +8,7 @@ from torch import nn
 
 from joybridge.config.errors import ConfigError
 from joybridge.layouts.layout import GAUSSIAN, SQUASHED
+from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.networks import Network
 
 
@@ -15,11 +16,13 @@ from joybridge.ppo.networks import Network
 def orthogonal(network: Network, seed: int) -> None:
     """Make all weights orthogonal (Saxe et al. 2014), with the gains of Stable-Baselines3 and CleanRL; biases are 0.
 
-    The gain is √2 for hidden layers and convolutions, 0.01 for policy heads and 1 for values.
+    The gain is √2 for hidden layers and convolutions, 0.01 for policy heads and 1 for values. A network of the user's
+    own stays as it is.
     """
     generator = torch.Generator().manual_seed(seed)
     towers = [tower for tower in (network.actor, network.critic) if tower is not None]
-    modules = [module for encoder in network.encoders for module in encoder.modules()]
+    ours = [encoder for encoder in network.encoders if isinstance(encoder, ImageEncoder)]
+    modules = [module for encoder in ours for module in encoder.modules()]
     for module in (*modules, *(layer for tower in towers for layer in tower.layers)):
         if isinstance(module, nn.Conv2d | nn.Linear):
             nn.init.orthogonal_(module.weight, math.sqrt(2.0), generator=generator)

@@ -22,6 +22,7 @@ from joybridge.ppo.distributions import (
 from joybridge.ppo.memory import Sequences
 from joybridge.ppo.networks import Network, Outputs
 from joybridge.ppo.observation_tensors import Observations
+from joybridge.ppo.own import Term
 from joybridge.ppo.schedule import Coefficients
 
 
@@ -139,12 +140,14 @@ def advantage_moments(advantages: Tensor) -> tuple[Tensor, Tensor]:
     return advantages.mean(), deviation + 1e-8
 
 
-def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tuple[Tensor, Tensor]:
-    """Return the loss of a minibatch and its statistics [len(STATISTICS) + branches].
+def ppo_loss(
+    network: Network, batch: Batch, coefficients: Coefficients, term: Term | None = None
+) -> tuple[Tensor, Tensor]:
+    """Return the loss of a minibatch, with a term of the user's own, and its statistics [len(STATISTICS) + branches].
 
     The statistics: clipped surrogate, clipped value loss, entropy, an estimate of the KL divergence from the policy
     that acted (the third one of http://joschu.net/blog/kl-approx.html), the fraction of ratios beyond the clip range,
-    and the entropy of each branch.
+    and the entropy of each branch; last, the term.
     """
     clip, advantages = coefficients.clip_range, batch.advantages
     if coefficients.normalize_minibatch:
@@ -164,12 +167,19 @@ def ppo_loss(network: Network, batch: Batch, coefficients: Coefficients) -> tupl
     approx_kl = (ratio - 1.0 - log_ratio).mean()
     clip_fraction = ((ratio - 1.0).abs() > clip).float().mean()
     statistics = torch.stack([policy_loss, value_loss, entropy, approx_kl, clip_fraction])
-    return loss, torch.cat([statistics, entropies.to(statistics)]).detach()
+    parts = [statistics, entropies.to(statistics)]
+    if term is not None:
+        added = term(outputs, log_probs, batch)
+        loss = loss + added
+        parts.append(added.reshape(1).to(statistics))
+    return loss, torch.cat(parts).detach()
 
 
-def autograd_gradient(network: Network, batch: Batch, units: Tensor, coefficients: Coefficients) -> Array:
+def autograd_gradient(
+    network: Network, batch: Batch, units: Tensor, coefficients: Coefficients, term: Term | None = None
+) -> Array:
     """Set the gradient of the loss on some units of `batch` by autograd; return the statistics."""
     network.zero_grad(set_to_none=False)
-    loss, statistics = ppo_loss(network, batch.minibatch(units), coefficients)
+    loss, statistics = ppo_loss(network, batch.minibatch(units), coefficients, term)
     loss.backward()  # type: ignore[no-untyped-call]
     return statistics.cpu().numpy()

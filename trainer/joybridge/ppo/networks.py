@@ -15,6 +15,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.memory import Memory, Recall
 from joybridge.ppo.observation_tensors import Observations
+from joybridge.ppo.own import OwnEncoder
 from joybridge.ppo.pointing import Pointers
 
 
@@ -88,11 +89,11 @@ class Network(nn.Module):
 
     def __init__(
         self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int,
-        activation: str = "swish", encoders: Sequence[ImageEncoder] = (), memory: MemoryKind | None = None,
+        activation: str = "swish", encoders: Sequence[ImageEncoder | OwnEncoder] = (), memory: MemoryKind | None = None,
     ) -> None:  # fmt: skip
         """Make a network for observations of `observation` numbers; `shared`: one tower for both.
 
-        encoders: what comes before the towers, if observations contain images: one for both, or one each. memory: of
+        encoders: what comes before the towers, if anything does: one for both, or one each. memory: of
         each tower.
         """
         super().__init__()
@@ -110,7 +111,9 @@ class Network(nn.Module):
             free = sum(each.parameters for each in self.distributions)
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
-        self.pointers = Pointers(space, self._continuous, shared, encoders[0]) if space.maps else None
+        self.pointers = None
+        if space.maps and isinstance(encoders[0], ImageEncoder):
+            self.pointers = Pointers(space, self._continuous, shared, encoders[0])
         self.actor = Tower(sizes, self.pointers.columns if self.pointers else columns, activation, memory)
         self.critic = None if shared else Tower(sizes, 1, activation, memory)
         self.state_size = sum(each.state_size for each in self.memories)  # numbers that a lane remembers
@@ -127,7 +130,8 @@ class Network(nn.Module):
         return [tower.memory for tower in towers if tower.memory is not None]
 
     def _initialize(self, generator: torch.Generator) -> None:
-        encoded = [module for encoder in self.encoders for module in encoder.modules()]
+        ours = [encoder for encoder in self.encoders if isinstance(encoder, ImageEncoder)]
+        encoded = [module for encoder in ours for module in encoder.modules()]
         layers = [module for module in encoded if isinstance(module, nn.Conv2d | nn.Linear)]
         layers += [layer for tower in (self.actor, self.critic) if tower is not None for layer in tower.layers]
         for layer in layers:

@@ -17,6 +17,7 @@ from joybridge.ppo.fast.adam import adam_step
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.loss import Batch, LossGradient, acted_log_probs, autograd_gradient
 from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.own import load_term
 from joybridge.ppo.schedule import Coefficients
 
 KL = STATISTICS.index("approx_kl")
@@ -50,6 +51,14 @@ class Learner:
         )
         parts = [*branches, *(gaussians if network.distributions else ())]  # whose entropies the gradient returns
         self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in parts)]
+
+    def add_term(self, name: str) -> None:
+        """Add a term of the user's own, "module:function", to the loss; its figure is loss_FUNCTION. By autograd.
+
+        Raises ConfigError.
+        """
+        self.closed, self.gradient = False, partial(autograd_gradient, self.network, term=load_term(name))
+        self.statistics.append(f"loss_{name.rpartition(':')[2]}")
 
     def state(self) -> dict[str, Array]:
         """Return copies of the optimizer's moments for a checkpoint."""

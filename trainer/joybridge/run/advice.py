@@ -9,12 +9,15 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.limits import element_count
+from joybridge.contract.tensors import Array
 from joybridge.layouts.targets import covers
 from joybridge.policy.policy import Policy
 from joybridge.v1 import bridge_pb2 as pb
 
 FAR = 10.0  # larger inputs slow learning down; about 1 is best
 HUGE = 1000.0  # likewise, for the reward of one decision
+RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
+RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
 
 
@@ -28,6 +31,8 @@ class Adviser:
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
         self._same = dict.fromkeys(branches, (-1, 0))  # branch -> its last choice, how often
+        buttons = [branch for branch in branches if len(behavior.device.branches[branch].choices) == 2]
+        self._pressed = dict.fromkeys(buttons, 0.0)  # button -> its share of presses in the last rollout
 
     def look(self) -> Iterator[str]:
         """Yield what is remarkable about the full rollout."""
@@ -46,7 +51,14 @@ class Adviser:
                 f"{name}: a decision is rewarded with up to ±{peak:g}; policies learn best from rewards of about -1 to "
                 "1: set smaller weights in policy.reward_weights, or policy.scale_rewards=true"
             )
-        for what, decisions in self._same_choices():
+        choices = self._choices()
+        for button, before, now in self._forgotten(choices):
+            yield (
+                f"{name}: {button!r} is pressed in {now:.1%} of the decisions, after {before:.1%}: it may be forgotten "
+                "because presses that miss are punished; give the punishment a smaller weight in "
+                "policy.reward_weights, or let it grow (policy.penalty_ramp), or raise policy.entropy_coef"
+            )
+        for what, decisions in self._same_choices(choices):
             yield (
                 f"{name}: {what} in {decisions:,} decisions; if this is not the best play, give what punishes other "
                 "choices a smaller weight in policy.reward_weights, or raise policy.entropy_coef"
@@ -63,20 +75,37 @@ class Adviser:
                 yield sensor.name, peak
             begin = end
 
-    def _same_choices(self) -> Iterator[tuple[str, int]]:
-        """Yield what was chosen in the last SAME_DECISIONS decisions without exception."""
+    def _choices(self) -> Array:
+        """Return the choices of the device in the full rollout, [decisions, branches]."""
         rollout, device = self._policy.rollout, self._behavior.device
         decided = rollout.decided()
         count = int(decided.sum())
-        if not self._same or not count:
-            return
         act = ActArrays(
             np.zeros((count, len(device.axes)), np.float32), np.zeros((count, len(device.branches)), np.int32)
         )
-        self._policy.actor.layout.write(rollout.continuous[decided], rollout.discrete[decided], act)
+        if count:
+            self._policy.actor.layout.write(rollout.continuous[decided], rollout.discrete[decided], act)
+        return act.choices
+
+    def _forgotten(self, choices: Array) -> Iterator[tuple[str, float, float]]:
+        """Yield the buttons whose share of presses falls below RARE, and this share before and now; once each."""
+        if len(choices) < RARE_DECISIONS:
+            return
+        for button, before in list(self._pressed.items()):
+            now = float(choices[:, button].mean())
+            self._pressed[button] = now
+            if now < RARE <= before:
+                del self._pressed[button]
+                yield self._behavior.device.branches[button].name, before, now
+
+    def _same_choices(self, choices: Array) -> Iterator[tuple[str, int]]:
+        """Yield what was chosen in the last SAME_DECISIONS decisions without exception."""
+        device, count = self._behavior.device, len(choices)
+        if not count:
+            return
         for branch, (before, decisions) in list(self._same.items()):
-            choice = int(act.choices[0, branch])
-            if (act.choices[:, branch] != choice).any():
+            choice = int(choices[0, branch])
+            if (choices[:, branch] != choice).any():
                 self._same[branch] = (-1, 0)
                 continue
             decisions = count + (decisions if choice == before else 0)

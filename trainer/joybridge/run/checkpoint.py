@@ -19,6 +19,7 @@ from joybridge.config.errors import CheckpointError
 from joybridge.config.files import storing, sync_folder, write_synced
 from joybridge.contract.files import read_file
 from joybridge.contract.tensors import Array
+from joybridge.run.origin import Origin
 
 log = logging.getLogger("joybridge.trainer")
 
@@ -38,6 +39,7 @@ class Manifest(BaseModel):
     timesteps: int = Field(ge=0, lt=10**12)
     snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
     score: float | None = None  # what the metric `best` was, if a row of metrics was just written
+    origin: Origin | None = None  # with what it was trained; None: it was not noted
     arrays_bytes: int = Field(0, ge=0, le=LONGEST_ARRAYS)  # size of the arrays' file
 
 

@@ -1,4 +1,7 @@
-"""The folder of a run: its default name, the configuration in it, and whether that may be trained or played."""
+"""The folder of a run: its default name, its configuration and spec, and whether that may be trained or played.
+
+The spec is that of the game under the options of the training, so that policies can be made without a simulator.
+"""
 
 import difflib
 import hashlib
@@ -7,6 +10,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from google.protobuf import json_format
 
 from joybridge.config.config import (
     FORMS,
@@ -20,8 +25,15 @@ from joybridge.config.config import (
 )
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
+from joybridge.contract.files import read_file
+from joybridge.contract.spec import SpecError, check_spec
+from joybridge.contract.text import printable
 from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.own_code import check_code
+from joybridge.v1 import bridge_pb2 as pb
 
+SPEC = "spec.json"  # in the folder of a run
+MAX_SPEC_BYTES = 2**24  # of it
 MAX_NAME_CHARS = 120  # of the default name of a run
 
 
@@ -75,6 +87,28 @@ def keep_config(config: Config, run: Path) -> None:
     write_atomically(run / "config.yaml", dump_config(config).encode())
 
 
+def keep_spec(spec: pb.GameSpec, run: Path) -> None:
+    """Write the spec of the game that is trained into the folder of a run. Raises StorageError."""
+    write_atomically(run / SPEC, json_format.MessageToJson(spec, preserving_proto_field_name=True).encode())
+
+
+def run_spec(run: Path) -> pb.GameSpec:
+    """Return the spec of the game as it was trained. Raises ConfigError."""
+    path = run / SPEC
+    try:
+        spec = json_format.Parse(read_file(path, MAX_SPEC_BYTES), pb.GameSpec())
+        check_spec(spec)
+    except FileNotFoundError:
+        raise ConfigError(
+            f"{run} has no {SPEC}, which says what its policies observe and control; training writes it: continue the "
+            f"run with `joybridge train {run}/config.yaml --run {run} --resume`"
+        ) from None
+    except (OSError, ValueError, SpecError, json_format.ParseError) as error:
+        reason = printable(str(error).partition("\n")[0])
+        raise ConfigError(f"{path} cannot be read: {reason}; continue the run, which writes it anew") from error
+    return spec
+
+
 def run_config(run: Path) -> Config:
     """Return the configuration that a run was made with. Raises ConfigError, which names runs of similar names."""
     if not (run / "config.yaml").exists():
@@ -88,9 +122,11 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     """Return the configuration under which the policies of a run play, with "key=value" overrides. Raises ConfigError.
 
     Only options and parameters of the game, the limits of the hand, the time to wait for a simulator and the transport
-    may differ from the training. Of a curriculum, the last lesson is played.
+    may differ from the training. Of a curriculum, the last lesson is played. Raises UntrustedRunError for code that
+    may not be imported.
     """
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
+    check_code(run, trained)
     given = read_overrides(overrides).get("parameters", {})
     for key in type(config).model_fields:
         if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):

@@ -1,15 +1,15 @@
-"""The metrics of one policy: a row every `log_interval` timesteps, to a CSV file and to TensorBoard."""
+"""The metrics of one policy: a row every `log_interval` timesteps, to a CSV file and to the sinks of `log_to`."""
 
 import time
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from torch.utils.tensorboard import SummaryWriter
 
-from joybridge.config.files import storing
+from joybridge.config.config import Config
 from joybridge.config.metrics import Row, metrics_name, read_cells, write_cells
 from joybridge.contract.tensors import Array
+from joybridge.run.sinks import Sinks
 
 
 class RunningMean:
@@ -39,22 +39,20 @@ class RunningMean:
 
 
 class Logger:
-    """Writes the rows of one policy to metrics-NAME.csv and to TensorBoard, under the folder of a run."""
+    """Writes the rows of one policy to metrics-NAME.csv in the folder of a run, and to its sinks."""
 
-    def __init__(self, run: Path, policy: str, after: int) -> None:
+    def __init__(self, run: Path, policy: str, after: int, config: Config) -> None:
         """Begin, or continue after so many timesteps; later rows, of a run that was cut off, are dropped.
 
         Raises CheckpointError for a file of metrics that cannot be read, and StorageError.
         """
-        name = metrics_name(policy)
         self.mean = RunningMean()
-        self.path = run / f"metrics-{name}.csv"
+        self.path = run / f"metrics-{metrics_name(policy)}.csv"
         self.rows = [cells for cells in read_cells(self.path) if float(cells["timesteps"]) <= after]
         write_cells(self.path, self.rows)
         before = float(self.rows[-1].get("seconds", 0)) if self.rows else 0.0
         self._begin = time.monotonic() - before
-        with storing(run / "tensorboard"):
-            self.board = SummaryWriter(run / "tensorboard" / name, purge_step=after + 1)
+        self._sinks = Sinks(run, policy, after, config)
 
     def write(self, timesteps: int, episodes: Row, times: Row) -> Row:
         """Write a row: figures of the episodes since the last one, means over its updates, and times; return it."""
@@ -64,12 +62,9 @@ class Logger:
             {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
         )
         write_cells(self.path, self.rows)
-        with storing(self.path.parent / "tensorboard"):
-            for name, value in row.items():
-                self.board.add_scalar(name, value, timesteps)
-            self.board.flush()
+        self._sinks.write(timesteps, row)
         return row
 
     def close(self) -> None:
-        """Finish the TensorBoard file."""
-        self.board.close()
+        """Finish the sinks."""
+        self._sinks.close()

@@ -10,7 +10,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from joybridge.config.metrics import ACTIVITIES, Row, is_trainers
+from joybridge.config.metrics import ACTIVITIES, HELD_OUT, Row, is_trainers
 
 SILENCE_SECONDS = 30.0  # the longest time without a line
 LEARNER = ("entropy", "approx_kl", "explained_variance")  # of the statistics of updates: whether it learns at all
@@ -43,14 +43,9 @@ class Display:
         shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
         speed = _speed(live["timesteps_per_second"])
         if row is not None:
-            ended = "no episode ended"
             if "reward" in row:
                 self.reward = f"reward {row['reward']:.1f}"
-                ended = f"{self.reward}  length {row['length']:.0f}"
-            metrics = "  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name))
-            learner = "  ".join(f"{name} {row[name]:.2g}" for name in LEARNER if name in row)
-            text = f"{ended}  {metrics}  {learner}  {speed}  ({shares})"
-            self.say(f"{timesteps:>11,}  {text}")
+            self.say(f"{timesteps:>11,}  {row_text(row)}  {speed}  ({shares})")
         elif not self.console.is_terminal and time.monotonic() - self.printed > SILENCE_SECONDS:
             self.say(f"{timesteps:>11,}  {speed}  ({shares})")
         self.bar.update(self.task, completed=timesteps, text=f"{self.reward}  {speed}  ({shares})")
@@ -68,6 +63,16 @@ class Display:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.bar.stop()
+
+
+def row_text(row: Row) -> str:
+    """Return what a row of metrics of a policy says: how it plays, and whether it learns."""
+    parts = [f"reward {row['reward']:.1f}  length {row['length']:.0f}" if "reward" in row else "no episode ended"]
+    if f"{HELD_OUT}reward" in row:
+        parts.append(f"held out {row[f'{HELD_OUT}reward']:.1f}")
+    parts.append("  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name)))
+    parts.append("  ".join(f"{name} {row[name]:.2g}" for name in LEARNER if name in row))
+    return "  ".join(parts)
 
 
 def _speed(timesteps: float) -> str:

@@ -10,7 +10,7 @@ from joybridge.client.sharded_session import Snapshot
 from joybridge.config.arrays import select
 from joybridge.config.errors import CheckpointError
 from joybridge.contract.tensors import Array
-from joybridge.policy.actor import policy_state
+from joybridge.policy.actor import Actor, policy_state
 from joybridge.policy.policy import Policy
 from joybridge.run.checkpoint import Manifest, load_checkpoint, save_checkpoint
 from joybridge.run.collect import Group
@@ -18,11 +18,13 @@ from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import run_config
 from joybridge.run.league import League
 from joybridge.run.logger import Logger
+from joybridge.run.origin import own_origin
 
 OF_THE_NETWORK = (
     "activation",
     "scale_observations",
     "image_encoder",
+    "network",
 )  # keys of a policy that the shapes of its network do not show
 
 
@@ -44,7 +46,7 @@ class RunState:
         save_checkpoint(run, self.arrays, self._manifest(), best=True)
 
     def _manifest(self) -> Manifest:
-        return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score)
+        return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score, origin=own_origin())
 
     def restore(
         self, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group], league: League | None
@@ -143,3 +145,8 @@ def take_weights(policies: Sequence[Policy], run: Path) -> int:
             raise CheckpointError(f"{policy.actor.name}: the trained network does not fit: {'; '.join(differences)}")
         policy.actor.load(network)
     return state.timesteps
+
+
+def actor_arrays(actor: Actor) -> dict[str, Array]:
+    """Return the arrays of a checkpoint that hold an actor and nothing that learns; see `policy_state`."""
+    return {f"{actor.name}/policy/network.{name}": array for name, array in actor.state().items()}

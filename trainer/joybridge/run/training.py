@@ -20,10 +20,13 @@ from joybridge.policy.stratify import balanced_options
 from joybridge.run.advice import Adviser
 from joybridge.run.collect import Group, group_bounds, open_groups
 from joybridge.run.curriculum import Curriculum
-from joybridge.run.folder import keep_config
+from joybridge.run.folder import keep_config, keep_spec
+from joybridge.run.held_out import HeldOut
 from joybridge.run.league import League
 from joybridge.run.logger import Logger
+from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
+from joybridge.run.progress import row_text
 from joybridge.run.run_state import RunState, capture, take_weights
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -42,7 +45,7 @@ class Training:
 
     def __init__(
         self, config: Config, policies: Sequence[Policy], groups: Sequence[Group], loggers: Sequence[Logger],
-        curriculum: Curriculum, league: League | None, audience: Audience,
+        curriculum: Curriculum, league: League | None, audience: Audience, held_out: HeldOut,
     ) -> None:  # fmt: skip
         """Take the parts; nothing is played yet. league: None where the learner holds all seats. Raises ConfigError."""
         self.config, self.policies, self.groups, self._league = config, policies, groups, league
@@ -51,7 +54,7 @@ class Training:
         behaviors = groups[0].session.spec.behaviors
         self._advisers = {policy.actor.name: Adviser(policy, behaviors[policy.actor.behavior]) for policy in policies}
         self._loggers = {policy.actor.name: logger for policy, logger in zip(policies, loggers, strict=True)}
-        self._curriculum, self._audience = curriculum, audience
+        self._curriculum, self._audience, self._held_out = curriculum, audience, held_out
         self._metric, self._sign = best_metric(config, policies[0])
         self._score: float | None = None  # of the rows since the last state
         self._logged = 0  # timesteps
@@ -104,13 +107,17 @@ class Training:
             if self.profiler.due():
                 self._audience.report(self.timesteps, self.profiler.live(), None)
             return
+        before, now = (timesteps // interval * interval for timesteps in (self._logged, self.timesteps))
         self._logged, times, lesson = self.timesteps, self.profiler.summarize(), self._curriculum.row()
         lesson |= self._league.row() if self._league else {}
+        held_out = self._held_out.rows([policy.actor for policy in self.policies], before, now)
         rows = [
-            self._loggers[policy.actor.name].write(self.timesteps, lesson | policy.episodes.summarize(), times)
-            for policy in self.policies
+            self._loggers[policy.actor.name].write(self.timesteps, lesson | policy.episodes.summarize() | more, times)
+            for policy, more in zip(self.policies, held_out, strict=True)
         ]
         self._audience.report(self.timesteps, rows[0], rows[0])
+        for policy, row in zip(self.policies[1:], rows[1:], strict=True):
+            self._audience.say(f"{'':>11}  {policy.actor.name}: {row_text(row)}")
         if self._metric in rows[0]:
             self._score = self._sign * rows[0][self._metric]
 
@@ -161,6 +168,8 @@ def open_training(
     best_metric(config, policies[0])
     league = League(config, spec, group_bounds(config)) if config.opponents.shares else None
     keep_config(config, run)
+    keep_spec(spec, run)
+    keep_origin(run)
     curriculum = Curriculum(config, spec, policies)
     state.restore_lesson(curriculum)
     with ExitStack() as opened:
@@ -172,9 +181,11 @@ def open_training(
         if record_faults:
             opened.enter_context(recording(groups, run / "faults"))
         loggers = [
-            opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps))) for policy in policies
+            opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps, config)))
+            for policy in policies
         ]
-        training = Training(config, policies, groups, loggers, curriculum, league, audience)
+        held_out = HeldOut(config, spec, addresses[0])
+        training = Training(config, policies, groups, loggers, curriculum, league, audience, held_out)
         training.begin(state)
         yield training
 

@@ -1,0 +1,101 @@
+"""`joybridge clone` learns from demonstrations alone, says how well, and leaves a run that is trained further."""
+
+import re
+
+import numpy as np
+import pytest
+
+from joybridge.client.client import Session
+from joybridge.commands.__main__ import main as trainer
+from joybridge.commands.clone import main
+from joybridge.layouts import make_acts
+from joybridge.play.agent import load
+from joybridge.run.folder import run_config
+
+pytestmark = pytest.mark.usefixtures("signals")
+
+SMALL = [
+    "policy={frame_stack: 1, hidden_sizes: [16], rollout_steps: 16, time_horizon: 16, minibatch_size: 32, "
+    "learning_rate: 1.0e-2}"
+]
+
+
+@pytest.fixture(scope="module")
+def demos(simulator, tmp_path_factory):
+    """Record somebody who presses the button on the right, and pushes with a force that grows to the right."""
+    folder = tmp_path_factory.mktemp("demos")
+    with Session(simulator, "hybrid", arenas=8, seed=5, options={"masks": "off"}) as session:
+        session.record_demonstration(folder)
+        (act,) = make_acts(session.spec, 8)
+        for _ in range(100):
+            right = session.steps[0].observations[0][:, 0] / 3
+            act.axes[:, 0], act.axes[:, 1] = 0.0, np.clip(1.25 + 0.75 * right, 0.5, 2.0)
+            act.choices[:, 1] = right > 0
+            session.step([act])
+    return folder
+
+
+@pytest.mark.parametrize("memory", ["none", "gru"])
+def test_a_clone_does_what_is_demonstrated_and_is_measured_on_episodes_it_has_not_seen(memory, demos, tmp_path, capsys):
+    run, more = tmp_path / "clone", [*SMALL, f"policy.memory.kind={memory}"]
+    assert main(["clone", str(demos), "--layout", "bucket-11", "--run", str(run), *more]) == 0
+    printed = capsys.readouterr()
+    learned, held_out = re.findall(r"([\d,]+) decisions of", printed.err)
+    assert int(learned) > 5 * int(held_out) > 50
+    (force, off, _), (press, same, most) = re.findall(r"^  (force|press) +([\d.]+)% .*? ([\d.]+)%", printed.out, re.M)
+    assert (force, press) == ("force", "press")
+    assert float(off) < 6 and float(same) > 95 > float(most)
+    agent, seen = load(run, deterministic=True), {"count": [1], "image": [[0, 0]] * 2, "lamps": [1, 0, 0]}
+    assert agent.act({"place": [2.5, 0.0], **seen})["press"] == 1
+    agent.begin()
+    assert agent.act({"place": [-2.5, 0.0], **seen})["press"] == 0
+
+
+def test_a_clone_knows_its_game_and_is_trained_further(demos, simulator, tmp_path, capsys):
+    run, file = tmp_path / "clone", tmp_path / "hybrid.yaml"
+    file.write_text(
+        "game: hybrid\nlayout: hybrid\narenas: 2\ntotal_timesteps: 64\nlog_interval: 64\n"
+        f"{SMALL[0].replace('=', ': ')}\n"
+    )
+    command = ["clone", str(demos), "--config", str(file), "--passes", "2", "--run", str(run)]
+    assert main(command) == 0
+    config = run_config(run)
+    assert (config.game, config.options, config.demonstrations) == ("hybrid", {"masks": "off"}, str(demos))
+    assert (
+        trainer(["train", str(file), "--from", str(run), "--run", str(tmp_path / "on"), "--simulator", simulator]) == 0
+    )
+    assert f"begins with the policies of {run} after 0 timesteps" in capsys.readouterr().out
+    assert main(command) == 1
+    assert "already holds a run" in capsys.readouterr().err
+
+
+def test_the_same_seed_clones_the_same_and_the_best_pass_is_kept(demos, tmp_path, capsys):
+    arrays = []
+    for name in ("a", "b"):
+        assert main(["clone", str(demos), "--passes", "30", "--run", str(tmp_path / name), *SMALL]) == 0
+        arrays.append(next((tmp_path / name).rglob("arrays.safetensors")).read_bytes())
+    assert arrays[0] == arrays[1]
+    out, err = capsys.readouterr()
+    kept = float(re.findall(r"held out (-?[\d.]+)", out)[0])
+    assert kept <= min(float(loss) for loss in re.findall(r"held out (-?[\d.]+)", err))
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--config", "archer/hybrid"], r"error: archer/hybrid is for archer, but .* shows hybrid; name another"),
+        (["--layout", "bucket-x"], "error: layout: unknown layout 'bucket-x'"),
+        (["policy.scale_observations=running"], "cannot be scaled alike; set it to bounds or none"),
+        (["policy.learning_rate=1e30"], "the loss is not finite; take a smaller policy.learning_rate"),
+    ],
+)
+def test_what_cannot_be_cloned_is_named(more, message, demos, tmp_path, capsys):
+    run = tmp_path / "run"
+    assert main(["clone", str(demos), "--run", str(run), *more]) == 1
+    assert re.search(message, capsys.readouterr().err)
+    assert not (run / "config.yaml").exists()
+
+
+def test_a_folder_without_a_demonstration_is_named(tmp_path, capsys):
+    assert main(["clone", str(tmp_path)]) == 1
+    assert f"error: demonstrations: {tmp_path} holds no file *.demo" in capsys.readouterr().err

@@ -1,0 +1,168 @@
+"""A network and a term of the loss of one's own: those of the page, in real runs, and those of a stranger in none."""
+
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.errors import ConfigError, UntrustedRunError
+from joybridge.config.metrics import read_rows
+from joybridge.policy.actor import make_actors
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.folder import play_config
+from joybridge.run.own_code import FILE
+from joybridge.simulator import axis, behavior, branch, image, sensor
+from joybridge.v1 import bridge_pb2 as pb
+from tests.support.command_line import joybridge
+from tests.test_own_runs import COMMANDS
+
+PAGE = Path(__file__).parents[1] / "docs" / "own-parts.md"
+PLAYER = behavior(
+    "player", sensors=[sensor("place", [2], -1, 1), sensor("grid", [3, 2], 0, 9), image("view", 6, 5)],
+    axes=[axis("x")], branches=[branch("act", ["a", "b"])],
+)  # fmt: skip
+SPEC = pb.GameSpec(name="still", behaviors=[PLAYER])
+OWN = """
+import torch
+from torch import nn
+
+class Shapes(nn.Module):
+    def __init__(self, shapes):
+        super().__init__()
+        self.shapes, self.layer = shapes, nn.Linear(1, 4)
+    def forward(self, sensors):
+        for name, shape in self.shapes.items():
+            assert sensors[name].shape[1:] == shape
+        assert sensors["view"].dtype == torch.uint8 and sensors["place"].dtype == torch.float32
+        return self.layer(sensors["grid"][:, -1, 2, 1, None])
+
+class Flat(Shapes):
+    def forward(self, sensors):
+        return torch.zeros(7)
+
+def term(outputs, log_probs, batch):
+    return 0.0 * log_probs.sum()
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return the current folder, which holds the modules of the page and those above."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for text, name in re.findall(r"```python\n(# (\w+\.py)\n.*?)```", PAGE.read_text(), re.DOTALL):
+        Path(name).write_text(text)
+    Path("parts.py").write_text(OWN)
+    yield tmp_path
+    for name in ("my_network", "my_loss", "parts", "strange"):
+        sys.modules.pop(name, None)
+
+
+def trained(simulator: str, *overrides: str, run: str = "run", more: tuple[str, ...] = ()) -> None:
+    settings = "arenas=4", "total_timesteps=320", "log_interval=80", "policy.rollout_steps=20", "policy.time_horizon=20"
+    status, _, errors = joybridge(
+        "train", "hybrid_suite/catch_point", "--run", run, "--simulator", simulator, *more, *settings, *overrides
+    )
+    assert status == 0, errors
+
+
+def test_the_network_of_the_page_is_trained_kept_played_and_continued_to_the_same_bits(folder, simulator):
+    own = "policy.network=my_network:PerSensor"
+    trained(simulator, own)
+    trained(simulator, own, "stop=160", run="parts")
+    trained(simulator, own, run="parts", more=("--resume",))
+    whole, continued = (load_checkpoint(Path(run))[0] for run in ("run", "parts"))
+    weights = [name for name in whole if "network.encoders.0.module.layers" in name]
+    assert len(weights) >= 2
+    assert all(np.array_equal(whole[name], continued[name]) for name in whole if "/policy/network." in name)
+    status, output, errors = joybridge("evaluate", "run", "--simulator", simulator, "--episodes", "4", "--json")
+    assert status == 0, errors
+    assert json.loads(output.splitlines()[-1])
+    status, _, errors = joybridge("export", "run", "policy.onnx", "--simulator", simulator)
+    assert status and "has a network of its own, my_network:PerSensor, which no exported file can hold" in errors
+    status, _, errors = joybridge(
+        "train", "hybrid_suite/catch_point", "--from", "run", "--run", "x", "--simulator", simulator
+    )
+    assert status and "network was my_network:PerSensor, now None" in errors
+
+
+def test_the_term_of_the_page_has_a_figure_of_its_own_and_changes_what_is_learned(folder, simulator):
+    trained(simulator)
+    trained(simulator, "policy.loss=my_loss:pull", run="pulled")
+    rows = read_rows(next(Path("pulled").glob("metrics-*.csv")))
+    assert all(row["loss_pull"] >= 0 for row in rows if "policy_loss" in row) and any(
+        "loss_pull" in row for row in rows
+    )
+    plain, pulled = (load_checkpoint(Path(run))[0] for run in ("run", "pulled"))
+    assert any(not np.array_equal(plain[name], pulled[name]) for name in plain if "actor" in name and "network" in name)
+
+
+@pytest.mark.parametrize("key", ["policy.network=parts:Shapes", "policy.loss=parts:term"])
+def test_a_run_of_a_stranger_imports_nothing_that_it_names(key, folder, tmp_path, monkeypatch, simulator):
+    name, _, value = key.partition("=")
+    trained(simulator, f"{name}={'my_network:PerSensor' if 'network' in key else 'my_loss:pull'}")
+    play_config(Path("run"), ())
+    text = Path("run/config.yaml").read_text()
+    Path("run/config.yaml").write_text(re.sub(r"(my_network:PerSensor|my_loss:pull)", f"strange:{value[6:]}", text))
+    Path("strange.py").write_text("open('OWNED', 'w').close()\n" + OWN)
+    Path("run/simulators.json").unlink()
+    for words in (words for name, words in COMMANDS.items() if name != "train --from"):  # it takes weights only
+        status, _, errors = joybridge(*(word.replace("RUN", "run") for word in words))
+        assert status == 2 and "run wants to import strange:" in errors and "--trust-run" in errors
+    status, _, errors = joybridge("train", "run/config.yaml", "--run", "new")
+    assert status == 2 and "run wants to import strange:" in errors
+    assert not Path("OWNED").exists()
+
+
+def test_an_own_run_that_is_moved_is_believed_but_from_another_folder_it_is_not(folder, simulator, monkeypatch):
+    trained(simulator, "policy.loss=my_loss:pull")
+    shutil.move("run", "moved")
+    assert play_config(Path("moved"), ()).policy.loss == "my_loss:pull"
+    (folder / "other").mkdir()
+    monkeypatch.chdir("other")
+    with pytest.raises(UntrustedRunError, match="wants to import my_loss:pull"):
+        play_config(Path("../moved"), ())
+    (folder / "moved" / FILE).write_text("[1")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        play_config(Path("../moved"), ())
+
+
+def actor(network: str, seed: int = 0, layout: str = "hybrid"):
+    policy = PolicyConfig(network=network, frame_stack=2, hidden_sizes=[8])
+    (made,) = make_actors(Config(game="still", seed=seed, layout=layout, policy=policy), SPEC)
+    return made
+
+
+@pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "beta"])
+def test_sensors_keep_their_names_and_shapes_and_the_seed_fixes_the_network(layout, folder):
+    states = [actor("parts:Shapes", seed, layout).state() for seed in (3, 3, 4)]
+    name = "encoders.0.module.layer.weight"
+    assert np.array_equal(states[0][name], states[1][name]) and not np.array_equal(states[0][name], states[2][name])
+
+
+@pytest.mark.parametrize(
+    ("network", "message"),
+    [
+        ("nowhere:Net", "network: 'nowhere:Net' cannot be imported"),
+        ("parts:term", "'parts:term' is no subclass of torch.nn.Module"),
+        ("parts:Flat", r"parts:Flat returns \[7\] for one row, expected \[1, features\]"),
+        ("torch.nn:Linear", "torch.nn:Linear does not work with"),
+    ],
+)
+def test_a_network_that_cannot_work_is_refused_by_name(network, message, folder):
+    with pytest.raises(ConfigError, match=message):
+        actor(network)
+
+
+def test_names_are_of_modules_and_terms_are_functions(folder, simulator):
+    status, _, errors = joybridge("train", "hybrid_suite/catch_point", "policy.loss=os")
+    assert status and "policy.loss: got 'os'" in errors
+    status, _, errors = joybridge(
+        "train", "hybrid_suite/catch_point", "--run", "r", "--simulator", simulator, "policy.loss=parts:Shapes"
+    )
+    assert status and "loss: 'parts:Shapes' is type, expected a function" in errors

@@ -1,0 +1,71 @@
+"""Rows of metrics go where `log_to` says; the real packages are tried by `python -m tools.check_sinks`."""
+
+import logging
+import sys
+
+import pytest
+
+from joybridge.commands.__main__ import main
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.metrics import read_rows
+from joybridge.run.sinks import SINKS
+from joybridge.run.train import train
+from tools.check_sinks import main as check
+
+SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
+
+
+def short(simulator, run, **settings):
+    config = Config(game="hybrid", arenas=4, total_timesteps=128, log_interval=64, policy=SMALL, **settings)
+    train(config, run, [simulator], resume=False, report=lambda *_: None, say=lambda text: None)
+    return read_rows(run / "metrics-player.csv")
+
+
+def test_without_sinks_a_run_has_its_csv_alone(simulator, tmp_path):
+    assert len(short(simulator, tmp_path, log_to=[])) == 2
+    assert not (tmp_path / "tensorboard").exists()
+
+
+@pytest.mark.parametrize("broken", ["__init__", "write", "close"])
+def test_a_sink_that_fails_is_given_up_with_a_warning_and_the_run_goes_on(
+    broken, simulator, tmp_path, monkeypatch, caplog
+):
+    told = []
+
+    class Far:
+        def __init__(self, *_):
+            fail("__init__")
+
+        def write(self, *_):
+            fail("write")
+
+        def close(self):
+            fail("close")
+
+    def fail(where):
+        told.append(where)
+        if where == broken:
+            raise ConnectionError("nobody answers\nfor long")
+
+    monkeypatch.setitem(SINKS, "wandb", Far)
+    with caplog.at_level(logging.WARNING, "joybridge.trainer"):
+        assert len(short(simulator, tmp_path, log_to=["wandb", "tensorboard"])) == 2
+    wanted = "log_to: wandb failed and gets no more rows (ConnectionError: nobody answers)"
+    assert [record.getMessage() for record in caplog.records] == [wanted]
+    assert told[-1] == broken and told.count(broken) == 1
+    assert list((tmp_path / "tensorboard" / "player").glob("events*"))
+
+
+@pytest.mark.usefixtures("signals")
+def test_a_sink_that_is_not_installed_names_its_extra(monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(sys.modules, "mlflow", None)
+    command = ["train", "archer/hybrid", "log_to=[mlflow]", "--run", str(tmp_path), "--simulator", "127.0.0.1:1"]
+    assert main(command) == 1
+    assert (
+        "log_to: mlflow is not installed; install it with `pip install 'joybridge[mlflow]'`" in capsys.readouterr().err
+    )
+
+
+@pytest.mark.nightly
+def test_the_real_packages_get_every_row_offline():
+    assert check([]) == 0

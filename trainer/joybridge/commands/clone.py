@@ -1,0 +1,127 @@
+"""`joybridge clone`: policies learn from demonstrations alone. No game is played, so it takes seconds."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from joybridge.client.command_line import at_least, run_command, say, say_next
+from joybridge.client.recording import load_recording
+from joybridge.config.config import Config, load_config, make_config, read_overrides
+from joybridge.config.config_files import find_config, merge
+from joybridge.config.errors import ConfigError, DivergedError
+from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.tensors import Array
+from joybridge.demonstrations.files import find_demonstrations, foreign_kind, load_demonstration
+from joybridge.demonstrations.recorded import Demonstration
+from joybridge.run.folder import check_run, keep_config, keep_spec, run_name
+from joybridge.run.run_lock import locked
+
+PASSES = 200
+SAID_PASSES = 10  # a line after so many
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a folder of demonstrations holds, and in which game it was recorded."""
+
+    game: str
+    options: dict[str, str]
+    shown: list[Demonstration]
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.commands.clone") -> int:
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(prog=prog)
+    commands = parser.add_subparsers(dest="command", required=True)
+    clones = commands.add_parser("clone", help="learn from demonstrations alone")
+    clones.add_argument("demos", type=Path, help="a folder of demonstrations, all of one game")
+    clones.add_argument("--layout", default="", help="how policies map to the device; default: of the configuration")
+    clones.add_argument(
+        "--config", default="", help="a YAML file, or the name of an installed one, for the other keys; default: none"
+    )
+    clones.add_argument("--run", type=Path, help="folder of the new run; default runs/GAME-clone[-KEY=VALUE…]-sSEED")
+    clones.add_argument(
+        "--passes", type=at_least(1), default=PASSES, metavar="N",
+        help="through the demonstrations, at most; it ends earlier once held-out episodes get no better; "
+        "default %(default)s",
+    )  # fmt: skip
+    add_overrides(clones, "e.g. seed=3 policy.learning_rate=1e-3")
+    return run_command(_clone, parse_overrides(parser, arguments))
+
+
+def _clone(options: argparse.Namespace) -> None:
+    recorded = _read(options.demos)
+    overrides = [*options.overrides, *([f"layout={options.layout}"] if options.layout else [])]
+    config = _config(options.config, overrides, recorded, options.demos)
+    run = options.run or Path("runs") / run_name(config, "clone", overrides)
+    check_run(config, run, resume=False)
+    with locked(run):
+        clone(config, run, recorded.shown, options.passes)
+    say_next("evaluate", str(run))
+
+
+def _read(folder: Path) -> Recorded:
+    """Return what a folder holds. Raises ConfigError, RecordingError and StorageError."""
+    files = find_demonstrations(folder)
+    own = [file for file in files if not foreign_kind(file)]
+    if not own:
+        raise ConfigError(
+            f"{folder} holds {foreign_kind(files[0])}, which does not say what the game is; clone it with "
+            f"`joybridge train CONFIG --demos {folder}`"
+        )
+    first = load_recording(own[0])
+    if first.spec is None:
+        raise ConfigError(f"{own[0]} holds a fault, expected a demonstration; move it elsewhere")
+    shown = [load_demonstration(file, first.spec) for file in files]
+    return Recorded(first.start.game, dict(first.start.options), shown)
+
+
+def _config(file: str, overrides: Sequence[str], recorded: Recorded, folder: Path) -> Config:
+    """Return the configuration of the new run. Raises ConfigError if it is for another game."""
+    known = {"game": recorded.game, "options": recorded.options, "demonstrations": str(folder)}
+    if not file:
+        return make_config(merge(known, read_overrides(overrides)))
+    config = load_config(find_config(file), overrides)
+    if config.game != recorded.game:
+        raise ConfigError(f"{file} is for {config.game}, but {folder} shows {recorded.game}; name another --config")
+    return config.model_copy(update=known)
+
+
+def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int) -> None:
+    """Write a run whose policies have learned what demonstrations show. Raises ConfigError and StorageError."""
+    from joybridge.demonstrations.supervised import compare, fit, show  # torch takes seconds to load
+    from joybridge.policy.actor import make_actors
+    from joybridge.ppo.threads import use_one_thread
+    from joybridge.run.checkpoint import Manifest, save_checkpoint
+    from joybridge.run.origin import keep_origin, own_origin
+    from joybridge.run.run_state import actor_arrays
+
+    use_one_thread()
+    spec = shown[0].spec
+    for remark in filter(None, (demonstration.remark() for demonstration in shown)):
+        say(remark)
+    arrays: dict[str, Array] = {}
+    for actor in make_actors(config, spec, config.accelerator):
+        given = show(actor, shown, config)
+        say(given.remark)
+        best = None
+        for result in fit(actor, given, passes):
+            if result.best:
+                best = result
+            if result.passes % SAID_PASSES == 0:
+                say(f"pass {result.passes}: loss {result.loss:.3f}, held out {result.held_out:.3f}")
+        if best is None:
+            raise DivergedError(f"{actor.name}: the loss is not finite; take a smaller policy.learning_rate")
+        print(f"{actor.name}: pass {best.passes} is kept: loss {best.loss:.3f}, held out {best.held_out:.3f}")
+        if given.held_out is not None:
+            rows = compare(actor, spec.behaviors[actor.behavior].device, given.held_out)
+            width = max(len(name) for name, *_ in rows)
+            print(f"  {'':{width}}  {'as demonstrated':>16}  {'without a policy':>16}")
+            for name, ours, without in rows:
+                print(f"  {name:{width}}  {ours:>16}  {without:>16}")
+        arrays |= actor_arrays(actor)
+    keep_config(config, run)
+    keep_spec(spec, run)
+    keep_origin(run)
+    save_checkpoint(run, arrays, Manifest(timesteps=0, origin=own_origin()))

@@ -1,0 +1,160 @@
+"""Cloning without a game: an actor learns from some of the demonstrated episodes and is measured on the others."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
+from joybridge.contract.codec import ActArrays
+from joybridge.contract.tensors import Array
+from joybridge.demonstrations.cloning import targets
+from joybridge.demonstrations.episodes import Episode, finished_episodes, join_episodes
+from joybridge.demonstrations.recorded import Demonstration
+from joybridge.layouts.targets import covers
+from joybridge.policy.actor import Actor
+from joybridge.ppo.cloning import add_cloning_gradient, cloning_loss, minibatches, refresh
+from joybridge.ppo.fast.kernels import Noise
+from joybridge.ppo.loss import Actions
+from joybridge.ppo.sampling import sample_actions
+from joybridge.ppo.update import Learner
+from joybridge.v1 import bridge_pb2 as pb
+
+HELD_OUT = 10  # one episode in so many
+PATIENCE = 10  # passes without a smaller loss on held-out episodes, after which learning ends
+ROWS = 4096  # that are measured at once
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is demonstrated to one policy."""
+
+    learned: Actions
+    held_out: Actions | None  # None: there is one episode only
+    remark: str
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well a policy does what was demonstrated after some passes through the demonstrations."""
+
+    passes: int
+    loss: float  # minus the mean log-probability of what was demonstrated, in the last of these passes
+    held_out: float  # likewise, of episodes that it did not learn from; NaN if there are none
+    best: bool  # of the passes so far
+
+
+def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
+    """Return what demonstrations show to a policy, with one episode in HELD_OUT held out. Raises ConfigError."""
+    spec = shown[0].spec
+    episodes = [
+        episode for one in shown for part in one.stretches for episode in finished_episodes(part, actor.behavior)
+    ]
+    order = np.random.default_rng([config.seed, actor.behavior]).permutation(len(episodes)).tolist()
+    count = max(1, len(episodes) // HELD_OUT) if len(episodes) > 1 else 0
+    parts = [order[count:], order[:count]]
+    (learned, remark), (held_out, _) = (
+        targets(actor, [_demonstration(shown[0], [episodes[i] for i in part], spec, actor.behavior)], config)
+        for part in parts
+    )
+    if learned is None:
+        raise ConfigError(f"{remark}; record whole episodes")
+    decisions = 0 if held_out is None else len(held_out)
+    return Shown(learned, held_out, f"{remark}; {decisions:,} decisions of {count} others are held out")
+
+
+def _demonstration(
+    first: Demonstration, episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int
+) -> Demonstration:
+    return Demonstration(first.path, spec, list(join_episodes(episodes, spec, behavior)), 0)
+
+
+def fit(actor: Actor, shown: Shown, passes: int) -> Iterator[Fit]:
+    """Let a policy learn what is shown to it; yield what each pass has reached, and keep the best one at the end.
+
+    It ends after `passes`, or once PATIENCE of them have not made the loss on held-out episodes smaller.
+    """
+    learner = Learner(actor.name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=True)
+    size = min(actor.config.minibatch_size, len(shown.learned))
+    rng = np.random.default_rng([actor.seed, 1])
+    gradient = learner.weights.grad
+    assert gradient is not None
+    least, best, best_pass = np.inf, learner.weights.detach().clone(), 0
+    for number in range(1, passes + 1):
+        losses, chosen = [], minibatches(refresh(actor.network, shown.learned), size, rng)
+        for _ in range(len(shown.learned) // size):
+            gradient.zero_()
+            losses.append(add_cloning_gradient(actor.network, next(chosen), 1.0))
+            learner.step(actor.config.learning_rate)
+        loss = float(np.mean(losses))
+        held_out = np.nan if shown.held_out is None else _loss(actor, shown.held_out)
+        judged = loss if shown.held_out is None else held_out
+        if judged < least:
+            least, best, best_pass = judged, learner.weights.detach().clone(), number
+        yield Fit(number, loss, held_out, best_pass == number)
+        if number - best_pass >= PATIENCE:
+            break
+    with torch.no_grad():
+        learner.weights.copy_(best)
+
+
+@torch.no_grad()
+def _loss(actor: Actor, actions: Actions) -> float:
+    """Return the mean loss of actions."""
+    parts = _parts(actor, actions)
+    return sum(float(cloning_loss(actor.network, part)) * len(part) for part in parts) / len(actions)
+
+
+def _parts(actor: Actor, actions: Actions) -> Iterator[Actions]:
+    """Yield all actions, about ROWS at once, with what a policy remembers there."""
+    fresh, units = refresh(actor.network, actions), actions.units
+    size = max(1, ROWS * units // len(actions))
+    for start in range(0, units, size):
+        yield fresh.minibatch(torch.arange(start, min(start + size, units), device=actions.discrete.device))
+
+
+def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[tuple[str, str, str]]:
+    """Return what a policy does most probably beside what was demonstrated: part of the device, how well, without it.
+
+    A branch: how often the choice is the same; without the policy: with the most frequent choice. An axis: how far it
+    is off on average, in shares of its range; without: from the median.
+    """
+    ours, theirs = _played(actor, device, actions)
+    rows, layout = [], actor.layout
+    for axis in sorted({axis for part in (*layout.continuous, *layout.discrete) for axis in covers(part)[0]}):
+        span = device.axes[axis].high - device.axes[axis].low
+        wanted = theirs.axes[:, axis]
+        off, spread = (np.abs(other - wanted).mean() / span for other in (ours.axes[:, axis], np.median(wanted)))
+        rows.append((device.axes[axis].name, f"{off:.1%} off", f"{spread:.1%} off"))
+    for branch in sorted({branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]}):
+        wanted = theirs.choices[:, branch]
+        same, most = (wanted == ours.choices[:, branch]).mean(), np.bincount(wanted).max() / len(wanted)
+        rows.append((device.branches[branch].name, f"{same:.1%}", f"{most:.1%}"))
+    return rows
+
+
+@torch.no_grad()
+def _played(actor: Actor, device: pb.Device, actions: Actions) -> tuple[ActArrays, ActArrays]:
+    """Return what a policy's likeliest actions make of the device, and what the demonstrated ones do."""
+    ours, theirs = [], []
+    for part in _parts(actor, actions):
+        continuous, discrete = part.continuous.numpy(force=True), part.discrete.numpy(force=True)
+        noise = Noise(np.zeros_like(continuous), np.zeros(discrete.shape, np.float32))
+        masks = None if part.masks is None else part.masks.numpy(force=True)
+        outputs = actor.network.heads(part.observations).outputs
+        taken = sample_actions(actor.network, outputs, masks, noise, deterministic=True)
+        ours.append((taken.continuous, taken.discrete))
+        theirs.append((continuous, discrete))
+    return _act(actor, device, ours), _act(actor, device, theirs)
+
+
+def _act(actor: Actor, device: pb.Device, parts: Sequence[tuple[Array, Array]]) -> ActArrays:
+    continuous, discrete = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    act = ActArrays(
+        np.zeros((len(discrete), len(device.axes)), np.float32),
+        np.zeros((len(discrete), len(device.branches)), np.int32),
+    )
+    actor.layout.write(continuous, discrete, act)
+    return act

@@ -1,0 +1,95 @@
+"""Parts of a user's own: a network before the towers, and a term of the loss. Differentiated by autograd."""
+
+import pkgutil
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import FunctionType
+from typing import Any, TypeAlias
+
+import torch
+from torch import Tensor, nn
+
+from joybridge.config.errors import ConfigError
+from joybridge.contract.limits import element_count
+from joybridge.ppo.convolutions import Encoded
+from joybridge.ppo.images import Image
+from joybridge.ppo.observation_tensors import Observations
+from joybridge.v1 import bridge_pb2 as pb
+
+# Adds to the loss of a minibatch. Arguments: the outputs of the network (`Outputs`), the joint log-probabilities of the
+# actions [n], and the minibatch (`Batch`). Returns a number.
+Term: TypeAlias = Callable[[Any, Tensor, Any], Tensor]
+
+
+def load(key: str, name: str) -> Any:
+    """Return what "module:name" names; modules are looked for in the current folder, too. Raises ConfigError."""
+    if (folder := str(Path.cwd())) not in sys.path:  # the script `joybridge` does not search the current folder
+        sys.path.append(folder)
+    try:
+        return pkgutil.resolve_name(name)
+    except Exception as error:
+        raise ConfigError(f"{key}: {name!r} cannot be imported: {error}") from error
+
+
+def load_term(name: str) -> Term:
+    """Return a term of the loss. Raises ConfigError."""
+    term = load("loss", name)
+    if not isinstance(term, FunctionType):
+        raise ConfigError(
+            f"loss: {name!r} is {type(term).__name__}, expected a function of outputs, log_probs and batch"
+        )
+    return term
+
+
+class OwnEncoder(nn.Module):
+    """A module that turns named sensors into features, in place of the encoders of images.
+
+    It is made with the shapes of its inputs, {sensor: (frame_stack, *shape)}, and called with tensors
+    {sensor: [n, frame_stack, *shape]}: float32, scaled as the configuration says, and uint8 for images. It returns
+    [n, features].
+    """
+
+    def __init__(
+        self, name: str, numbers: Sequence[pb.Sensor], images: dict[str, Image], frame_stack: int, seed: int
+    ) -> None:
+        """Make the module "module:Class" with random numbers from `seed`. Raises ConfigError."""
+        super().__init__()
+        self.frame_stack = frame_stack
+        self.sensors = {sensor.name: tuple(sensor.shape) for sensor in numbers}
+        self.sizes = [element_count(sensor) for sensor in numbers]
+        self.images = [*images]
+        shapes = self.sensors | {name: tuple(image) for name, image in images.items()}
+        stacked = {name: (frame_stack, *shape) for name, shape in shapes.items()}
+        made = load("network", name)
+        if not (isinstance(made, type) and issubclass(made, nn.Module)):
+            raise ConfigError(f"network: {name!r} is no subclass of torch.nn.Module")
+        empty = {
+            name: torch.zeros(1, *shape, dtype=torch.uint8 if name in images else torch.float32)
+            for name, shape in stacked.items()
+        }
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            try:
+                self.module = made(stacked)
+                with torch.no_grad():
+                    features = self.module(empty)
+            except Exception as error:
+                raise ConfigError(
+                    f"network: {name} does not work with {stacked}: {type(error).__name__}: {error}"
+                ) from error
+        if not isinstance(features, Tensor) or features.dim() != 2 or len(features) != 1:
+            shape = list(features.shape) if isinstance(features, Tensor) else type(features).__name__
+            raise ConfigError(f"network: {name} returns {shape} for one row, expected [1, features]")
+        self.features = features.shape[1]
+
+    def forward(self, observations: Observations) -> Encoded:
+        """Return features [n, features], and no maps."""
+        n = len(observations.numbers)
+        frames = observations.numbers.view(n, self.frame_stack, sum(self.sizes))
+        parts = torch.split(frames, self.sizes, dim=2)
+        named = {
+            name: part.reshape(n, self.frame_stack, *shape)
+            for (name, shape), part in zip(self.sensors.items(), parts, strict=True)
+        }
+        return Encoded(self.module(named | dict(zip(self.images, observations.images, strict=True))), [])

@@ -1,0 +1,96 @@
+"""Evaluation during training: the policies as they are now play other settings of the game, and learn nothing there.
+
+The same episodes are played each time, so the curve shows the policies and not the luck of what is drawn.
+"""
+
+from collections.abc import Sequence
+from contextlib import closing
+
+from joybridge.client.client import Session
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import check_drawn, distribution_of, drawn, fixed
+from joybridge.config.metrics import HELD_OUT, Row
+from joybridge.contract.codec import lane_count
+from joybridge.layouts import make_acts
+from joybridge.policy.actor import Actor
+from joybridge.policy.config_fit import fitting_spec
+from joybridge.policy.episodes import Episodes, equal_shares
+from joybridge.policy.hand import make_hands
+from joybridge.policy.player import Player
+from joybridge.v1 import bridge_pb2 as pb
+
+MOST_ARENAS = 64
+OTHER_SEED = 2**63  # is flipped in the seed of the run: the games are not those of the training
+
+
+class HeldOut:
+    """What is played, and when."""
+
+    def __init__(self, config: Config, spec: pb.GameSpec, address: str) -> None:
+        """Take the settings. spec: of the training. Raises ConfigError and SimulatorError."""
+        self._due = config.evaluate_during
+        if self._due is None:
+            return
+        self._config = config.model_copy(
+            update={
+                "options": config.options | self._due.options,
+                "parameters": config.parameters | self._due.parameters,
+                "curriculum": [],
+            }
+        )
+        self._address = address
+        self._spec = fitting_spec(address, self._config)
+        values = {name: distribution_of(value) for name, value in self._due.parameters.items()}
+        check_drawn(values, self._spec, "evaluate_during.parameters")
+        for trained, played in zip(spec.behaviors, self._spec.behaviors, strict=True):
+            if trained != played:
+                raise ConfigError(
+                    f"evaluate_during.options: they change sensors, device or metrics of {trained.name}, so its policy "
+                    "cannot play there; choose options that change the game alone"
+                )
+
+    def rows(self, actors: Sequence[Actor], before: int, now: int) -> list[Row]:
+        """Return columns for the row of each policy after `now` timesteps, none if it is not time.
+
+        before: the timesteps of the row before. Raises SimulatorError.
+        """
+        due = self._due
+        if due is None or before // due.every == now // due.every:
+            return [{} for _ in actors]
+        return [
+            {f"{HELD_OUT}{name}": value for name, value in table.summarize().items()} for table in self._play(actors)
+        ]
+
+    def _play(self, actors: Sequence[Actor]) -> list[Episodes]:
+        """Return the episodes of each policy."""
+        config, spec, due = self._config, self._spec, self._due
+        assert due is not None
+        arenas, seed = min(due.episodes, spec.max_arenas, MOST_ARENAS), config.seed ^ OTHER_SEED
+        lanes = [lane_count(spec.behaviors[actor.behavior], arenas) for actor in actors]
+        players = [Player(actor, n, seed, deterministic=False) for actor, n in zip(actors, lanes, strict=True)]
+        tables = [Episodes(n, actor.metrics) for actor, n in zip(actors, lanes, strict=True)]
+        hands, acts = make_hands(config, spec, 0, arenas, seed), make_acts(spec, arenas)
+        shares = equal_shares(due.episodes, arenas)
+        with closing(
+            Session(
+                self._address, config.game, arenas=arenas, seed=seed, options=config.options,
+                parameters=fixed(config.parameters), distributions=drawn(config.parameters),
+                timeout=config.timeout_seconds, transport=config.transport,
+            )
+        ) as session:  # fmt: skip
+            for player in players:
+                player.begin(session.steps[player.actor.behavior])
+            while not all(table.has(shares) for table in tables):
+                for player in players:
+                    player.act(session.steps[player.actor.behavior], acts[player.actor.behavior])
+                for hand, step, act in zip(hands, session.steps, acts, strict=False):  # there may be no hands
+                    hand.apply(step, act)
+                steps = session.step(acts)
+                for player, table in zip(players, tables, strict=True):
+                    table.add(steps[player.actor.behavior], player.store(steps[player.actor.behavior]))
+                for hand, step in zip(hands, steps, strict=False):
+                    hand.store(step)
+        for table in tables:
+            table.keep(shares)
+        return tables

@@ -1,0 +1,138 @@
+"""What a run was made with: versions, commit, packages, machine, command line and environment variables.
+
+It stands in the run's folder, once for each training that continued it, and in every checkpoint.
+"""
+
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import distribution, distributions
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+
+from joybridge.config.errors import ConfigError
+from joybridge.config.files import write_atomically
+from joybridge.contract.files import read_file
+
+FILE = "origin.json"  # in the folder of a run
+MAX_BYTES = 2**24  # of it
+VARIABLES = ("CUDA_", "JOYBRIDGE_", "MKL_", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHONHASHSEED", "PYTORCH_", "TORCH_")
+SECRETS = ("KEY", "PASSWORD", "SECRET", "TOKEN")  # in names of variables that are left out
+COMPUTING = ("torch", "numpy", "numba", "scipy", "gymnasium", "pettingzoo", "pygame")  # are named first
+
+
+class Origin(BaseModel):
+    """With what a training ran."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
+
+    joybridge: str  # version
+    commit: str  # of the sources, with "-dirty" behind it if they were changed; "": not known
+    python: str
+    packages: dict[str, str]  # versions of everything that is installed
+    system: str
+    processor: str
+    cores: int
+    accelerators: list[str]
+    command: str
+    environment: dict[str, str]
+    began: str  # in UTC
+
+
+@cache
+def own_origin() -> Origin:
+    """Return what this process runs with."""
+    installed = {one.name: one.version for one in distributions() if one.name}
+    return Origin(
+        joybridge=installed["joybridge"],
+        commit=_commit(),
+        python=platform.python_version(),
+        packages=dict(sorted(installed.items(), key=lambda pair: pair[0].lower())),
+        system=f"{platform.system()} {platform.release()} {platform.machine()}",
+        processor=_processor(),
+        cores=os.cpu_count() or 1,
+        accelerators=_accelerators(),
+        command=shlex.join(sys.argv),
+        environment={
+            name: value
+            for name, value in sorted(os.environ.items())
+            if name.startswith(VARIABLES) and not any(word in name for word in SECRETS)
+        },
+        began=f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S}",
+    )
+
+
+def keep_origin(run: Path) -> None:
+    """Add what this process runs with to the folder of a run, once. Raises StorageError, and ConfigError."""
+    origins = run_origins(run)
+    if own_origin() not in origins:
+        content = [one.model_dump() for one in (*origins, own_origin())]
+        write_atomically(run / FILE, json.dumps(content, indent=1).encode())
+
+
+def run_origins(run: Path) -> list[Origin]:
+    """Return with what the trainings of a run ran, the first one first; none if nobody has noted it.
+
+    Raises ConfigError.
+    """
+    try:
+        return TypeAdapter(list[Origin]).validate_json(read_file(run / FILE, MAX_BYTES))
+    except FileNotFoundError:
+        return []
+    except (OSError, ValidationError) as error:
+        reason = str(error).partition("\n")[0]
+        raise ConfigError(f"{run / FILE} cannot be read ({reason}); delete it, it is only for people") from error
+
+
+def differences(trained: Origin) -> Iterator[str]:
+    """Yield what was otherwise in a training than it is here and may change numbers, as in "torch 2.8 (here 2.9)"."""
+    here = own_origin()
+    pairs = {name: (getattr(trained, name), getattr(here, name)) for name in ("joybridge", "commit", "python")}
+    before, now = trained.packages, here.packages
+    names = [*COMPUTING, *(name for name in before if name not in COMPUTING)]
+    pairs |= {
+        name: (before[name], now.get(name, "missing")) for name in names if name in before and name != "joybridge"
+    }
+    yield from (f"{name} {was} (here {now})" for name, (was, now) in pairs.items() if was and now and was != now)
+
+
+def remark(trained: Origin | None, most: int = 5) -> str:
+    """Return in a line how a training differs from what runs here, naming so many differences; "": it does not."""
+    found = [] if trained is None else list(differences(trained))
+    if not found:
+        return ""
+    more = f", and {len(found) - most} more packages" if len(found) > most else ""
+    return f"trained with {', '.join(found[:most])}{more}: numbers may differ"
+
+
+def _commit() -> str:
+    """Return the commit of the checkout, or of what pip has installed; "" if neither is known."""
+    root = Path(__file__).parents[3]
+    if (root / ".git").exists():
+        command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+        with suppress(OSError, subprocess.SubprocessError):
+            return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    with suppress(TypeError, ValueError, KeyError):  # it was not installed from a repository
+        return str(json.loads(distribution("joybridge").read_text("direct_url.json") or "")["vcs_info"]["commit_id"])
+    return ""
+
+
+def _processor() -> str:
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.partition(": ")[2] for line in lines if line.startswith("model name"))
+    return platform.processor()
+
+
+def _accelerators() -> list[str]:
+    import torch  # takes seconds to load; whoever trains has done so
+
+    return [torch.cuda.get_device_name(index) for index in range(torch.cuda.device_count())]

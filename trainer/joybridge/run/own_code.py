@@ -1,0 +1,72 @@
+"""Code that a configuration names, by `network` and `loss`: imported for a run only if this user trained it here.
+
+A run is a folder that anybody may have made. The names in its configuration are believed if this user signed them on
+this machine and in this folder (see own_runs.py), or says so with --trust-run.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from joybridge.client.own_runs import is_ours, sign
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError, StorageError, UntrustedRunError
+from joybridge.config.files import write_atomically
+from joybridge.contract.files import read_file
+from joybridge.contract.text import printable
+
+FILE = "code.json"  # in the folder of a run
+MAX_BYTES = 2**12  # of it
+
+_trusted: set[Path] = set()  # runs that the command line says to believe
+
+
+def code_of(config: Config) -> list[str]:
+    """Return the code that a configuration names, "module:name" each, sorted."""
+    policies = [config.policy, *map(config.policy_config, config.policies)]
+    return sorted({name for policy in policies for name in (policy.network, policy.loss) if name})
+
+
+def trust(run: Path) -> None:
+    """Believe what the configuration of a run names, until this process ends."""
+    _trusted.add(run.resolve())
+
+
+def sign_code(run: Path, config: Config, say: Callable[[str], None]) -> None:
+    """Note in the folder of a run that this user trains it with the code that it names. Raises StorageError."""
+    if not code_of(config):
+        return
+    try:
+        signature = sign(_signed(config))
+    except StorageError as error:
+        say(f"{error}; the run plays with --trust-run only, because nothing shows that it is yours")
+        return
+    write_atomically(run / FILE, json.dumps({"signature": signature}).encode())
+
+
+def check_code(run: Path, config: Config) -> None:
+    """Raise UntrustedRunError unless the code that the configuration of a run names may be imported."""
+    if not (named := code_of(config)) or run.resolve() in _trusted or is_ours(_signed(config), _signature(run)):
+        return
+    raise UntrustedRunError(
+        printable(
+            f"{run} wants to import {', '.join(named)}, and you have not trained it on this machine from this folder, "
+            "so nothing was done; if you trust it, repeat the command with --trust-run"
+        )
+    )
+
+
+def _signature(run: Path) -> str:
+    path = run / FILE
+    try:
+        noted = json.loads(read_file(path, MAX_BYTES))
+    except FileNotFoundError:
+        return ""
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path} cannot be read ({error}); delete it") from error
+    return str(noted.get("signature", "")) if isinstance(noted, dict) else ""
+
+
+def _signed(config: Config) -> bytes:
+    """Return what is signed: the names, and the current folder, in which modules are looked for."""
+    return json.dumps([code_of(config), str(Path.cwd())]).encode()

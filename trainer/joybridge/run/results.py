@@ -1,0 +1,100 @@
+"""The runs in a folder as a table, and all their metrics as a frame of pandas.
+
+from joybridge.run.results import load
+
+frame = load("runs")  # a row per run, policy and row of metrics
+frame.groupby(["game", "layout"]).reward.max()
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import Row, read_rows
+from joybridge.contract.errors import JoybridgeError
+from joybridge.run.checkpoint import checkpoints
+from joybridge.run.folder import run_config
+from joybridge.run.origin import Origin, run_origins
+
+if TYPE_CHECKING:
+    import pandas
+
+__all__ = ["Run", "find_runs", "load", "read_run", "table"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run, as its folder shows it."""
+
+    path: Path
+    config: Config
+    timesteps: int  # of the newest checkpoint
+    rows: dict[str, list[Row]]  # of metrics, by policy
+    origins: list[Origin]  # of its trainings
+
+
+def find_runs(folder: Path) -> list[Path]:
+    """Return the folders of runs in a folder and those below it, by name. Raises ConfigError if there are none."""
+    runs = sorted(path.parent for path in folder.rglob("config.yaml") if (path.parent / "checkpoints").is_dir())
+    if not runs:
+        raise ConfigError(f"{folder} holds no run: no folder in it has a config.yaml and checkpoints")
+    return runs
+
+
+def read_run(path: Path) -> Run:
+    """Return what the folder of a run shows. Raises ConfigError and CheckpointError."""
+    saved = checkpoints(path)
+    rows = {file.stem.removeprefix("metrics-"): read_rows(file) for file in sorted(path.glob("metrics-*.csv"))}
+    return Run(path, run_config(path), int(saved[-1].name) if saved else 0, rows, run_origins(path))
+
+
+def load(folder: str | Path) -> "pandas.DataFrame":
+    """Return the metrics of all runs in a folder and below it.
+
+    Columns: run (the folder, from here), game, layout, seed, policy, then those of the files of metrics; what a game
+    does not have is NaN. Needs pandas: `pip install 'joybridge[results]'`. Raises ConfigError and CheckpointError.
+    """
+    import pandas
+
+    return pandas.DataFrame([row for path in find_runs(Path(folder)) for row in _rows(read_run(path), Path(folder))])
+
+
+def _rows(run: Run, folder: Path) -> Iterator[dict[str, object]]:
+    config = run.config
+    about = {
+        "run": run.path.relative_to(folder).as_posix(), "game": config.game, "layout": config.layout,
+        "seed": config.seed,
+    }  # fmt: skip
+    for policy, rows in run.rows.items():
+        yield from ({**about, "policy": policy, **row} for row in rows)
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    """Return a line per run of a folder and below it, as text by column; a damaged run says so. Raises ConfigError."""
+    lines = []
+    for path in find_runs(folder):
+        name = path.relative_to(folder).as_posix()
+        try:
+            lines.append({"run": name, **_line(read_run(path))})
+        except JoybridgeError as error:
+            lines.append({"run": name, "game": f"cannot be read: {error}"})
+    return lines
+
+
+def _line(run: Run) -> dict[str, str]:
+    rows = next(iter(run.rows.values()), [])  # of the first policy
+    rewards = [row["reward"] for row in rows if "reward" in row]
+    origin = run.origins[-1] if run.origins else None
+    return {
+        "game": run.config.game,
+        "layout": run.config.layout,
+        "seed": str(run.config.seed),
+        "timesteps": f"{run.timesteps:,} of {run.config.end:,}",
+        "reward": f"{rewards[-1]:.2f}" if rewards else "",
+        "highest": f"{max(rewards):.2f}" if rewards else "",
+        "minutes": f"{rows[-1]['seconds'] / 60:.1f}" if rows and "seconds" in rows[-1] else "",
+        "made with": f"{origin.joybridge} {origin.commit[:8]}".strip() if origin else "",
+    }
