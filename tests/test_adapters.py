@@ -5,13 +5,16 @@ from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
+import pygame
 import pytest
 
 from joybridge.commands.__main__ import main
 from joybridge.contract.codec import ActArrays
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game, load_games
+from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.listing import listing
+from tests.support.games import Hybrid
 
 HERE = "tests.support.environments"
 MIXED = f"gym:{HERE}:Mixed-v0"
@@ -109,6 +112,40 @@ def test_an_environment_that_misbehaves_is_an_error_with_the_place(fault, text):
     game.step(mixed_act())
     with pytest.raises(GameError, match=text):
         game.step(mixed_act())
+
+
+def test_environments_are_closed_also_when_the_games_begin_anew(tmp_path):
+    game = play(f"gym:{HERE}:Holding-v0 folder={tmp_path}", arenas=2)
+    first = [one.env.unwrapped.process for one in game.games]
+    game.reset(7, {})
+    second = [one.env.unwrapped.process for one in game.games]
+    assert all(process.returncode is not None for process in first)
+    assert all(process.returncode is None for process in second)
+    game.close()
+    assert all(process.returncode is not None for process in second)
+
+
+def test_pygame_stays_for_the_arenas_of_others():
+    one, other = (play("gym:CartPole-v1 render_mode=rgb_array") for _ in range(2))
+    picture = one.draw(0), other.draw(0)
+    one.close()
+    assert pygame.display.get_init() and np.array_equal(other.draw(0), picture[1])
+    other.close()
+
+
+def test_one_game_that_cannot_be_closed_leaves_the_others_closed():
+    closed = []
+
+    class Closing(Hybrid):
+        def close(self):
+            closed.append(self)
+            if len(closed) == 2:
+                raise OSError("it is stuck")
+
+    game = batched(Closing)({"size": "small", "masks": "on"}, {}, 3, 0, 1)
+    with pytest.raises(OSError, match="it is stuck"):
+        game.close()
+    assert len(closed) == 3
 
 
 @pytest.mark.parametrize(

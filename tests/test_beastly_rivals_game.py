@@ -10,13 +10,13 @@ from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import check_spec
 from joybridge.games.beastly_rivals import rules as r
 from joybridge.games.beastly_rivals.game import BeastlyRivals
+from joybridge.games.level_sets import LEVELS_OPTION
 from joybridge.games.locomotion import LOCOMOTIONS
 from joybridge.games.sight import SIGHT_OPTIONS
 from tests.support.measured import interpreted
 
-OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on", "clock": "together"} | {
-    option.name: option.default_choice for option in SIGHT_OPTIONS
-}
+OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on", "clock": "together"}
+OPTIONS |= {option.name: option.default_choice for option in [LEVELS_OPTION, *SIGHT_OPTIONS]}
 NEAR = 1e-12
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from joybridge.games.beastly_rivals import rules as r
 from joybridge.games.beastly_rivals.game import CHANNELS
+from joybridge.games.beastly_rivals.pitches import make_pitches
 from joybridge.simulator.randomness import open_streams, reserve
 
 SURVIVAL, DEATH, EARLY_BLINK = range(3)
@@ -21,7 +22,8 @@ class Scene:
         self.rules, self.streams, self.number = rules, open_streams(1, 0, 1), 0
         self.arenas = np.zeros(1, r.ARENA).view(np.recarray)
         self.arenas.beast_speed = 1.0
-        r.begin(self.arenas, self.streams, rules)
+        self.world = r.World(rules, make_pitches(1), False)
+        r.begin(self.arenas, self.streams, self.world)
         self.arena = self.arenas[0]
         self.put(**{"cursor": (0, 0), "character": (5, 0), "beast": (-5, 0), "sphere": (0, -7), **places})
 
@@ -38,7 +40,7 @@ class Scene:
         for _ in range(count):
             reserve(self.streams, r.MOST_DRAWS)
             action = np.array([velocity], float), np.array([move], np.int32), np.array([blink], np.int32)
-            r.tick(self.arenas, self.streams, self.rules, self.number % r.DECISION_TICKS, *action, rewards)
+            r.tick(self.arenas, self.streams, self.world, self.number % r.DECISION_TICKS, *action, rewards)
             self.number += 1
         return rewards[0]
 
@@ -48,7 +50,7 @@ class Scene:
 
     def begin_episode(self):
         reserve(self.streams, r.MOST_DRAWS)
-        r.begin_episodes(self.arenas, self.streams, self.rules, np.ones(1, bool))
+        r.begin_episodes(self.arenas, self.streams, self.world, np.ones(1, bool))
 
     def speed(self, body):
         return math.hypot(self[body].vx, self[body].vz)
@@ -276,7 +278,7 @@ def test_sphere_is_held_at_7_125_and_keeps_its_velocity():
 def test_new_episodes_spread_the_bodies_evenly_over_the_pitch_and_begin_the_game_at_rest():
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
     arenas.beast_speed = 1.0
-    r.begin(arenas, open_streams(5, 0, len(arenas)), r.ORIGINAL)
+    r.begin(arenas, open_streams(5, 0, len(arenas)), r.World(r.ORIGINAL, make_pitches(1), False))
     for body in ("cursor", "character", "sphere"):
         radius = np.hypot(arenas[body]["x"], arenas[body]["z"])
         assert 7.4 < radius.max() <= 7.5

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,31 @@ def test_a_missing_module_of_the_author_is_named(folder, monkeypatch):
 def test_a_place_without_a_module_says_where_modules_are_looked_for(place):
     with pytest.raises(CatalogError, match="expected MODULE:CLASS, importable from the current folder"):
         load_game(place)
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        ("import what_nobody_has", "one of its own imports failed"),
+        ("raise RuntimeError('no card \\x1b[2J')", r"raises RuntimeError when it is imported \(no card \\x1b\[2J\)"),
+        ("import sys; sys.exit(0)", "raises SystemExit when it is imported"),
+        ("from joybridge.simulator import Game\nclass Installed(Game): pass", "cannot be described: AttributeError"),
+        ("from joybridge.games.orchard.game import Orchard\nclass Installed(Orchard): pass", "already a game named"),
+        ("Installed = 3", "is not a subclass of"),
+    ],
+)
+@pytest.mark.promise("X7")
+def test_an_installed_package_that_is_broken_takes_only_itself_away(source, reason, folder, monkeypatch, caplog):
+    (folder / "broken_package.py").write_text(source)
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.delitem(sys.modules, "broken_package", raising=False)
+    point = EntryPoint("installed", "broken_package:Installed", "joybridge.games")
+    monkeypatch.setattr("joybridge.simulator.catalog.entry_points", lambda group: [point])
+    assert list(load_games()) == list(BUILT_IN)
+    (record,) = caplog.records
+    assert re.search(f"a game of an installed package is left out: .*{reason}", record.getMessage())
+    with pytest.raises(CatalogError, match=reason.replace(r"\x1b", "\x1b")):  # asked for by name, it is the error
+        load_games(["broken_package:Installed"])
 
 
 def test_a_place_without_a_class_names_the_module_s_own(folder, monkeypatch):

@@ -87,6 +87,7 @@ def test_there_are_many_checks_each_with_a_rule_and_a_section_of_the_manual():
 
 
 @pytest.mark.slow
+@pytest.mark.promise("P3")
 def test_the_server_passes_every_check_from_end_to_end(simulator, tmp_path):
     junit = tmp_path / "junit.xml"
     games = [part for game in GAMES for part in ("--game", game)]
@@ -114,6 +115,7 @@ def test_the_server_passes_every_check_from_end_to_end(simulator, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("game", [game for game in BUILT_IN if game not in GAMES])
+@pytest.mark.promise("P3")
 def test_every_other_game_passes_every_check_of_what_it_sends(game, simulator):
     checks = select(families=FAMILIES_OF_GAMES)
     # Over the Unix socket, because it is faster.

@@ -78,6 +78,7 @@ def test_a_write_that_was_cut_off_is_ignored_and_then_replaced(tmp_path):
     assert not half.exists()
 
 
+@pytest.mark.promise("C2")
 def test_every_flipped_byte_and_every_cut_is_noticed(tmp_path):
     folder = keep(tmp_path, 5)
     tries = 0
@@ -229,6 +230,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize(("arrays", "text"), HOSTILE.values(), ids=HOSTILE)
+@pytest.mark.promise("X3")
 def test_a_checkpoint_of_a_stranger_is_refused_in_a_sentence(arrays, text, tmp_path):
     seal(keep(tmp_path, 5), arrays, text)
     with pytest.raises(CheckpointError, match=r"000000000005 cannot be read: \S") as caught:
@@ -268,6 +270,7 @@ def folder_of(run: Path) -> list[tuple[str, bytes]]:
 
 @pytest.mark.parametrize("call", ["mkdir", "write", "fsync", "rename"])
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
+@pytest.mark.promise("F6")
 def test_what_cannot_be_written_is_said_and_leaves_nothing_behind(call, number, tmp_path, monkeypatch):
     keep(tmp_path, 3)
     before = folder_of(tmp_path)
@@ -291,6 +294,7 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing_behind(call, number, 
     assert newest(tmp_path) == 3
 
 
+@pytest.mark.promise("C1")
 def test_a_kill_at_any_line_of_saving_leaves_a_checkpoint_that_can_be_loaded(tmp_path, monkeypatch):
     """What a kill leaves on the disk is what there is before the line; nothing cleans up."""
     monkeypatch.setattr(os, "fsync", lambda _: None)  # which takes most of the time

@@ -61,6 +61,7 @@ def test_a_session_opens_beside_one_whose_connection_swallows_every_byte(address
 
 
 @pytest.mark.parametrize("transport", ["grpc", "local"])
+@pytest.mark.promise("F7")
 def test_a_closed_session_leaves_no_connection(address, transport):
     played(address, 0)  # whatever is made once
     gc.disable()  # which would end what only a cycle of references keeps
@@ -131,11 +132,12 @@ def test_receive_without_send_is_an_error(address):
         session.receive()
 
 
+@pytest.mark.promise("L4")
 def test_a_wait_for_a_simulator_ends_and_names_the_command_that_starts_one():
     said: list[str] = []
     with pytest.raises(SimulatorLost, match="start one there with `joybridge serve --address"):
-        wait_for("127.0.0.1:1", 0.0, said.append)
-    assert said == ["waiting up to 0 s for a simulator at 127.0.0.1:1 (nothing listens there) …"]
+        wait_for("127.0.0.1:1", 1.5, said.append)
+    assert said == ["waiting for a simulator at 127.0.0.1:1, 1 s more: nothing listens there"]
 
 
 @contextmanager
@@ -159,6 +161,7 @@ def answering(describe: bytes | None = None, *answers: bytes) -> Iterator[str]:
         end.set()
 
 
+@pytest.mark.promise("L2")
 def test_a_simulator_that_does_not_answer_in_time_is_lost_and_the_error_says_what_was_waited_for():
     with answering() as silent, Session(silent, "gauntlet", arenas=3, first_arena=5, seed=0) as session:
         impatient(session)
@@ -173,6 +176,7 @@ def test_a_simulator_that_does_not_answer_in_time_is_lost_and_the_error_says_wha
 
 
 @pytest.mark.parametrize("ask", [Session.save, Session.reset, lambda session: session.receive()])
+@pytest.mark.promise("L2")
 def test_every_wait_of_a_session_ends(ask):
     with answering() as silent, Session(silent, "gauntlet", arenas=3, seed=0) as session:
         impatient(session)
@@ -214,6 +218,7 @@ def test_what_is_no_message_is_an_error_that_says_so(capfd):
     assert "Traceback" not in capfd.readouterr().err
 
 
+@pytest.mark.promise("S3")
 def test_a_response_that_was_not_asked_for_ends_the_session_instead_of_answering_the_next_request(monkeypatch):
     monkeypatch.setattr(stream, "PAUSE_SECONDS", -1.0)  # every call comes after a pause, however quick the machine is
     server = BrokenServer(set(), service=AnswersTwice)
@@ -313,6 +318,7 @@ session.send(make_acts(session.spec, 2))
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("transport", "least"), [("grpc", 50), ("local", 20)])
+@pytest.mark.promise("F5")
 def test_no_interrupt_is_lost_at_any_instruction_of_a_session(address, monkeypatch, transport, least):
     """A session that was interrupted goes on if it was not using the simulator; otherwise it is lost."""
     monkeypatch.setattr(stream, "PAUSE_SECONDS", -1.0)  # every call comes after a pause, however busy the machine is

@@ -1,10 +1,12 @@
 """The trainer's command line: what is refused, and in which words. In process: only errors are looked at."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from joybridge.commands.__main__ import main
+from joybridge.run.checkpoint import Manifest, save_checkpoint
 
 pytestmark = pytest.mark.usefixtures("signals")
 
@@ -76,6 +78,25 @@ def test_settings_are_checked_before_a_simulator_is_waited_for(arguments, messag
     errors = capsys.readouterr().err
     assert message in errors
     assert "waiting" not in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["gone"], "CONFIG"),
+        (["run", "--simulator", "127.0.0.1:1", "--token-file", "gone"], "CREDENTIALS"),
+        (["run", "--simulator", "127.0.0.1:1", "--wait", "0.01"], "SIMULATOR_LOST"),
+    ],
+)
+def test_an_error_is_an_object_for_programs(arguments, code, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/config.yaml").write_text("game: hybrid")
+    save_checkpoint(tmp_path / "run", {}, Manifest(timesteps=1))
+    assert main(["evaluate", *arguments, "--json"]) == 1
+    output, errors = capsys.readouterr()
+    said = json.loads(output.splitlines()[-1])["error"]
+    assert said["code"] == code and f"error: {said['text']}\n" in errors
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from joybridge.compare.variants import VARIANTS, check_game, differences, kept_s
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.run_lock import locked
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
 
@@ -102,6 +103,7 @@ def assert_same(one: Path, other: Path) -> None:
 
 
 @pytest.mark.no_cover  # see `whole`
+@pytest.mark.promise("F2")
 def test_a_comparison_that_was_killed_and_is_repeated_ends_in_the_same_figures(whole, copied, simulator):
     # As a kill leaves it: a finished run, one that was interrupted after a checkpoint, two that have not begun.
     for name in ("hybrid-s1", "bucket-3-s0", "bucket-3-s1"):
@@ -220,6 +222,14 @@ def test_damaged_metrics_are_named_and_nothing_else_is_lost(whole, copied):
     forget("hybrid-s1")
     done = run_in(copied, "127.0.0.1:1")
     assert "out/runs/hybrid-s1 has no metrics; delete this folder, and repeat the command" in done.errors
+
+
+@pytest.mark.promise("S1")
+def test_a_second_comparison_in_the_same_folder_is_refused_while_the_first_one_runs(copied):
+    with locked(OUT):
+        done = run_in(copied, "127.0.0.1:1")
+    assert done.status == 1
+    assert re.search(r"out is being trained by process \d+ .*; end that training, or .* with --output", done.errors)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.config.config import OTHER_NAMES, Config, PolicyConfig, dump_config, load_config
+from joybridge.config.config import OTHER_NAMES, Config, PolicyConfig, dump_config, load_config, read_overrides
 from joybridge.config.errors import ConfigError
 from joybridge.run.checkpoint import Manifest, save_checkpoint
 from joybridge.run.folder import check_run, keep_config, run_name
@@ -81,12 +81,21 @@ LAUGHS = "game: g\noptions:\n  a0: &a0 ha\n" + "".join(
     f"  a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
 )
 
+MERGES = "game: g\noptions:\n  a0: &a0 {x: 1}\n" + "".join(
+    f"  a{i}: &a{i} {{<<: [*a{i - 1}, *a{i - 1}]}}\n" for i in range(1, 41)
+)
+
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         (LAUGHS, "its aliases make it too large"),
         ("game: g\noptions: &a {b: *a}", "is not YAML|too large"),
+        (MERGES, "it has the key `<<`; write the keys themselves, or use `extends`"),
+        ("game: g\noptions: !!bool maybe", "is not YAML"),
+        ("game: g\nseed: !!int ''", "is not YAML"),
+        ("game: g\ntotal_timesteps: !!float ''", "is not YAML"),
+        ('game: g\npolicy: {hidden_sizes: "\\e]0;owned\\a"}', r"for example policy.hidden_sizes=\[\\x1b\]0, owned"),
         ("game: " + "[" * 30_000, "it is nested more than 10 times"),
         ("game: g\nseed: 0x" + "f" * 30_000, "seed: got an integer of very many digits"),
         ("game: g\nseed: " + "9" * 5000, "is not YAML"),
@@ -104,12 +113,18 @@ LAUGHS = "game: g\noptions:\n  a0: &a0 ha\n" + "".join(
         ("game: !!python/object/apply:os.system [id]", "is not YAML"),
     ],
 )
+@pytest.mark.promise("X3")
 def test_a_file_of_a_stranger_is_refused_in_a_sentence(text, message, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "loop").symlink_to("loop")
     with pytest.raises(ConfigError, match=message) as caught:
         load_config(write(tmp_path, text))
     assert len(str(caught.value)) < 6000
+
+
+def test_an_override_of_very_many_parts_is_refused():
+    with pytest.raises(ConfigError, match="has 3,001 parts, expected 10 at most"):
+        read_overrides(["." * 3000 + "=1"])
 
 
 def test_files_extend_each_other_ten_times_at_most(tmp_path):

@@ -72,6 +72,7 @@ def buf() -> list[str]:
     return command
 
 
+@pytest.mark.promise("P4")
 def test_the_proto_file_keeps_the_standard_lint_rules_of_buf(buf):
     done = subprocess.run([*buf, "lint", "proto"], cwd=PROTO.parent, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "")
@@ -132,6 +133,7 @@ def breaks(before: FileDescriptorSet, after: FileDescriptorSet) -> list[str]:
     return [name for name, fact in facts(before) if name not in now or now[name] != fact]
 
 
+@pytest.mark.promise("P4")
 def test_the_contract_keeps_what_v1_began_with():
     assert breaks(read(BASELINE), read(GENERATED / "bridge.binpb")) == []
 

@@ -1,5 +1,6 @@
 """Sessions are recorded as demonstrations, survive what happens to files, are repeated, and are cloned."""
 
+import json
 import re
 import subprocess
 import sys
@@ -13,8 +14,9 @@ import numpy as np
 import pytest
 import torch
 
+from joybridge.client import recording
 from joybridge.client.client import Session
-from joybridge.client.recording import RecordingError, load_recording
+from joybridge.client.recording import Kind, Record, RecordingError, Writer, load_recording
 from joybridge.commands.__main__ import main
 from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.commands.replay import FaultFound, replay
@@ -86,6 +88,7 @@ def test_a_demonstration_is_repeated_to_the_same_bytes(demos, simulator, capsys)
     assert record(demos / "again", simulator).read_bytes() == file.read_bytes()
 
 
+@pytest.mark.promise("D3")
 def test_another_game_under_the_same_name_is_noticed(tmp_path):
     class Other(Gauntlet):
         def step(self, acts):
@@ -151,6 +154,27 @@ def test_what_a_person_holds_is_demonstrated_and_what_chance_plays_is_not(tmp_pa
     held = [[stretch.demonstrated(number, index).tolist() for index in (0, 1)] for number in range(4)]
     assert held == [[[False], [True, False]]] * 3 + [[[True], [True, True]]]
     assert all(act[1].choices[0, 0] == 1 for act in stretch.acts)
+
+
+@pytest.mark.parametrize("lane", [0.5, 1.0, True, "0", None, -1, 2])
+def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
+    with Session(simulator, "hybrid", arenas=2, seed=1) as session:
+        session.record_demonstration(tmp_path)
+        session.step(make_acts(session.spec, 2))
+        described = session.spec
+    (file,) = tmp_path.iterdir()
+    first, *records = _records(file)
+    writer = Writer(json.loads(first))
+    file.write_bytes(writer.first_line + writer.encode([Record(Kind.HELD, json.dumps([[lane]]).encode()), *records]))
+    with pytest.raises(RecordingError, match="breaks the contract"):
+        load_demonstration(file, described)
+
+
+def _records(file):
+    """Return the first line of a file, and its records."""
+    data = file.read_bytes()
+    end = data.index(b"\n") + 1
+    return data[:end], *recording._read(file, data, end)[0]
 
 
 def test_a_second_session_makes_another_file(demos, simulator):

@@ -19,7 +19,7 @@ from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.keys import SCHEMA, all_keys
 from joybridge.v1 import bridge_pb2 as pb
 from tests.test_public_api import PROMISED
-from tools.docs import errors, reference
+from tools.docs import errors, promises, reference
 from tools.docs.api import api, exported
 from tools.docs.contract import contract
 from tools.docs.pages import INSTEAD, filled
@@ -96,8 +96,9 @@ def test_every_option_of_a_command_in_a_document_exists(command, capsys):
         if words[0] == command
         for option in re.findall(r"--[a-z-]+", " ".join(words).split("|")[0])
     }
-    with pytest.raises(SystemExit):
-        main([command, "--help"])
+    for part in ([], ["record"], ["replay"]) if command == "tape" else ([],):
+        with pytest.raises(SystemExit):
+            main([command, *part, "--help"])
     assert named - set(re.findall(r"--[a-z-]+", capsys.readouterr().out)) == set()
 
 
@@ -238,6 +239,7 @@ def test_the_reference_has_every_public_name_with_its_declaration():
         assert all("```python" in section or "contract.md#" in section for section in sections)
 
 
+@pytest.mark.promise("O1")
 def test_the_reference_of_errors_has_every_reason_and_every_exception():
     names = {name.removeprefix("REASON_") for name in pb.Reason.keys()} - {"UNSPECIFIED"}  # noqa: SIM118
     assert set(errors.REASONS) == names and all(f"\n| `{name}` | `" in errors.reasons() for name in names)
@@ -245,6 +247,26 @@ def test_the_reference_of_errors_has_every_reason_and_every_exception():
     assert len(found) > 20 and set(errors.EXCEPTIONS) == set(found), "say in tools/docs/errors.py what to do"
     assert sorted(re.findall(r"- \*\*(\w+)\*\*", errors.exceptions())) == sorted(found)
     assert all(docstring for _, _, docstring in found.values())
+
+
+CODES = [  # of version 0.1.0
+    "ACTION", "ADAPTER", "ARENA", "CATALOG", "CHECKPOINT", "COMMUNICATOR", "CONFIG", "CREDENTIALS", "DEVICE",
+    "DIVERGED", "DOOR", "EXPORT", "FAULT_FOUND", "GAME", "MESSAGE", "NEW_GAME", "NO_SUCH_GAME", "RECORDING",
+    "RUN_LOCKED", "SELECTION", "SERVER", "SETTING", "SIMULATOR", "SIMULATOR_LOST", "SIMULATOR_SHUT_DOWN", "SPEC",
+    "STORAGE", "TENSOR", "UNTRUSTED_RUN",
+]  # fmt: skip
+
+
+@pytest.mark.promise("O1")
+def test_codes_of_errors_stay_the_same():
+    assert set(CODES) <= {errors.code_of(name) for name in errors.found_exceptions()}
+
+
+@pytest.mark.promise("T2")
+def test_every_promise_is_held_by_a_test_and_every_marker_by_a_promise():
+    held = promises.tests_by_promise()
+    assert set(held) == set(promises.PROMISES) and len(held) >= 40
+    assert all(f"| {number} | {text} | `test_" in promises.promises() for number, text in promises.PROMISES.items())
 
 
 def test_the_schema_for_editors_is_that_of_the_configuration():

@@ -71,6 +71,7 @@ def files(tmp_path_factory) -> tuple[Path, Path, Path]:
     command += ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
     subprocess.run([*command, "-keyout", str(key), "-out", str(certificate)], check=True, capture_output=True)
     token.write_text(TOKEN + "\n")
+    token.chmod(0o600)
     return certificate, key, token
 
 
@@ -95,6 +96,7 @@ def test_addresses_of_this_machine_alone_need_no_protection(place):
 
 
 @pytest.mark.parametrize("place", ["0.0.0.0:0", "[::]:5005", "192.0.2.1:5005", "0:5005"])
+@pytest.mark.promise("X1")
 def test_other_addresses_are_refused_without_both_tls_and_a_token(place, files):
     certificate, key, token = files
     for given_files in ((None, None, None), (certificate, key, None), (None, None, token)):
@@ -129,6 +131,19 @@ def test_malformed_addresses_are_refused(text):
     else:
         with pytest.raises(argparse.ArgumentTypeError, match="expected HOST:PORT"):
             address(text)
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o660])
+@pytest.mark.promise("X2")
+def test_a_token_that_other_users_can_read_is_refused(mode, tmp_path):
+    token = tmp_path / "token"
+    token.write_text(TOKEN)
+    token.chmod(mode)
+    with pytest.raises(CredentialsError, match=r"other users can read; keep it with `chmod 600 .*token`") as caught:
+        load_credentials(token_file=token)
+    assert TOKEN not in str(caught.value)
+    token.chmod(0o600)
+    assert load_credentials(token_file=token).token == TOKEN
 
 
 # ------------------------------------------------------------------------------------------------------- TLS
@@ -171,6 +186,7 @@ DAMAGES = [nothing, garbage, truncated, truncated_inside, a_folder, a_pipe, an_e
 
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("damaged", ["server.pem", "server.key"])
+@pytest.mark.promise("X1")
 def test_a_server_that_is_told_to_use_tls_never_listens_without(damaged, damage, files, tmp_path, capsys):
     certificate, key, token = [Path(shutil.copy(file, tmp_path)) for file in files]
     damage(tmp_path / damaged)
@@ -214,6 +230,7 @@ SENDING = {
 
 
 @pytest.mark.parametrize("command", SENDING)
+@pytest.mark.promise("X2")
 def test_no_command_sends_a_token_in_clear_text_to_another_machine(command, files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run, arguments = SENDING[command]
@@ -292,6 +309,7 @@ def test_bytes_that_are_no_message_are_refused_by_the_companions(simulator, meth
 
 
 @pytest.mark.parametrize("algorithm", [grpc.Compression.Gzip, grpc.Compression.Deflate])
+@pytest.mark.promise("X6")
 def test_compressed_messages_are_refused_before_they_are_unpacked(simulator, algorithm):
     with Stream(simulator, compression=algorithm) as stream:
         code, text = stream.refusal(start("x" * 50_000_000))

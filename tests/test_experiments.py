@@ -179,6 +179,7 @@ def test_a_killed_run_is_reported_with_its_signal(configs, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.nightly
+@pytest.mark.promise("F2")
 def test_a_grid_that_is_killed_with_its_trainers_and_repeated_ends_with_the_same_results(
     whole, configs, resume, tmp_path, monkeypatch, signals
 ):
@@ -203,6 +204,7 @@ def refuse(finished: Job) -> Process:
     raise AssertionError(f"{finished.name} was started though it had finished")
 
 
+@pytest.mark.promise("S1")
 def test_a_run_that_another_process_is_training_is_refused(configs, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "PARENT_SECONDS", 0.0)
     monkeypatch.setattr(job, "PARENT_SECONDS", 0.0)

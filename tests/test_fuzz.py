@@ -231,6 +231,7 @@ VERY_MANY = {
 
 
 @pytest.mark.parametrize("what", VERY_MANY)
+@pytest.mark.promise("X4")
 def test_very_many_of_anything_are_refused_in_few_words(channel, what):
     begun = [start("hybrid", ARENAS)] if VERY_MANY[what].HasField("act") else []
     responses, code, text = play(channel, [*begun, VERY_MANY[what]])
@@ -286,6 +287,7 @@ def mutations(draw):
 
 @fuzz
 @given(st.booleans(), mutations())
+@pytest.mark.promise("P1")
 def test_mutated_requests_are_answered_or_refused(channel, begun, message):
     assert_answered_or_refused(channel, [start("hybrid", ARENAS), message] if begun else [message])
 

@@ -395,6 +395,7 @@ def test_sensors_keep_their_dtypes_on_request(make):
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", CHECKED)
+@pytest.mark.promise("E1")
 def test_check_env_passes(simulator, name, layout):
     env = gymnasium.make(name, layout=layout, simulator=simulator)
     try:
@@ -510,6 +511,7 @@ PARALLEL = [
 
 
 @pytest.mark.parametrize(("game", "layout"), PARALLEL)
+@pytest.mark.promise("E1")
 def test_pettingzoos_tests_pass(make, game, layout):
     settings = {"layout": layout, "forbidden": "first_allowed"}  # PettingZoo's tests look for masks in observations
     parallel_api_test(make(BridgeParallelEnv, game, **settings), num_cycles=100)

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from joybridge.cli import main
-from joybridge.config.config import FORMS, Config, MemoryConfig, PolicyConfig, load_config
+from joybridge.config.config import FORMS, Config, MemoryConfig, OpponentsConfig, PolicyConfig, load_config
 from joybridge.config.keys import INDENT, WIDTH, listing
 
 LINES = list(listing())
@@ -18,10 +18,11 @@ def keys(word):
 
 def test_every_key_is_listed_once_and_no_line_is_too_long():
     of_policies = {*PolicyConfig.model_fields} - {"memory"} | {f"memory.{name}" for name in MemoryConfig.model_fields}
-    known = {*Config.model_fields, *(f"policy.{name}" for name in of_policies)} - {"policy"}
+    known = {*Config.model_fields, *(f"policy.{name}" for name in of_policies)} - {"policy", "opponents"}
+    known |= {f"opponents.{name}" for name in OpponentsConfig.model_fields}
     by_name = {form.partition("=")[0]: key for key, form in FORMS.items()} | {
-        "policy.reward_weights.CHANNEL": "policy.reward_weights"
-    }
+        "policy.reward_weights.CHANNEL": "policy.reward_weights", "opponents.shares.NAME": "opponents.shares",
+    }  # fmt: skip
     listed = [by_name.get(key, key) for key in (written.partition("=")[0] for written in WRITTEN)]
     assert len(listed) == len(set(listed)) and set(listed) == known
     assert max(map(len, LINES)) <= WIDTH
@@ -30,7 +31,9 @@ def test_every_key_is_listed_once_and_no_line_is_too_long():
 def test_what_is_listed_can_be_written_and_is_the_default(tmp_path):
     path = tmp_path / "config.yaml"
     path.write_text("game: NAME")
-    overrides = [written for written in WRITTEN if written.partition("=")[2] not in ("CHOICE", "VALUE", "WEIGHT")]
+    overrides = [
+        written for written in WRITTEN if written.partition("=")[2] not in ("CHOICE", "VALUE", "WEIGHT", "SHARE")
+    ]
     assert load_config(path, overrides) == Config(game="NAME")
 
 

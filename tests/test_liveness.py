@@ -1,5 +1,6 @@
 """A game that hangs, or a client that is silent, costs its own session and nothing else."""
 
+import socket
 import subprocess
 import threading
 import time
@@ -12,6 +13,7 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from joybridge.contract.codec import pack
+from joybridge.contract.local_socket import LENGTH
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.hanging_games import HANGING, PLACES, RAISED
@@ -34,6 +36,7 @@ def press(draw=()):
 
 
 @pytest.mark.parametrize(("game", "how"), [("hangs", "loop"), ("hangs", "draw"), ("hangs_at_once", "sleep")])
+@pytest.mark.promise("P7")
 def test_a_game_that_hangs_disturbs_nobody_and_loses_its_session_after_the_limit(hasty, game, how):
     with (
         grpc.insecure_channel(hasty.address) as channel,
@@ -85,6 +88,7 @@ def test_a_game_that_raises_what_is_no_error_ends_its_session_only(hasty, game, 
     assert RAISED[how].__name__ in text
 
 
+@pytest.mark.promise("S2")
 def test_a_stream_without_a_start_is_ended_and_takes_no_place():
     arguments = ["--address", "127.0.0.1:0", "--sessions", "1", *LIMITS]
     with server(*arguments, stderr=subprocess.DEVNULL) as process, Stream(process.address) as silent:
@@ -95,6 +99,7 @@ def test_a_stream_without_a_start_is_ended_and_takes_no_place():
     assert text == "no start (see --start-seconds) for 1 s; open a new stream"
 
 
+@pytest.mark.promise("S2")
 def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(hasty):
     with Player(hasty.address, "shooting_birds") as player, Player(hasty.address, "shooting_birds") as silent:
         ended = threading.Event()
@@ -106,6 +111,18 @@ def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(has
             StatusCode.DEADLINE_EXCEEDED, "no request (see --idle-seconds) for 2 s; open a new stream",
         )  # fmt: skip
         player.play(1)
+
+
+@pytest.mark.promise("S2")
+def test_a_client_that_does_not_read_its_socket_hears_over_the_stream_why_it_ended(hasty):
+    with Player(hasty.address, "shooting_birds", local_transport=True) as greedy:
+        pictures = act(*greedy.acts(), draw=[0, 1] * 8).SerializeToString()
+        with socket.socket(socket.AF_UNIX) as unread:
+            unread.connect(greedy.socket)
+            for _ in range(9):
+                unread.sendall(LENGTH.pack(len(pictures)) + pictures)
+            status, text = greedy.stream.end()
+    assert status is StatusCode.DEADLINE_EXCEEDED and "for 2 s; open a new stream" in text
 
 
 def test_a_client_that_leaves_with_pictures_unread_is_no_error():
@@ -137,6 +154,15 @@ def test_a_signal_ends_a_server_whose_games_hang_and_the_log_says_where():
     assert status == 0
     assert text.count("the server ends although a game is still working") == 2
     assert text.count("hanging_games.py") == 2 and "time.sleep(FOREVER)" in text
+
+
+def test_a_signal_ends_a_server_whose_game_has_closed_standard_error():
+    with server("--address", "127.0.0.1:0", *games(*PLACES), stderr=subprocess.PIPE) as process:
+        with Stream(process.address) as stream:
+            stream.ask(start("hangs", options={"how": "stderr"}))
+            stream.ask(press())
+        process.terminate()
+        assert process.wait(SECONDS) == 0
 
 
 def test_a_signal_ends_a_server_even_if_its_event_loop_hangs():

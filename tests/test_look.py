@@ -34,7 +34,10 @@ assert not {"torch", "pydantic"} & set(sys.modules)
         [sys.executable, "-P", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "out/look.png: 4 pictures of my_pond, one every 3 decisions\n"
+    assert (
+        done.stdout
+        == "out/look.png: 4 pictures of my_pond, one every 3 decisions\nSail over the fish, then cast the net.\n"
+    )
     sheet = pixels(tmp_path / "out/look.png")
     assert sheet.shape[1] == 3 * (PICTURE + PANEL + 3 * MARGIN)
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 100

@@ -15,7 +15,6 @@ from minari.dataset.minari_storage import MinariStorage
 
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.cli import main
-from joybridge.client import recording
 from joybridge.client.client import Session
 from joybridge.client.recording import RecordingError
 from joybridge.config.config import Config, PolicyConfig
@@ -25,6 +24,7 @@ from joybridge.demonstrations.files import find_demonstrations, load_demonstrati
 from joybridge.demonstrations.recorded import load_recorded
 from joybridge.gym.observer import Observer
 from joybridge.layouts import list_roles
+from joybridge.minari import reading
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.simulator import axis, behavior, button, sensor, spec
@@ -343,13 +343,21 @@ def test_a_dataset_that_would_read_elsewhere_or_run_code_is_refused(tmp_path):
         load_demonstration(file, game)
 
 
-def test_a_dataset_that_is_too_large_is_refused_before_it_is_read(tmp_path):
+@pytest.mark.promise("X6")
+def test_a_dataset_that_is_too_large_is_refused_before_it_is_read(tmp_path, monkeypatch):
     game, _ = described(NUMBER, NUMBER)
     file = write(tmp_path, NUMBER, NUMBER, ([[0.0]] * 3, [[0.0]] * 2))
     with h5py.File(file, "a") as data:
-        data.create_dataset("episode_0/infos/large", (recording.LARGEST_FILE,), np.uint8, chunks=True)  # no byte of it
+        data.create_dataset("episode_0/infos/hollow", (10**8,), np.uint8, chunks=True)  # no byte of it
     assert file.stat().st_size < 100_000
-    with pytest.raises(RecordingError, match=r"4,294,967,\d+ bytes of arrays, expected at most 4,294,967,296"):
+    with pytest.raises(RecordingError, match="hollow has 100,000,000 bytes, almost none of which are in the file"):
+        load_demonstration(file, game)
+    with h5py.File(file, "a") as data:
+        del data["episode_0/infos/hollow"]
+        for number in range(6):  # none of them is suspicious
+            data.create_dataset(f"episode_0/infos/{number}", data=np.zeros(10**5, np.uint8))
+    monkeypatch.setattr(reading, "MAX_ARRAYS_BYTES", 500_000)
+    with pytest.raises(RecordingError, match=r"600,\d+ bytes of arrays, expected at most 500,000; split the dataset"):
         load_demonstration(file, game)
 
 

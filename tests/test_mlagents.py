@@ -165,6 +165,11 @@ def test_side_channels_that_are_cut_are_refused(cut):
         list(side_channels.split(data[:cut]))
 
 
+def test_side_channels_without_end_are_refused():
+    with pytest.raises(CommunicatorError, match="cut or damaged"):
+        list(side_channels.split(bytes(50_000_000)))
+
+
 @pytest.mark.parametrize(
     ("step", "text"),
     [
@@ -248,6 +253,8 @@ def test_another_version_is_refused_with_both_versions(simulator):
     with pytest.raises(CommunicatorError, match="the trainer refused version"):
         play(lambda message: ml.Message(header=ml.Header(status=END)), "hybrid", lambda hello: pytest.fail("begun"))
     check_version("1.99.0", "the trainer")
+    with pytest.raises(CommunicatorError, match=r"speaks version \\x1b\]0;x{26} of"):
+        check_version("\x1b]0;" + "x" * 1000, "the trainer")
 
 
 def test_a_trainer_hears_that_the_player_has_failed(simulator):

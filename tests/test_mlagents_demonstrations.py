@@ -192,7 +192,6 @@ def test_masks_are_read_and_obeyed(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"observations": []}, r"it observes \[\] of \[\], expected eye \[3, 2, 2\], ear \[4\]"),
         ({"observations": [observation("ear", [5], [0] * 5), observation("eye", [3, 2, 2], [0] * 12)]},
          r"it observes \['ear', 'eye'\] of \[\[5\], \[3, 2, 2\]\], expected eye"),
         ({"observations": [observation("ear", [4], [0] * 3), observation("eye", [3, 2, 2], [0] * 12)]},
@@ -258,6 +257,8 @@ def test_a_file_that_is_damaged_is_named_or_read(tmp_path):
         except RecordingError as error:
             refused += str(tmp_path / "any.demo") in str(error)
     assert refused > len(data) / 10
+    with pytest.raises(RecordingError, match=rf"the step at byte {len(data):,} has no observations"):
+        load(tmp_path, data=data + bytes(10**7))
     with pytest.raises(RecordingError, match="byte 33 is no size of a message"):
         load(tmp_path, data=data[:33] + b"\xff" * 9)
 

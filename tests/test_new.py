@@ -20,6 +20,8 @@ from joybridge.config.config import load_config
 from joybridge.config.metrics import read_rows
 from joybridge.games import BUILT_IN
 from joybridge.simulator import GameSpec, behavior, button, sensor
+from joybridge.simulator.catalog import load_game
+from joybridge.simulator.new_game import starter
 from joybridge.simulator.new_game.starter import starter_config
 from joybridge.simulator.new_game.write import TEMPLATE
 from tests.support.command_line import joybridge
@@ -90,6 +92,7 @@ def test_it_says_what_to_type_next(written):
     assert written[1] == TYPED
 
 
+@pytest.mark.promise("E2")
 def test_what_it_writes_passes_the_kit(written):
     folder, (serve, check, *_) = written
     with serving(serve, folder) as address:
@@ -116,6 +119,7 @@ def test_what_it_writes_learns_and_can_be_watched(written):
     assert json.loads(shell("python product.py", folder).replace("'", '"'))["caught"] > 10
 
 
+@pytest.mark.promise("E2")
 def test_an_author_has_written_at_most_sixty_lines():
     path = TEMPLATE / "my_game.py"
     assert 40 < len(code_lines(path)) <= 60
@@ -224,6 +228,14 @@ def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, 
     assert config.game == game and 32 <= lanes <= 64 and config.arenas <= spec.max_arenas
     assert config.policy.rollout_steps == config.policy.time_horizon <= (spec.max_episode_decisions or 60)
     assert typed(capsys.readouterr().out)[1].endswith(f"train {game}.yaml --simulator {simulator} --run runs/{game}")
+
+
+def test_a_game_whose_name_looks_like_an_option_is_written_as_a_file(folder, monkeypatch):
+    described = load_game(BUILT_IN["orchard"]).describe({})
+    described.name = "-rf"
+    monkeypatch.setattr(starter, "describe_one", lambda address, game: described)
+    said = starter.write_config("127.0.0.1:1", None, folder)
+    assert " train ./-rf.yaml --simulator " in said and " record runs/-rf ./-rf.mp4" in said
 
 
 def test_sizes_follow_the_numbers_of_an_observation():

@@ -80,9 +80,11 @@ def test_no_command_starts_what_a_run_of_a_stranger_names(command, kind, run):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.promise("X3")
 def test_no_command_calls_an_address_or_reads_a_file_that_a_run_of_a_stranger_names(command, run, spy):
     place, listening = spy
     Path("secret").write_text(TOKEN)
+    Path("secret").chmod(0o600)
     noted(run, addresses=[place], token_file="secret")
     status, output, errors = joybridge(*(word.replace("RUN", "run") for word in COMMANDS[command]))
     assert status == 2 and f"run wants to connect to {place}, read secret, and you have not" in errors

@@ -60,6 +60,7 @@ def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 
 
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.promise("M1")
 def test_the_closed_form_gradient_is_autograds(name, seed):
     compare_gradients(name, seed, "swish")
 

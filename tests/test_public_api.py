@@ -49,6 +49,7 @@ def test_the_packages_docstring_lists_every_public_name():
 
 
 PROMISED = [
+    "joybridge.adapters.tapes",
     *(
         f"joybridge.contract.{name}"
         for name in ("address", "codec", "credentials", "errors", "limits", "spec", "tensors", "versions")

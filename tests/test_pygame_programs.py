@@ -2,6 +2,8 @@
 
 import hashlib
 import io
+import re
+from argparse import Namespace
 from contextlib import closing, redirect_stderr
 from typing import Any
 
@@ -9,7 +11,9 @@ import numpy as np
 import pytest
 
 from joybridge.client.client import Session
+from joybridge.client.command_line import add_own_game
 from joybridge.client.own_games import choose_game
+from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
@@ -21,7 +25,9 @@ from joybridge.simulator.listing import listing
 from tests.support.command_line import joybridge
 from tests.support.servers import ROOT, server
 
-CATCH = f"{ROOT / 'tests/support/pygame_programs/catch.py'} 'reward=Score: (\\d+)'"
+CATCHING = ROOT / "tests/support/pygame_programs/catch.py"
+CATCH = f"{CATCHING} 'reward=Score: (\\d+)'"
+KEYS = "written with pygame. Keys in its sources: LEFT, RIGHT; that it was seen to read: LEFT, RIGHT."
 SPEC = r"""catch: .*
   option decision_interval: 4 | 1 | 2 | 8 (default 4)
   option screen: 64 | 48 | 84 | 128 (default 64)
@@ -29,7 +35,7 @@ SPEC = r"""catch: .*
   option pointer: position | velocity (default position)
   option fovea: none | 32 | 64 (default none)
   behavior player: 1 agent per arena
-    sensors: screen [55, 74, 3] uint8
+    sensors: screen [55, 74, 3] RGB
     axes: pointer_x -1..1, pointer_y -1..1
     branches: mouse_left (released | pressed), key_LEFT (released | pressed), key_RIGHT (released | pressed)
     rewards: score (weight 1)"""
@@ -295,7 +301,11 @@ def test_options_of_a_program_without_one_are_refused(words, what):
 
 def test_commands_name_a_program_by_its_place(tmp_path):
     done = joybridge("look", f"pygame:{CATCH} name=fruit", str(tmp_path / "look.png"), "--pictures", "2")
-    assert done == (0, f"{tmp_path / 'look.png'}: 2 pictures of fruit, one every 4 decisions\n", "")
+    assert done == (
+        0,
+        f"{tmp_path / 'look.png'}: 2 pictures of fruit, one every 4 decisions\n{CATCH} name=fruit, a program {KEYS}\n",
+        "",
+    )
 
 
 @pytest.mark.parametrize("place", ["pygame:", "pygame:'open"])
@@ -304,3 +314,144 @@ def test_a_place_without_a_program_is_refused_by_both_sides(place):
         load_game(place)
     with pytest.raises(ConfigError, match=r"missing|quotation"):
         choose_game(place, (), None)
+
+
+CONFIG = r"""
+game: {pygame: PROGRAM, reward: ['Score: (\d+)', 'sound:none'], done: Game over, keys: [LEFT, RIGHT], mouse: false,
+       max_decisions: 8, name: fruit}
+options: {screen: '48', colors: gray}
+arenas: 2
+groups: 1
+total_timesteps: 32
+log_interval: 16
+policy: {hidden_sizes: [4], rollout_steps: 8, frame_stack: 1, image_encoder: none, epochs: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    config = folder / "fruit.yaml"
+    config.write_text(CONFIG.replace("PROGRAM", str(CATCHING)))
+    trained = joybridge("train", str(config), "--run", str(folder / "run"), "game.max_decisions=4")
+    assert trained.status == 0, trained.errors
+    return folder / "run"
+
+
+def test_a_run_remembers_the_program_that_its_configuration_has_named(run):
+    assert (run / "config.yaml").read_text().startswith("game: fruit\n")
+    evaluated = joybridge("evaluate", str(run), "--episodes", "2", "--json")
+    assert evaluated.status == 0 and '"length": 4.0' in evaluated.output
+
+
+def test_a_configuration_without_a_program_behind_its_keys_is_refused(tmp_path):
+    config = tmp_path / "fruit.yaml"
+    config.write_text("game: {reward: 'Score'}\n")
+    done = joybridge("train", str(config), "--run", str(tmp_path / "run"))
+    assert done.status == 1 and "expected one program, as in {pygame: my_game.py}" in done.errors
+
+
+def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "game.py").write_text(CATCHING.read_text())
+    made = joybridge("new", "--pygame", "game.py keys=LEFT buttons=left -- easy")
+    assert made.status == 0 and "train game.yaml --run runs/game" in made.output, made.errors
+    assert len((tmp_path / "game_hook.py").read_text().splitlines()) <= 20
+    options = Namespace(game=[], simulator=[], overrides=[])
+    add_own_game(options, ["game.yaml"])
+    load_config(tmp_path / "game.yaml", options.overrides)
+    (place,) = options.game
+    assert place == "pygame:game.py keys=LEFT buttons=left hook=game_hook.py -- easy"
+    game: Any = load_game(place)
+    game.processes.end()
+    assert game.look.channels == ["reward"]
+    again = joybridge("new", "--pygame", "game.py")
+    assert again.status == 2 and "game.yaml exists and is not overwritten" in again.errors
+
+
+def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, monkeypatch):
+    shorter = tmp_path / "shorter.py"
+    source = CATCHING.read_text().replace("randint(2, 5)", "randint(40, 50)").replace("0, 20\n", "0, 1\n")
+    shorter.write_text(source.replace("sys.exit()", "break") + CLOSED.format(tmp_path / "closed"))
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setenv("SDL_AUDIODRIVER", "dummy")
+    driven = joybridge("drive", str(shorter), str(run), "--episodes", "2")
+    assert driven.status == 0, driven.errors
+    assert re.fullmatch(r"(reward [-\d.]+ in \d+ decisions\n){2}", driven.output)
+    assert float((tmp_path / "closed").read_text()) > 0  # written outside of any fence, by the real clock
+
+
+CLOSED = """
+    import contextlib, pathlib, time
+    with contextlib.suppress(PermissionError):  # behind the fences of its first look
+        pathlib.Path('{}').write_text(str(time.time() - 1_750_000_000))
+"""
+
+
+def test_keys_that_no_source_names_are_found_by_watching_the_program_play(tmp_path):
+    body = (
+        "numbers, late = [100, 107], {}\n"
+        + LOOP
+        + (
+            "    for event in events:\n"
+            "        if event.type == pygame.KEYDOWN and event.key in (pygame.K_UP, numbers[0], *late): pass\n"
+            "    held = pygame.key.get_pressed()\n"
+            "    moved = held[numbers[1]], any(held)\n"
+        )
+    )
+    description = program(tmp_path, HEAD + body + SHOW).description
+    assert description.endswith("Keys in its sources: UP; that it was seen to read: UP, d, k.")
+
+
+def test_a_joystick_is_plugged_in_where_a_program_reads_nothing_else(tmp_path):
+    body = (
+        "stick, seen = pygame.joystick.Joystick(pygame.joystick.get_count() - 1), [0] * 5\n"
+        "while True:\n"
+        "    for event in pygame.event.get():\n"
+        "        seen[3] += event.type == pygame.JOYAXISMOTION\n"
+        "        seen[4] += event.type == pygame.JOYBUTTONDOWN and event.button == 3\n"
+        "    seen[:3] = stick.get_axis(0), stick.get_axis(1), stick.get_button(3)\n"
+    )
+    (tmp_path / "hook.py").write_text("def state(program): return program.seen\n")
+    game = program(tmp_path, HEAD + body + SHOW, f"hook={tmp_path / 'hook.py'}")
+    with opened(game) as playing:
+        act = ActArrays(np.array([[0.5, 1.0]], np.float32), np.array([[0, 0, 0, 1]], np.int32))
+        (step,) = playing.step([act])
+    assert step.observations[1].tolist() == [[0.5, -1.0, 1.0, 2.0, 1.0]]
+
+
+def test_a_program_that_does_not_go_on_from_snapshots_as_before_is_served_without(tmp_path):
+    source = "import os\n" + HEAD + LOOP + "    screen.fill(os.getpid() % 2**24)\n" + SHOW
+    game = program(tmp_path, source)
+    spec = game.describe(choose_options(game.options, {}, game.name))
+    assert spec.snapshot_bytes_per_arena == 0 and "Without snapshots" in spec.description
+    forced: Any = program(tmp_path, source, "snapshots=true")
+    with opened(forced) as playing:
+        playing.step(still(forced))
+        state = playing.save()
+        forced.processes.forget_branches()
+        with pytest.raises(ValueError, match="arena 0 does not show the picture of the snapshot"):
+            playing.restore(state)
+
+
+def test_a_program_that_draws_in_a_thread_is_refused(tmp_path):
+    draw = "import threading\nthread = threading.Thread(target=pygame.display.flip)\nthread.start()\nthread.join()\n"
+    with pytest.raises(CatalogError, match="the program draws in a thread"):
+        program(tmp_path, HEAD + draw + LOOP + SHOW)
+
+
+def test_a_package_without_scripts_is_refused_with_the_names_of_its_modules():
+    with pytest.raises(CatalogError, match=r"'pillow' has no script; its modules are .*PIL.*: name the one that runs"):
+        load_game("pygame:pillow")
+
+
+def test_a_program_that_compares_keys_with_all_there_are_has_those_of_its_sources(tmp_path):
+    body = (
+        "names = [pygame.K_UP, *range(97, 123), *range(48, 58)]\n"
+        + LOOP
+        + (
+            "    for event in events:\n"
+            "        if event.type == pygame.KEYDOWN and any([event.key == name for name in names]): pass\n"
+        )
+    )
+    assert list(program(tmp_path, HEAD + body + SHOW).look.keys) == ["UP"]

@@ -173,6 +173,7 @@ async def ask_last(request: pb.PlayRequest | bytes, call: Any, local_socket: str
 
 
 @pytest.mark.parametrize("name", REASONS)
+@pytest.mark.promise("P1")
 def test_every_reason_is_provoked_and_sent_with_the_field_and_a_sentence(name, monkeypatch):
     monkeypatch.setattr(service, "SWEEP_SECONDS", 0.01)
     case = CASES[name]

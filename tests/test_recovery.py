@@ -77,6 +77,7 @@ def outcome(run: Path) -> tuple[dict[str, bytes], list[dict[str, float]]]:
     )
 
 
+@pytest.mark.promise("F1")
 def test_a_run_whose_simulator_is_killed_at_any_moment_ends_like_one_that_is_left_alone(
     mortal, simulator, tmp_path, caplog
 ):

@@ -54,6 +54,7 @@ def lost_session(folder, decisions, *, saved_after=None):
     return load_recording(folder / "arenas-5-6.fault")
 
 
+@pytest.mark.promise("O2")
 def test_a_game_that_fails_fails_again_in_the_same_step(simulator, tmp_path, caplog, capsys):
     with Session(simulator, "raises", arenas=2, seed=0) as session:
         session.record_faults(tmp_path / "faults")
@@ -147,6 +148,7 @@ def file_of(*records, **fields):
     [
         b"", b"\xff\xfe\n", b"[1]\n", b"{}\n", b"null\n", header(), header() + b"Q" * 20,
         file_of((b"?", b"")), file_of((b"Q", b"\xff\xff")), file_of((b"Q", b"")), file_of((b"S", b"")),
+        file_of((b"Q", b"\x0a\x00"), (b"Q", b"\x12\x00")),
         file_of((b"H", b"[")), file_of((b"D", b"")), header(format=1), b"[" * 100_000,
     ],
 )  # fmt: skip

@@ -200,6 +200,7 @@ def test_pictures_come_in_the_order_in_which_they_are_asked_for(simulator):
 # ------------------------------------------------------------------------------------------- games that fail
 
 
+@pytest.mark.promise("F3")
 def test_a_game_that_fails_ends_its_session_and_no_other(simulator):
     with Player(simulator, "hybrid", 3) as undisturbed:
         wanted = undisturbed.play(8)
@@ -270,6 +271,7 @@ def test_two_games_cannot_have_one_name():
         load_games(["tests.support.games:Hybrid", "tests.support.games:Namesake"])
 
 
+@pytest.mark.promise("X4")
 def test_long_names_are_refused_with_their_own_status_in_few_words(simulator):
     for name in ("x" * 1_000_000, "ü" * 100_000, "🦆" * 100_000, "\x00\n%" * 100_000):
         for code, text in (
@@ -353,6 +355,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.promise("F7")
 def test_sessions_are_limited_and_one_that_ends_makes_room_however_it_ends():
     arguments = ["--address", "127.0.0.1:0", "--sessions", "2", "--with-parent"]
     with server(*arguments, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:

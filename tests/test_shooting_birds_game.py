@@ -12,6 +12,7 @@ from joybridge.contract.codec import ActArrays, Codec
 from joybridge.contract.spec import check_spec
 from joybridge.contract.tensors import Array
 from joybridge.games.locomotion import LOCOMOTIONS
+from joybridge.games.shooting_birds import camera
 from joybridge.games.shooting_birds.game import CHANNELS, OPTIONS, ShootingBirds
 from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator.randomness import BLOCK
@@ -19,9 +20,13 @@ from tests.support.measured import interpreted
 from tests.support.wire import pack_step
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
-DEFAULTS = {"rules": "original", "locomotion": "unit_circle", "level": "random"} | {
-    option.name: option.default_choice for option in SIGHT_OPTIONS
-}
+DEFAULTS = {
+    "rules": "original",
+    "locomotion": "unit_circle",
+    "level": "random",
+    "levels": "original",
+    "birds": "straight",
+} | {option.name: option.default_choice for option in [*camera.OPTIONS, *SIGHT_OPTIONS]}
 WEIGHTS = np.array([1, 1, 1, 1, 0, 0])
 NEAR = 1e-6  # of float32
 STILL = (0.0, 0.0)
@@ -556,6 +561,7 @@ def test_every_level_is_drawn_as_a_picture_of_the_specs_size(level):
 
 
 @pytest.mark.parametrize("change", ["birds", "crosshair", "ammo"])
+@pytest.mark.promise("D4")
 def test_a_picture_shows_the_state_of_its_arena_and_leaves_it_alone(change):
     game = new_game(2)
     arenas: Any = game.arenas

@@ -10,7 +10,7 @@ import pytest
 from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds import rules as r
 from joybridge.games.shooting_birds.game import CHANNELS
-from joybridge.games.shooting_birds.levels import OBSTACLES, Obstacles
+from joybridge.games.shooting_birds.levels import FLIGHTS, OBSTACLES, Obstacles
 from joybridge.games.shooting_birds.sensing import cast_rays, front
 from joybridge.simulator.randomness import open_streams, reserve
 
@@ -21,6 +21,7 @@ PAY = (0.25, 0.75, 2.0)  # of a large, a medium and a small bird
 RADIUS = (1.26, 0.84, 0.42)
 AWAY = 1000.0  # the height at which a bird meets nothing
 NEAR = 1e-12
+PLAIN = r.World(r.ORIGINAL, OBSTACLES, FLIGHTS, 0, -1, 0)
 
 Point = tuple[float, float]
 
@@ -47,6 +48,7 @@ class Scene:
     ) -> None:
         self.rules, self.streams = rules, open_streams(1, 0, 1)
         self.things = obstacles() if things is None else things
+        self.world = r.World(rules, self.things, FLIGHTS, 0, -1, 0)
         self.arenas = np.zeros(1, r.ARENA).view(np.recarray)
         self.arena: Any = self.arenas[0]
         self.birds: Any = self.arenas.birds[0]
@@ -74,7 +76,7 @@ class Scene:
         for _ in range(count):
             reserve(self.streams, r.MOST_DRAWS)
             action = np.array([velocity], float), np.array([shoot], np.int32), np.array([reload], np.int32)
-            r.tick(self.arenas, self.streams, self.rules, self.things, *action, rewards)
+            r.tick(self.arenas, self.streams, self.world, *action, rewards)
         return rewards[0]
 
     def coming(self, count: int) -> Array:
@@ -526,7 +528,8 @@ def test_in_the_original_a_hit_pays_1_on_average_and_each_size_a_third_of_the_ti
     arenas, streams = np.zeros(3000, r.ARENA).view(np.recarray), open_streams(8, 0, 3000)
     arenas.birds.kind, arenas.birds.z, arenas.ammo = kind, kind - 0.15, 8
     rewards, press = np.zeros((3000, len(CHANNELS))), np.ones(3000, np.int32)
-    r.tick(arenas, streams, r.ORIGINAL, obstacles(), np.zeros((3000, 2)), press, 0 * press, rewards)
+    world = r.World(r.ORIGINAL, obstacles(), FLIGHTS, 0, -1, 0)
+    r.tick(arenas, streams, world, np.zeros((3000, 2)), press, 0 * press, rewards)
     assert [np.mean(rewards[:, HIT] == pay) for pay in PAY] == pytest.approx([1 / 3] * 3, abs=0.03)
     assert rewards[:, HIT].mean() == pytest.approx(1.0, abs=0.04)
 
@@ -564,7 +567,7 @@ def crowd() -> Any:
     """Return 4096 arenas as at the start of the program."""
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
     arenas.bird_speed = 1.0
-    r.begin(arenas, open_streams(5, 0, len(arenas)), -1)
+    r.begin(arenas, open_streams(5, 0, len(arenas)), PLAIN)
     return arenas
 
 
@@ -598,7 +601,7 @@ def test_new_birds_are_of_each_size_equally_often_and_their_depth_is_0_1_to_0_2_
 def test_bird_speed_scales_the_speed_of_new_birds_and_nothing_else(crowd, factor):
     arenas = np.zeros(4096, r.ARENA).view(np.recarray)
     arenas.bird_speed = factor
-    r.begin(arenas, open_streams(5, 0, len(arenas)), -1)
+    r.begin(arenas, open_streams(5, 0, len(arenas)), PLAIN)
     assert (arenas.birds.vx == factor * crowd.birds.vx).all()
     arenas.birds.vx, arenas.bird_speed = crowd.birds.vx, 1.0
     assert arenas.tobytes() == crowd.tobytes()
@@ -635,14 +638,14 @@ def test_a_bird_that_replaces_one_flies_level_in_its_first_tick_and_moves_at_onc
 
 def test_there_are_always_ten_birds_within_the_edges():
     arenas, streams = np.zeros(20, r.ARENA).view(np.recarray), open_streams(2, 0, 20)
-    rules, rewards = r.ORIGINAL, np.zeros((20, len(CHANNELS)))
+    rewards = np.zeros((20, len(CHANNELS)))
     arenas.bird_speed = 4.0
-    r.begin(arenas, streams, -1)
+    r.begin(arenas, streams, PLAIN)
     press, replaced = np.ones(20, np.int32), 0
     for _ in range(500):
         reserve(streams, r.MOST_DRAWS)
         before = arenas.birds.x.copy()
-        r.tick(arenas, streams, rules, OBSTACLES, np.zeros((20, 2)), press, press, rewards)
+        r.tick(arenas, streams, PLAIN, np.zeros((20, 2)), press, press, rewards)
         replaced += int((abs(arenas.birds.x - before) > 1.0).sum())
         assert (abs(arenas.birds.x) <= 20 + 24 * 0.02).all() and (abs(arenas.birds.y) < 9.5).all()
         assert (abs(arenas.birds.vx) >= 6.0).all()
@@ -717,7 +720,7 @@ def test_a_new_episode_resets_crosshair_gun_level_and_counters_and_nothing_else(
 
 def test_a_fixed_level_is_that_of_every_episode():
     arenas, streams = np.zeros(50, r.ARENA).view(np.recarray), open_streams(0, 0, 50)
-    r.begin(arenas, streams, 4)
+    r.begin(arenas, streams, PLAIN._replace(fixed_level=4))
     assert (arenas.level == 4).all()
     r.begin_episodes(arenas, streams)
     assert (arenas.level == 4).all() and len(set(arenas.ammo)) > 1

@@ -335,6 +335,7 @@ def test_all_colors_are_shown_and_drawn():
         ("noughts", "sound", 40_000, 0.65, 0.75),
     ],
 )
+@pytest.mark.promise("M2")
 def test_each_is_learned_as_configured(game, metric, timesteps, untrained, trained, simulator, tmp_path):
     def score(name, *overrides):
         config = load_config(Path(__file__).parents[1] / f"configs/{game}/hybrid.yaml", overrides)

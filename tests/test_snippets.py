@@ -10,6 +10,7 @@ import re
 import shlex
 import sys
 import tomllib
+from argparse import Namespace
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from ruamel.yaml import YAML
 
 from joybridge.cli import commands as all_commands
 from joybridge.cli import main
+from joybridge.client.command_line import add_own_game
 from joybridge.client.launch import simulator_process
 from joybridge.config.config import load_config
 from joybridge.config.config_files import find_config
@@ -248,7 +250,9 @@ def test_configurations_are_valid(text, tmp_path):
     path = tmp_path / "config.yaml"
     with path.open("w") as file:
         YAML().dump(data, file)
-    load_config(path)
+    options = Namespace(game=[], simulator=[], overrides=[])
+    add_own_game(options, [str(path)])
+    load_config(path, options.overrides)
 
 
 @pytest.mark.parametrize("text", blocks("toml"))

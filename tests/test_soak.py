@@ -1,10 +1,12 @@
 """The growth of memory is told from noise."""
 
 import numpy as np
+import pytest
 
 from tools.soak import LIMIT, slope
 
 
+@pytest.mark.promise("F8")
 def test_growth_is_found_and_noise_is_not():
     minutes = np.linspace(1.0, 3.0, 240)
     noise = np.random.default_rng(0).normal(0.0, 3.0, len(minutes))

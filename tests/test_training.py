@@ -90,6 +90,7 @@ def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
     assert load_checkpoint(whole)[1].timesteps == 1920
 
 
+@pytest.mark.promise("D2")
 def test_the_same_seed_gives_the_same_weights_bit_for_bit_with_a_simulator_of_its_own(whole, tmp_path):
     assert train(tmp_path / "run", *SMALL, "stop=1900").status == 0
     assert_same(weights(tmp_path / "run"), weights(whole))
@@ -108,6 +109,7 @@ def test_groups_are_assigned_to_simulators_and_simulators_to_groups():
     assert assign(["a", "b", "c"], [1, 1]) == [["a"], ["b"]]  # no simulator without an arena
 
 
+@pytest.mark.promise("D1")
 def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, address, other, tmp_path):
     several = ["--simulator", address, "--simulator", other, "--simulator", other]
     result = train(tmp_path / "run", *SMALL, "stop=1900", *several)
@@ -117,6 +119,7 @@ def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, addr
             np.testing.assert_array_equal(array, weights(tmp_path / "run")[name], err_msg=name)
 
 
+@pytest.mark.promise("C3")
 def test_a_stopped_run_resumes_to_the_same_bits(whole, address, other, tmp_path):
     run = tmp_path / "run"
     assert train(run, *SMALL, "stop=700", "--simulator", address).status == 0
@@ -188,6 +191,7 @@ def test_a_simulator_killed_in_the_middle_gives_an_error_a_checkpoint_and_an_exa
     resume_and_compare(run, tmp_path, address)
 
 
+@pytest.mark.promise("F5")
 def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly_as_often_as_one_likes(address, tmp_path):
     run = tmp_path / "run"
     command = arguments(run, *SMALL)
@@ -216,12 +220,13 @@ def test_a_killed_run_that_sees_images_resumes_to_the_same_bits(address, tmp_pat
     resume_and_compare(run, tmp_path, address, *stacks, config=config)
 
 
+@pytest.mark.promise("L4")
 def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):
     address = f"unix:{tmp_path}/simulator.sock"
-    servers = []
+    servers: list[subprocess.Popen[bytes]] = []
 
     def serve(text: str) -> None:
-        if text.startswith("waiting up to 60 s for a simulator at unix:"):
+        if not servers and re.fullmatch(rf"waiting for a simulator at {address}, 1\d\d s more: there is no .*", text):
             command = [sys.executable, "-m", "joybridge.simulator", "serve", "--address", address]
             servers.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
 

@@ -89,6 +89,12 @@ def test_a_number_that_ends_before_those_of_other_agents_do_is_not_read_with_the
         one.read(long.replace(b"\x50\xac\x02", b"\x50\x05\x78"))
 
 
+def test_a_size_without_an_end_is_refused_at_once():
+    for data in (b"\x0a" + b"\x80" * 3_000_000, b"\x0a\x00\x0a" + b"\xff" * 3_000_000):
+        with pytest.raises(GameError, match="the list of agents is damaged"):
+            reader().read(data)
+
+
 def test_a_player_that_varies_its_messages_without_end_takes_no_memory():
     one = reader()
     for length in range(MAX_LENGTHS + 20):

@@ -7,6 +7,7 @@ import time
 from contextlib import closing, contextmanager
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -24,6 +25,7 @@ from joybridge.play.playing import open_play
 from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button
 from joybridge.v1 import bridge_pb2 as pb
+from joybridge.viewer import web
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
 from joybridge.viewer.rival import load_others, open_rival, run_settings
@@ -144,6 +146,21 @@ def test_the_page_and_its_files_are_served_to_those_who_know_the_url(hybrid):
 def test_others_get_nothing(hybrid, path, headers):
     status, given_headers, body = response(hybrid, path, **headers)
     assert (status, body) == (404, b"") and "Access-Control-Allow-Origin" not in given_headers
+
+
+@pytest.mark.promise("X2")
+def test_the_browser_gets_the_token_in_a_file_of_this_user_alone(monkeypatch):
+    opened: list[str] = []
+    at_exit: list[partial[None]] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("atexit.register", lambda function, **options: at_exit.append(partial(function, **options)))
+    web.open_browser("http://127.0.0.1:1/secret-token/")
+    (place,) = opened
+    file = Path(urlsplit(place).path)
+    assert "secret-token" not in place and "url=http://127.0.0.1:1/secret-token/" in file.read_text()
+    assert file.stat().st_mode & 0o077 == 0
+    at_exit[0]()
+    assert not file.exists()
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "OPTIONS", "HEAD"])
@@ -386,6 +403,8 @@ WRONG_ACTS: list[dict[str, object]] = [
 START = {"type": "start", "seed": "1", "options": {}, "parameters": {}}
 WRONG_STARTS: list[dict[str, object]] = [
     {"seed": 1}, {"seed": "-1"}, {"seed": ""}, {"seed": str(2**64)}, {"seed": "9" * 10_000}, {"seed": "²"},
+    {"seed": "0" * 30 + "9" * 5000},
+    {"options": {"\ud800": "small"}}, {"options": {"size": "\udfff"}}, {"parameters": {"\ud800": 1.0}},
     {"options": []}, {"options": {"size": 1}}, {"parameters": {"drift": "1"}}, {"parameters": {"drift": None}},
 ]  # fmt: skip
 WRONG = [

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import socket
 import threading
 import time
@@ -40,6 +41,7 @@ def parts(steps):
     return [array if array is None else (str(array.dtype), array.shape, array.tobytes()) for array in arrays]
 
 
+@pytest.mark.promise("D1")
 def test_the_bytes_are_those_of_one_process_also_with_parameters_per_episode():
     place, options = "tests.support.games:Hybrid", {"size": "small", "masks": "on"}
     one: Any
@@ -107,6 +109,7 @@ def test_a_worker_answers_until_the_server_has_gone():
         ((0, 0, HANG, 0), r"arena 2: worker 1 \(arenas 2 to 3\) gave no result in 0.5 s; .* --step-seconds"),
     ],
 )
+@pytest.mark.promise("F3")
 def test_what_becomes_of_a_worker_is_said_with_the_arena(choices, text, capfd):
     game: Any = load_games([DOOMED], 2)["doomed"]({}, {}, 4, 0, 1)
     with closing(game):
@@ -135,6 +138,39 @@ def test_a_session_whose_worker_dies_ends_alone_and_nothing_outlives_the_server(
         process.kill()
         process.wait()
         until(lambda: not any(map(alive, workers)))
+
+
+@pytest.mark.parametrize(("workers", "stubborn"), [("1", "false"), ("2", "false"), ("2", "true")])
+@pytest.mark.promise("X7")
+def test_what_environments_hold_ends_with_the_session_and_with_the_server(workers, stubborn, tmp_path):
+    place = f"tests.support.environments:Holding-v0 folder={tmp_path} stubborn={stubborn}"
+
+    def held():
+        return [file.name for file in tmp_path.iterdir() if alive(file.name)]
+
+    with server("--address", "127.0.0.1:0", "--workers", workers, "--gym", place) as process:
+        looking = held()  # what the environment that was looked at has failed to end
+        with Session(process.address, "Holding-v0", arenas=3, seed=1) as session:
+            assert len(held()) == 3 + len(looking) * 3
+            session.step([ActArrays(np.empty((3, 0), np.float32), np.zeros((3, 1), np.int32))])
+        until(lambda: held() == looking)
+        with Session(process.address, "Holding-v0", arenas=3, seed=1):
+            assert len(held()) > len(looking)
+            process.send_signal(signal.SIGTERM if workers == "1" else signal.SIGKILL)
+            process.wait()
+            until(lambda: held() == looking)
+    for pid in looking:
+        os.kill(int(pid), signal.SIGKILL)
+
+
+def test_a_worker_that_takes_no_message_is_too_slow():
+    game: Any = load_games([DOOMED], 2)["doomed"]({}, {}, 2, 0, 1)
+    with closing(game):
+        process = game.processes[0]
+        process.seconds = 0.2
+        os.kill(process._process.pid, signal.SIGSTOP)
+        with pytest.raises(GameError, match=r"worker 0 \(arenas 0 to 0\) gave no result in 0.2 s"):
+            process.send(ACT, bytes(1 << 24))
 
 
 def children(pid):

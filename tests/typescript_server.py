@@ -86,6 +86,7 @@ def test_it_keeps_every_rule_of_the_contract(address):
 def test_with_a_token_every_other_call_is_refused(built, tmp_path):
     token = tmp_path / "token"
     token.write_text("0123456789abcdef\n")
+    token.chmod(0o600)
     with serving(built, "--token-file", str(token)) as (_, bound):
         done = run(
             sys.executable, "-m", "joybridge", "check", bound, "--token-file", str(token), "--family", "security",

@@ -64,6 +64,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             token = Path(folder) / "token"
             token.write_text(secrets.token_hex(16))
+            token.chmod(0o600)
             protection = ("--token-file", str(token))
             with server(*protection) as (_, address):
                 run(sys.executable, "-m", "joybridge", "check", address, *protection, "--family", "security")

@@ -53,6 +53,31 @@ with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as play:
         assert b"play.js" in page.read() and b"WebSocket" in script.read()
     play.terminate()
 """
+DIGESTS = """
+import hashlib
+import numpy as np
+from joybridge.games import BUILT_IN
+from joybridge.simulator.catalog import load_game
+from joybridge.contract.codec import ActArrays
+for name, place in BUILT_IN.items():
+    kind = load_game(place)
+    game = kind({option.name: option.default_choice for option in kind.options}, {}, 2, 0, 7)
+    digest, random, steps = hashlib.sha256(), np.random.default_rng(3), game.observe()
+    for _ in range(200):
+        acts = []
+        for step, behavior in zip(steps, kind.describe(
+            {option.name: option.default_choice for option in kind.options}).behaviors):
+            device, lanes = behavior.device, len(step.terminated)
+            axes = np.array([random.uniform(a.low, a.high, lanes) for a in device.axes], np.float32)
+            masks = step.masks or [np.ones((lanes, len(b.choices)), bool) for b in device.branches]
+            choices = np.array([(random.random(mask.shape) * mask).argmax(1) for mask in masks], np.int32)
+            acts.append(ActArrays(axes.reshape(-1, lanes).T.copy(), choices.reshape(-1, lanes).T.copy()))
+        steps = game.step(acts)
+        for step in steps:
+            for array in (*step.observations, step.rewards, step.terminated, step.truncated):
+                digest.update(array.tobytes())
+    print(name, digest.hexdigest())
+"""
 START = """
 from joybridge.gym import BridgeEnv
 BridgeEnv("archer")
@@ -154,8 +179,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as temporary:
             one = partial(check_python, build(Path(temporary)), Path(temporary), options.train)
             with ThreadPoolExecutor(os.cpu_count()) as pool:
-                for _ in pool.map(one, (*REQUIRED, *NEWER)):
-                    pass  # raises what a check raised
+                digests = [each for each in pool.map(one, (*REQUIRED, *NEWER)) if each]
+        if len(set(digests)) > 1:
+            raise Failed("the games are not the same on all Pythons:\n" + "\n".join(digests))
+        print(f"the games have the same bytes on {len(digests)} Pythons", flush=True)
     except Failed as failure:
         print(f"failed: {failure}", file=sys.stderr)
         return 1
@@ -164,12 +191,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def build(folder: Path) -> Path:
-    """Build the source distribution and, from it alone, the wheel; return the wheel's path. Raises Failed."""
-    command = [sys.executable, "-m", "build", "--outdir", str(folder), str(ROOT)]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    if result.returncode:
-        raise Failed(f"{' '.join(command)} ended with {result.returncode}; its output:\n{result.stdout}{result.stderr}")
-    (wheel,) = folder.glob("*.whl")
+    """Build the source distribution and, from it alone, the wheel, twice; return its path. Raises Failed."""
+    wheels: list[Path] = []
+    for number in "12":
+        command = [sys.executable, "-m", "build", "--outdir", str(folder / number), str(ROOT)]
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+        if result.returncode:
+            output = f"{result.stdout}{result.stderr}"
+            raise Failed(f"{' '.join(command)} ended with {result.returncode}; its output:\n{output}")
+        wheels += (folder / number).glob("*.whl")
+    wheel, again = wheels
+    if wheel.read_bytes() != again.read_bytes():
+        raise Failed(f"{wheel.name} is another file when it is built again, expected the same bytes")
     with zipfile.ZipFile(wheel) as archive:
         names = {name.split("/")[0] for name in archive.namelist()}
         ours = {name for name in names if not name.endswith(".dist-info")}
@@ -193,25 +226,26 @@ def find_python(version: str) -> Path | None:
     return None
 
 
-def check_python(wheel: Path, temporary: Path, train: Sequence[str], version: str) -> None:
-    """Test all extras on one Python, if it is present. Raises Failed."""
+def check_python(wheel: Path, temporary: Path, train: Sequence[str], version: str) -> str:
+    """Test all extras on one Python, if it is present. Return digests of the games, "" without it. Raises Failed."""
     python = find_python(version)
     if python is None:
         print(f"Python {version}: not checked, it is not installed here", flush=True)
-        return
+        return ""
     folder = temporary / version
     try:
-        check(version, python, wheel, folder, train=version in train)
+        return check(version, python, wheel, folder, train=version in train)
     except NoWheel as reason:
         if version in REQUIRED:
             raise Failed(f"Python {version}: {reason}") from reason
         print(f"Python {version}: not checked: {reason}", flush=True)
+        return ""
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) -> None:
-    """Test all extras on one Python. Raises Failed and NoWheel."""
+def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) -> str:
+    """Test all extras on one Python. Return digests of the games. Raises Failed and NoWheel."""
     begin = time.monotonic()
 
     def done(extra: str) -> None:
@@ -225,6 +259,7 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     simulator.run("joybridge", "new", "my_game")
     simulator.expect("my_game: ", "joybridge", "list", "--game", "my_game:MyGame")
     simulator.expect("12 pictures of my_game", "joybridge", "look", "my_game:MyGame", "look.png")
+    digests = simulator.run("python", "-c", DIGESTS)
     with simulator.server() as address:
         done("joybridge[simulator]")
 
@@ -254,7 +289,7 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
         done("joybridge")
     if not train:
         print(f"Python {version}: joybridge[train] not checked (--train {version} does)", flush=True)
-        return
+        return digests
     trainer = Environment(python, wheel, "train", folder / "train")
     trainer.expect_absent("gymnasium", "pettingzoo", "pygame", "ray", "matplotlib")
     trainer.run("joybridge", "train", "archer/hybrid", "--run", "run", "arenas=8", "stop=960")
@@ -289,6 +324,7 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     trainer.install(wheel, "export")
     trainer.expect("policy.onnx: ", "joybridge", "export", "run", "policy.onnx")
     done("joybridge[export]")
+    return digests
 
 
 if __name__ == "__main__":

@@ -38,16 +38,23 @@ CORE = {
     "doctor": Command(
         "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
     ),
+    "tape": Command(
+        "joybridge.adapters.tape_command", "simulator", "regression tests of a pygame program: input tapes"
+    ),
     "train": Command("joybridge.commands.__main__", "train", "train a configuration"),
     "clone": Command("joybridge.commands.clone", "train", "learn from demonstrations alone, without playing the game"),
     "replay": Command("joybridge.commands.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(
         "joybridge.compare.compare", "compare", "train variants with several seeds, and write a page about them"
     ),
+    "rate": Command("joybridge.compare.rate", "compare", "let policies of runs play each other, and rate them"),
     "keys": Command("joybridge.config.keys", "train", "list the keys of configurations: default, meaning and range"),
     "evaluate": Command("joybridge.commands.__main__", "train", "measure how well the policy of a run plays"),
     "record": Command("joybridge.commands.__main__", "train", "record a video of the policy of a run"),
     "runs": Command("joybridge.commands.runs", "train", "list the runs in a folder"),
+    "drive": Command(
+        "joybridge.commands.drive", "train", "let the policy of a run play a pygame program in its window"
+    ),
     "export": Command("joybridge.commands.__main__", "export", "write the policy of a run as a file for your product"),
 }
 

@@ -1,5 +1,8 @@
 """Tiny environments of Gymnasium whose numbers a test can predict; their IDs are registered on import."""
 
+import subprocess
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 from gymnasium import spaces
@@ -96,5 +99,33 @@ class Spaces(gymnasium.Env):  # type: ignore[misc]
         self.action_space = spaces.Box(-np.inf, 3.0, (2,)) if kind == "unbounded" else box
 
 
-for environment in (Mixed, Masked, Spaces):
+class Holding(gymnasium.Env):  # type: ignore[misc]
+    """An environment that holds a process, as those of game engines and emulators do, until it is closed.
+
+    Each writes the process into `folder`. It fails to end it if `stubborn`.
+    """
+
+    observation_space = spaces.Box(0, 1, (1,))
+    action_space = spaces.Discrete(2)
+
+    def __init__(self, folder, stubborn=False):
+        self.stubborn = stubborn
+        self.process = subprocess.Popen(["sleep", "3600"], stdout=subprocess.DEVNULL)
+        Path(folder, str(self.process.pid)).touch()
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(1, np.float32), 0.0, False, False, {}
+
+    def close(self):
+        if self.stubborn:
+            raise RuntimeError("the process does not end")
+        self.process.kill()
+        self.process.wait()
+
+
+for environment in (Mixed, Masked, Spaces, Holding):
     gymnasium.register(f"{environment.__name__}-v0", environment)

@@ -1,6 +1,7 @@
 """Games that take too long, or raise what is not an error, in the part that the option `how` names."""
 
 import asyncio
+import sys
 import time
 
 import numpy as np
@@ -15,7 +16,7 @@ RAISED = {
     "interrupt": KeyboardInterrupt,
     "exit": SystemExit,
 }
-HOW = option("how", ["none", "describe", "loop", "sleep", "draw", *RAISED])
+HOW = option("how", ["none", "describe", "loop", "sleep", "draw", "stderr", *RAISED])
 
 
 class Hangs(Game):
@@ -43,6 +44,8 @@ class Hangs(Game):
             case "sleep":
                 print(HANGING, flush=True)
                 time.sleep(FOREVER)
+            case "stderr":
+                sys.stderr.close()
             case how if how in RAISED:
                 raise RAISED[how]
         return transition({"light": [0.0]})

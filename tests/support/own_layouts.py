@@ -16,6 +16,7 @@ laplace = tests.support.own_layouts:laplace
 careless = tests.support.own_layouts:careless
 missing = tests.support.own_layouts:nothing
 hybrid = tests.support.own_layouts:careless
+leaving = tests.support.own_layouts:leaving
 twice = tests.support.own_layouts:compass
 """
 
@@ -26,6 +27,15 @@ def offer(folder: Path, package: str, text: str) -> None:
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(text)
+
+
+def leaving(device, setting):
+    """Do what no layout may do."""
+    if setting == "exit":
+        raise SystemExit(0)
+    if setting == "error":
+        raise RuntimeError("\x1b[2J")
+    return 7
 
 
 def compass(device, setting):

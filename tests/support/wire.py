@@ -100,7 +100,7 @@ class Player:
         self.arenas = arenas
         self.random = [np.random.default_rng([7, first_arena + arena]) for arena in range(arenas)]
         started = self.stream.ask(start(game, arenas, seed, first_arena=first_arena, **fields)).started
-        self.spec = started.spec
+        self.spec, self.socket = started.spec, started.local_socket
         self.step = started.step
 
     def acts(self) -> list[pb.BehaviorAct]:

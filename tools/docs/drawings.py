@@ -140,7 +140,7 @@ def rays() -> str:
     for bird, (x, y, size) in zip(game.arenas.birds[0], BIRDS, strict=True):
         bird["x"], bird["y"], bird["kind"] = x, y, size
     (step,) = game.observe()
-    names = [sensor.name for sensor in ShootingBirds.numbers]
+    names = [sensor.name for sensor in ShootingBirds.numbers(options)]
     hit = step.observations[names.index("rays")][0]
     parts = [*_field(game), *_rays(arena.x, arena.y, hit), "</g>", *_legend(hit)]
     return svg(UNIT * 2 * WALL_X + 32, UNIT * 2 * WALL_Y + 172, "The rays with which the agent senses", parts)

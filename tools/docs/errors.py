@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from joybridge.contract.errors import JoybridgeError
 from tools.docs.contract import PROTO
 
 ROOT = Path(__file__).parents[2]
@@ -65,6 +66,8 @@ EXCEPTIONS = {  # what to do
     "CatalogError": "Repair the game or its place; its module must be importable from the current folder.",
     "DoorError": "Give the server TLS and a token, or let it listen on 127.0.0.1.",
     "AdapterError": "Wrap the environment, for example in `gymnasium.wrappers.RescaleAction`, as the text says.",
+    "TapeError": "Repair the program, or record the tape anew if it should have changed.",
+    "Difference": "The same: `replay` says where the pictures are.",
     "ConfigError": "Set the key to what the text expects; `joybridge keys WORD` explains it.",
     "SettingError": "Write the layout in the form that the text names.",
     "DeviceError": "Take another layout for this game.",
@@ -116,10 +119,17 @@ def _branch(name: str, depth: int) -> Iterator[str]:
     found = found_exceptions()
     _, module, docstring = found[name]
     when = " ".join(docstring.partition("\n\n")[0].split())
-    yield f"{'  ' * depth}- **{name}** (`{module}`): {when} *{EXCEPTIONS[name]}*"
+    code = "" if name == BASE else f", `{code_of(name)}`"
+    yield f"{'  ' * depth}- **{name}** (`{module}`{code}): {when} *{EXCEPTIONS[name]}*"
     for child, (base, _, _) in found.items():
         if base == name:
             yield from _branch(child, depth + 1)
+
+
+def code_of(name: str) -> str:
+    """Return the code of an exception, as `JoybridgeError.code` has it."""
+    made: JoybridgeError = type(name, (JoybridgeError,), {})()
+    return made.code
 
 
 def _contract() -> str:

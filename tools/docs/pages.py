@@ -11,14 +11,14 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from tools.docs import api, contract, errors, reference
+from tools.docs import api, contract, errors, promises, reference
 
 ROOT = Path(__file__).parents[2]
 GENERATED: dict[str, Callable[..., str]] = {
     "api": api.api, "commands": reference.commands, "configurations": reference.configurations,
     "contract": contract.contract, "docstring": api.docstring, "exceptions": errors.exceptions,
     "forms": reference.forms, "keys": reference.key_table, "other_names": reference.other_names,
-    "reasons": errors.reasons,
+    "promises": promises.promises, "reasons": errors.reasons,
 }  # fmt: skip
 INSTEAD = {  # of a file, the page that shows it
     "README.md": "docs/index.md",

@@ -13,6 +13,7 @@ def schema() -> str:
     made["title"] = "Joybridge configuration"
     made["$defs"]["PolicyConfig"] = PolicyConfig.model_json_schema()
     made["properties"]["extends"] = {"type": "string", "description": "another file, whose keys this one begins with"}
+    made["properties"]["game"]["type"] = ["string", "object"]  # a program with its settings as keys
     made["required"] = []  # `game` may be in that file
     made["properties"]["policies"]["additionalProperties"] = {"$ref": "#/$defs/PolicyConfig"}
     return json.dumps(made, indent=2, ensure_ascii=False) + "\n"

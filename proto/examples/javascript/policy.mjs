@@ -12,6 +12,7 @@
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
+const MAX_NUMBERS = 2 ** 24; // that a network remembers
 const FORMAT = "joybridge.policy.v4";
 const ACTIVATIONS = {
   swish: (x) => x / (1 + Math.exp(-x)),
@@ -48,6 +49,10 @@ export class Policy {
       shift: network.scaling && floats(network.scaling.shift),
       scale: network.scaling && floats(network.scaling.scale),
     }));
+    for (const { sizes, frame_stack } of this.networks) {
+      const numbers = frame_stack * sizes.reduce((sum, size) => sum + size, 0);
+      if (!(numbers <= MAX_NUMBERS)) throw new Error("the policy is damaged");
+    }
   }
 
   /** Return the state of a new episode: for each network, the frames and pictures that it remembers, none yet. */
@@ -72,7 +77,9 @@ export class Policy {
       const newest = [frame, ...network.images.map(({ sensor }) => Array.from(sensors[sensor], Number))];
       const seen = newest.map((values, part) => Float32Array.from([...state[index][part], ...values]));
       const features = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
-      const outputs = dense(network, Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part))));
+      const outputs = finite(
+        dense(network, Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part)))),
+      );
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
@@ -97,7 +104,7 @@ export class Policy {
       });
       return seen.map((values, part) => values.slice(newest[part].length));
     });
-    return { axes, choices, state: next };
+    return { axes: finite(axes), choices, state: next };
   }
 
   /** Return a row of a table, never one that contains a masked choice. */
@@ -109,7 +116,8 @@ export class Policy {
     let total = 0;
     const sums = masked.map((logit) => (total += Math.exp(logit - highest)));
     const level = noise.uniform() * total;
-    return sums.findIndex((sum) => sum > level);
+    const row = sums.findIndex((sum) => sum > level);
+    return row < 0 ? masked.indexOf(highest) : row; // the level was rounded up to the total
   }
 }
 
@@ -174,6 +182,12 @@ function dense({ layers, activation }, inputs) {
     });
   });
   return Array.from(values);
+}
+
+/** Return numbers. Throws an Error if one is none. */
+function finite(numbers) {
+  if (!numbers.every(Number.isFinite)) throw new Error("a sensor is not finite, or the policy is damaged");
+  return numbers;
 }
 
 /** Return the choice of a branch of `count` choices at a share in -1..1. */

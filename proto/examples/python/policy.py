@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
+MAX_NUMBERS = 2**24  # that a policy remembers
 FORMAT = "joybridge.policy.v4"
 ACTIVATIONS = {
     "swish": lambda x: x / (1 + np.exp(-np.clip(x, -80, None))),
@@ -48,6 +49,8 @@ class Policy:
         for network in self._networks:
             seen = [*network["sensors"], *(image["sensor"] for image in network["images"])]
             older += (network["frame_stack"] - 1) * sum(int(np.prod(self._shapes[name])) for name in seen)
+        if older > MAX_NUMBERS:
+            raise ValueError("the policy is damaged")
         return np.zeros((lanes, older), np.float32)
 
     def act(self, sensors, state, random, masks=None):
@@ -71,6 +74,8 @@ class Policy:
             following += kept
             normal, uniform = self._noise(network, lanes, random)
             outputs, begin = _dense(network, features), 0
+            if not np.isfinite(outputs).all():
+                raise ValueError("a sensor is not finite, or the policy is damaged")
             for column, table in enumerate(network["discrete"]):
                 end = begin + len(table["values"])
                 logits = self._mask(table, outputs[:, begin:end], allowed)
@@ -180,7 +185,8 @@ def _dense(network, values):
 def _sample(logits, uniform):
     """Return a choice per row with the probabilities softmax(logits); uniform: noise in [0, 1)."""
     sums = np.exp(logits.astype(float) - logits.max(axis=1, keepdims=True)).cumsum(axis=1)
-    return (sums <= uniform[:, None] * sums[:, -1:]).sum(axis=1)
+    row = (sums <= uniform[:, None] * sums[:, -1:]).sum(axis=1)
+    return np.where(row < logits.shape[1], row, logits.argmax(axis=1))  # the level may be rounded up to the total
 
 
 def _press(share, threshold, count):

@@ -11,6 +11,7 @@ env = BridgeEnv("archer", simulator=ProtectedAddress("games.example:5005", crede
 """
 
 import argparse
+import os
 import ssl
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -129,11 +130,14 @@ def load_credentials(tls_ca: Path | None = None, token_file: Path | None = None)
 def read_token(path: Path) -> str:
     """Return the token in a file, without the end of its line. Raises CredentialsError, which never shows the token."""
     token = _read(path).strip()
+    status = path.stat()
+    if os.name == "posix" and status.st_uid == os.getuid() and status.st_mode & 0o077:  # as ssh does with keys
+        raise CredentialsError(f"{path} holds a token that other users can read; keep it with `chmod 600 {path}`")
     right_size = MIN_TOKEN_CHARS <= len(token) <= MAX_TOKEN_CHARS
     if not right_size or not all(33 <= byte <= 126 for byte in token):
         raise CredentialsError(
             f"{path} holds no token, expected one line of {MIN_TOKEN_CHARS} to {MAX_TOKEN_CHARS} ASCII characters "
-            f"without spaces; make one with `openssl rand -hex 32 > {path}`"
+            f"without spaces; make one with `(umask 077; openssl rand -hex 32 > {path})`"
         )
     return token.decode()
 

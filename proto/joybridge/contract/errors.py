@@ -1,5 +1,7 @@
 """The bases of the exceptions that Joybridge raises on purpose."""
 
+import re
+
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["JoybridgeError", "MessageError"]
@@ -9,6 +11,12 @@ class JoybridgeError(Exception):
     """The base class: `except JoybridgeError` catches what any part of Joybridge raises on purpose."""
 
     exit_status = 1  # of a command that ends with it
+
+    @property
+    def code(self) -> str:
+        """What went wrong, as a word for programs that stays the same: the class as in CONFIG for a ConfigError."""
+        words: list[str] = re.findall("[A-Z][a-z]+", type(self).__name__.removesuffix("Error"))
+        return "_".join(words).upper()
 
 
 class MessageError(JoybridgeError, ValueError):

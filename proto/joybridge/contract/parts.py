@@ -1,4 +1,4 @@
-"""A session in parts, each with some of its arenas: their bounds, their actions, and their steps as one."""
+"""A session in parts: bounds of arenas, actions of a part, steps of all parts as one, and some lanes of a step."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 
-__all__ = ["join", "part_of", "split"]
+__all__ = ["join", "part_of", "rows_of", "split"]
 
 
 def split(arenas: int, parts: int) -> list[int]:
@@ -21,6 +21,23 @@ def part_of(acts: Sequence[ActArrays], bounds: Sequence[Sequence[int]], part: in
         ActArrays(act.axes[lanes[part] : lanes[part + 1]], act.choices[lanes[part] : lanes[part + 1]])
         for act, lanes in zip(acts, bounds, strict=True)
     ]
+
+
+def rows_of(step: StepArrays, lanes: Array) -> StepArrays:
+    """Return the step of some lanes of a behavior, by their numbers, ascending."""
+    part = StepArrays(
+        [sensor[lanes] for sensor in step.observations], step.rewards[lanes], step.terminated[lanes],
+        step.truncated[lanes],
+        None if step.masks is None else [mask[lanes] for mask in step.masks],
+        None if step.deciding is None else step.deciding[lanes],
+    )  # fmt: skip
+    if len(step.ended):
+        rows, finals = np.isin(step.ended, lanes), step.final_observations
+        part.ended = np.flatnonzero(part.terminated | part.truncated).astype(np.int32)
+        part.final_observations = None if finals is None else [sensor[rows] for sensor in finals]
+        part.metrics = None if step.metrics is None else step.metrics[rows]
+        part.parameters = None if step.parameters is None else step.parameters[rows]
+    return part
 
 
 def join(parts: list[list[StepArrays]]) -> list[StepArrays]:

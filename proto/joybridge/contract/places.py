@@ -2,8 +2,9 @@
 
 import re
 import shlex
+from collections.abc import Mapping
 
-__all__ = ["PYGAME", "program_name"]
+__all__ = ["PYGAME", "program_name", "program_place"]
 
 PYGAME = "pygame:"  # how the place of a program begins
 
@@ -19,3 +20,20 @@ def program_name(text: str) -> str:
     settings = words[1 : words.index("--")] if "--" in words else words[1:]
     names = [word.removeprefix("name=") for word in settings if word.startswith("name=")]
     return names[-1] if names else re.split(r"[./:]", words[0].removesuffix(".py"))[-1]
+
+
+def program_place(keys: Mapping[str, object]) -> str:
+    """Return the place of a program whose settings are keys: {pygame: PROGRAM, KEY: VALUE or VALUES, arguments: WORDS}.
+
+    Raises ValueError if `pygame` is missing.
+    """
+    values = {key: each if isinstance(each, list) else [each] for key, each in keys.items()}
+    if len(program := values.pop("pygame", [])) != 1:
+        raise ValueError("expected one program, as in {pygame: my_game.py}")
+    arguments = values.pop("arguments", [])
+    words = [_text(program[0]), *(f"{key}={_text(value)}" for key, each in values.items() for value in each)]
+    return PYGAME + shlex.join([*words, *(["--", *map(_text, arguments)] if arguments else [])])
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -18,6 +18,7 @@ PARAMETERS = UUID("534c891e-810f-11ea-a9d0-822485860400")  # environment paramet
 STATISTICS = UUID("a1d8f7b7-cec8-50f9-b78b-d3e165a78520")  # numbers with names, from the player
 RESOLUTION, QUALITY, TIME_SCALE, TARGET_FRAME_RATE, CAPTURE_FRAME_RATE = range(5)  # settings of the engine
 AVERAGE, MOST_RECENT, SUM = range(3)  # how a trainer summarizes a statistic
+MAX_PAYLOADS = 10_000  # of a message
 _HEAD = struct.Struct("<16si")
 
 
@@ -34,16 +35,20 @@ def join(payloads: Iterable[Payload]) -> bytes:
 
 
 def split(data: bytes) -> Iterator[Payload]:
-    """Yield the side channels of a message. Raises CommunicatorError if it is cut."""
-    while data:
-        if len(data) < _HEAD.size:
+    """Yield the side channels of a message. Raises CommunicatorError if it is cut, or has very many."""
+    place = 0
+    for _ in range(MAX_PAYLOADS):
+        if place == len(data):
+            return
+        begin = place + _HEAD.size
+        if begin > len(data):
             raise _damaged()
-        channel, length = _HEAD.unpack_from(data)
-        end = _HEAD.size + length
-        if not _HEAD.size <= end <= len(data):
+        channel, length = _HEAD.unpack_from(data, place)
+        place = begin + length
+        if not begin <= place <= len(data):
             raise _damaged()
-        yield Payload(UUID(bytes_le=channel), data[_HEAD.size : end])
-        data = data[end:]
+        yield Payload(UUID(bytes_le=channel), data[begin:place])
+    raise _damaged()
 
 
 def time_scale(value: float) -> Payload:

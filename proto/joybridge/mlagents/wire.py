@@ -1,6 +1,7 @@
 """What both ends of the communicator say about themselves, and how they call each other."""
 
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.text import printable
 from joybridge.contract.versions import own_version
 from joybridge.mlagents import communicator_pb2 as ml
 
@@ -30,7 +31,8 @@ def check_version(other: str, who: str) -> None:
     who: the other end, for the error.
     """
     if other.partition(".")[0] != VERSION.partition(".")[0]:
+        came = printable(other[:30]) or "unknown"
         raise CommunicatorError(
-            f"{who} speaks version {other or 'unknown'} of ML-Agents' communicator, {own_version().product} "
+            f"{who} speaks version {came} of ML-Agents' communicator, {own_version().product} "
             f"speaks {VERSION}; the first numbers must be equal: use another release of ML-Agents there"
         )

@@ -1,7 +1,6 @@
 """An environment of Gymnasium as a game with one agent: `joybridge serve --gym CartPole-v1`.
 
-Each episode begins with a seed from the arena's stream. Environments are not closed: the `close` of those that draw
-with pygame ends pygame for all other arenas as well.
+Each episode begins with a seed from the arena's stream.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,7 +13,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from joybridge.adapters.rendering import choose_rendering, draw, tick_seconds
+from joybridge.adapters.rendering import choose_rendering, close, draw, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, read_settings
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.contract.tensors import Array
@@ -31,9 +30,10 @@ def adapt(text: str) -> type[Game]:
     _register(environment)
     make = partial(gymnasium.make, environment, disable_env_checker=True)  # the adapter checks what comes back
     arguments, picture = choose_rendering(make, arguments)
-    env = make(**arguments)
-    spaces = AgentSpaces(env.observation_space, env.action_space)
-    metrics = _numbers_of(env, spaces)
+    with making(make, arguments) as env:
+        spaces = AgentSpaces(env.observation_space, env.action_space)
+        metrics = _numbers_of(env, spaces)
+        seconds, limit = tick_seconds(env), env.spec.max_episode_steps or 0
     members = {
         "name": environment.rpartition(":")[2], "description": f"{text}, an environment of Gymnasium.",
         "make": staticmethod(partial(make, **arguments)), "spaces": spaces, "metrics": metrics,
@@ -42,8 +42,7 @@ def adapt(text: str) -> type[Game]:
     game.made = spec(
         game,
         [behavior("agent", sensors=spaces.sensors, axes=spaces.axes, branches=spaces.branches, metrics=metrics)],
-        tick_seconds=tick_seconds(env), max_episode_decisions=env.spec.max_episode_steps or 0,
-        max_arenas=MAX_ARENAS, picture=picture,
+        tick_seconds=seconds, max_episode_decisions=limit, max_arenas=MAX_ARENAS, picture=picture,
     )  # fmt: skip
     return game  # type: ignore[no-any-return]
 
@@ -92,6 +91,10 @@ class GymnasiumGame(Game):
     def draw(self) -> Array:
         """Return what the environment renders."""
         return draw(self.env)
+
+    def close(self) -> None:
+        """Close the environment."""
+        close(self.env)
 
 
 def _action_masks(env: Any) -> Callable[[], Any]:

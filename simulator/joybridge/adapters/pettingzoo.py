@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from joybridge.adapters.rendering import choose_rendering, draw, tick_seconds
+from joybridge.adapters.rendering import choose_rendering, close, draw, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.contract.tensors import Array
@@ -31,10 +31,11 @@ def adapt(text: str) -> type[Game]:
     if make is None:
         raise AdapterError(f"the module {name} has no function parallel_env or env")
     arguments, picture = choose_rendering(make, arguments)
-    env = make(**arguments)
-    if not getattr(env, "possible_agents", None):
-        raise AdapterError("the environment has no possible_agents; joybridge.v1 needs to know how many there may be")
-    behaviors = _behaviors(env)
+    with making(make, arguments) as env:
+        if not getattr(env, "possible_agents", None):
+            text = "the environment has no possible_agents; joybridge.v1 needs to know how many there may be"
+            raise AdapterError(text)
+        behaviors, seconds = _behaviors(env), tick_seconds(env)
     game: Any = type(
         "AdaptedGame",
         (kind,),
@@ -50,7 +51,7 @@ def adapt(text: str) -> type[Game]:
             behavior(kind, sensors=s.sensors, axes=s.axes, branches=s.branches, agents=len(agents))
             for kind, (agents, s) in behaviors.items()
         ],
-        tick_seconds=tick_seconds(env), max_arenas=MAX_ARENAS, picture=picture,
+        tick_seconds=seconds, max_arenas=MAX_ARENAS, picture=picture,
     )  # fmt: skip
     return game  # type: ignore[no-any-return]
 
@@ -98,6 +99,10 @@ class PettingZooGame(Game):
     def draw(self) -> Array:
         """Return what the environment renders."""
         return draw(self.env)
+
+    def close(self) -> None:
+        """Close the environment."""
+        close(self.env)
 
     def _begin(self, seed: int) -> list[TimeStep]:
         raise NotImplementedError

@@ -2,8 +2,9 @@
 
 import logging
 import os
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,9 @@ def choose_rendering(
     for driver in ("SDL_VIDEODRIVER", "SDL_AUDIODRIVER"):  # pygame needs neither a display nor a sound card
         os.environ.setdefault(driver, "dummy")
     arguments = dict(arguments)
-    env = make(**arguments)
-    if "rgb_array" not in (env.metadata.get("render_modes") or ()):
+    with making(make, arguments) as env:
+        modes = env.metadata.get("render_modes") or ()
+    if "rgb_array" not in modes:
         return arguments, None
     drawing = arguments | {"render_mode": "rgb_array"}
     try:
@@ -55,10 +57,31 @@ def draw(env: Any) -> Array:
         bare.render_mode = mode
 
 
-def _first_picture(make: Callable[..., Any], arguments: Mapping[str, Any]) -> Array:
+def close(env: Any) -> None:
+    """Close an environment. Those that draw with pygame would end it for all other arenas, so nobody ends it here."""
+    pygame: Any = sys.modules.get("pygame")
+    if pygame is not None:
+        pygame.quit = pygame.display.quit = lambda: None
+    try:
+        env.close()
+    except Exception:
+        log.warning("an environment failed to close", exc_info=True)
+
+
+@contextmanager
+def making(make: Callable[..., Any], arguments: Mapping[str, Any]) -> Iterator[Any]:
+    """Yield an environment, and close it at the end."""
     env = make(**arguments)
-    env.reset(seed=0)
-    picture = draw(env)
+    try:
+        yield env
+    finally:
+        close(env)
+
+
+def _first_picture(make: Callable[..., Any], arguments: Mapping[str, Any]) -> Array:
+    with making(make, arguments) as env:
+        env.reset(seed=0)
+        picture = draw(env)
     if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or max(picture.shape) > MAX_PIXELS:
         came = f"{picture.dtype} {list(picture.shape)}"
         raise ValueError(f"render returned {came}, expected uint8 [height, width, 3] of at most {MAX_PIXELS} pixels")

@@ -6,7 +6,7 @@ within a pixel. All shades are integers; the floats before them use only operati
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -18,6 +18,8 @@ from joybridge.simulator.compiled import compiled
 
 PHASES = 4  # positions within a pixel, per direction, in which the background of a moving eye is filtered
 SAMPLES = 4  # per pixel and direction, of which the background is the mean
+COUNT_BITS = 8  # of a number of samples, which is at most SAMPLES * SAMPLES
+COUNT_MASK = 2**COUNT_BITS - 1
 
 
 class Palette(NamedTuple):
@@ -49,6 +51,7 @@ class View:
     unit: float  # units of the game per pixel
     channels: int  # 1 gray, 3 RGB
     centered: bool  # on the pointer; otherwise on the field
+    on_camera: bool = False  # if not on the pointer: on a camera that moves over the field
 
 
 class Eye(NamedTuple):
@@ -56,11 +59,13 @@ class Eye(NamedTuple):
 
     background: Array  # uint8 [levels, phases, phases, rows, columns, channels]
     hidden: Array  # uint8 [levels, phases, phases, rows, columns, kinds]: share of a pixel that hides things of a kind
+    ground_colors: Array  # int64 [kinds of ground, channels]
     colors: Array  # int64 [things, channels]
     left: float  # edges of the planes, units
     top: float
     unit: float
-    centered: bool
+    centered: bool  # on a place that moves
+    on_camera: bool  # and that is not the pointer
 
 
 class Window(NamedTuple):
@@ -76,47 +81,87 @@ class Window(NamedTuple):
 @lru_cache(maxsize=8)
 def open_eye(view: View, field: Field) -> Eye:
     """Return the eye of a view, with its backgrounds, which are filtered once in a process."""
+    eye = make_eye(view, field)
+    look(eye, field, range(field.levels))
+    return eye
+
+
+def make_eye(view: View, field: Field) -> Eye:
+    """Return the eye of a view, still without what it sees of the ground: see `look`."""
     palette = field.gray if view.channels == 1 else field.rgb
     ground_colors, colors = (np.reshape(part, (-1, view.channels)).astype(np.int64) for part in palette)
     half_x, half_y, phases = view.width * view.unit / 2, view.height * view.unit / 2, 1
     rows, columns = view.height, view.width
-    if view.centered:  # planes reach as far as the eye does from any place in the field
+    moves = view.centered or view.on_camera
+    if moves:  # planes reach as far as the eye does from any place in the field
         phases = PHASES
         half_x, half_y = half_x + field.half_width, half_y + field.half_height
         rows, columns = (math.ceil(2 * half / view.unit) + 1 for half in (half_y, half_x))
-    fine = view.unit / SAMPLES
-    x = -half_x + fine * (np.arange((columns + 1) * SAMPLES) + 0.5)
-    y = half_y - fine * (np.arange((rows + 1) * SAMPLES) + 0.5)
     size = (field.levels, phases, phases, rows, columns)
     background = np.empty((*size, view.channels), np.uint8)
     hidden = np.empty((*size, len(field.hides)), np.uint8)
-    for level in range(field.levels):
-        ground = field.ground(level, x, y)
-        shares = np.stack([_filter(ground == kind, phases) for kind in range(len(ground_colors))], axis=-1)
-        background[level] = (shares @ ground_colors + SAMPLES**2 // 2) // SAMPLES**2
-        hidden[level] = shares @ (255 * field.hides.T.astype(np.int64)) // SAMPLES**2
-    return Eye(background, hidden, colors, -half_x, half_y, view.unit, view.centered)
+    return Eye(background, hidden, ground_colors, colors, -half_x, half_y, view.unit, moves, view.on_camera)
 
 
-def _filter(covered: Array, phases: int) -> Array:
-    """Return how many samples of each pixel are covered, int64 [phases, phases, rows, columns]."""
-    height, width = covered.shape
-    sums = np.zeros((height + 1, width + 1), np.int64)
-    sums[1:, 1:] = covered.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
-    step, last = SAMPLES // phases, -SAMPLES
-    counts = (
-        sums[SAMPLES:, SAMPLES:] - sums[:last, SAMPLES:] - sums[SAMPLES:, :last] + sums[:last, :last]
-    )  # of the pixel that begins at a sample
-    rows, columns = height // SAMPLES - 1, width // SAMPLES - 1
-    starts = [
-        np.arange(phase * step, phase * step + SAMPLES * n, SAMPLES) for n in (rows, columns) for phase in range(phases)
-    ]
-    return np.stack([np.stack([counts[np.ix_(r, c)] for c in starts[phases:]]) for r in starts[:phases]])
+def look(eye: Eye, field: Field, levels: Iterable[int]) -> None:
+    """Filter what the eye sees of the ground of some levels of the field."""
+    rows, columns = eye.background.shape[3:5]
+    fine = eye.unit / SAMPLES
+    x = eye.left + fine * (np.arange((columns + 1) * SAMPLES) + 0.5)
+    y = eye.top - fine * (np.arange((rows + 1) * SAMPLES) + 0.5)
+    for level in levels:
+        _filter(field.ground(level, x, y), eye.ground_colors, field.hides, eye.background[level], eye.hidden[level])
+
+
+@compiled
+def _filter(ground, colors, hides, background, hidden):
+    """Write the mean color of each pixel, and the share of it that hides things of each kind, at every phase.
+
+    ground: a kind per sample. colors: [kinds of ground, channels]. hides: [kinds of things, kinds of ground].
+    """
+    phases, _, rows, columns, channels = background.shape
+    step, samples = SAMPLES // phases, SAMPLES * SAMPLES
+    counts = _count(ground)
+    for phase_y in range(phases):
+        for phase_x in range(phases):
+            for row in range(rows):
+                for column in range(columns):
+                    packed = counts[row * SAMPLES + phase_y * step, column * SAMPLES + phase_x * step]
+                    for c in range(channels):
+                        total = samples // 2
+                        for kind in range(len(colors)):
+                            total += (packed >> COUNT_BITS * kind & COUNT_MASK) * colors[kind, c]
+                        background[phase_y, phase_x, row, column, c] = total // samples
+                    for thing in range(len(hides)):
+                        covered = 0
+                        for kind in range(len(colors)):
+                            covered += packed >> COUNT_BITS * kind & COUNT_MASK if hides[thing, kind] else 0
+                        hidden[phase_y, phase_x, row, column, thing] = 255 * covered // samples
+
+
+@compiled
+def _count(ground):
+    """Return how many samples of each kind the pixel has that begins at a sample, packed into int64 [height, width].
+
+    The count of each kind takes `COUNT_BITS`, so that all are added at once: first along x, then along y.
+    """
+    height, width = ground.shape
+    along = np.zeros((height, width), np.int64)
+    for i in range(height):
+        for j in range(width - SAMPLES + 1):
+            for k in range(SAMPLES):
+                along[i, j] += 1 << COUNT_BITS * int(ground[i, j + k])
+    counts = np.zeros((height, width), np.int64)
+    for i in range(height - SAMPLES + 1):
+        for k in range(SAMPLES):
+            for j in range(width):
+                counts[i, j] += along[i + k, j]
+    return counts
 
 
 @compiled
 def copy_background(eye, level, x, y, canvas):
-    """Copy what the eye sees of a level with the pointer at (x, y) to `canvas` [height, width, channels]."""
+    """Copy what the eye sees of a level around (x, y) to `canvas` [height, width, channels]."""
     height, width, channels = canvas.shape
     row, column, phase_y, phase_x, left, top = 0, 0, 0, 0, eye.left, eye.top
     if eye.centered:

@@ -17,6 +17,7 @@ from joybridge.contract.text import printable
 from joybridge.simulator.catalog import load_games, specs
 from joybridge.simulator.doors import load_protection
 from joybridge.simulator.listing import listing
+from joybridge.simulator.new_game.program import write_program
 from joybridge.simulator.new_game.starter import write_config
 from joybridge.simulator.new_game.write import NewGameError, write_game
 from joybridge.simulator.program_options import add_program_options, give_arguments, split_arguments
@@ -43,6 +44,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         if options.command == "new" and options.server:
             credentials = load_credentials(options.tls_ca, options.token_file)
             print(write_config(ProtectedAddress(options.server, credentials), options.game, options.folder))
+            return 0
+        if options.command == "new" and options.pygame:
+            sys.path.insert(0, str(Path.cwd()))
+            print(write_program(options.pygame, options.folder))
             return 0
         if options.command == "new":
             if options.game or options.tls_ca or options.token_file:
@@ -154,6 +159,11 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     begin = author.add_mutually_exclusive_group(required=True)
     begin.add_argument("name", nargs="?", help="write NAME.py, a small complete game, and NAME.yaml, its training")
     begin.add_argument(
+        "--pygame", metavar="PROGRAM",
+        help="write a hook and the training of a program that is written with pygame; settings and "
+        "arguments may follow, quoted, as in 'my_game.py keys=LEFT,RIGHT -- --level 3'",
+    )  # fmt: skip
+    begin.add_argument(
         "--for", type=address, metavar="ADDRESS", dest="server",
         help="write the training of a game of the server at this address, with values that suit its spec",
     )  # fmt: skip
@@ -172,7 +182,8 @@ def _add_protection(group: argparse._ArgumentGroup) -> None:
         "--token-file",
         type=Path,
         metavar="FILE",
-        help="accept only clients that know the token in this file; `openssl rand -hex 32 > FILE` makes one",
+        help="accept only clients that know the token in this file; "
+        "`(umask 077; openssl rand -hex 32 > FILE)` makes one",
     )
 
 

@@ -6,20 +6,24 @@ in the entry point group "joybridge.games". The places of environments of other 
 "unity:BUILD" and "unity-port:PORT"; arguments may follow.
 """
 
+import logging
 import math
 import os
 from collections.abc import Iterator, Sequence
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.spec import SpecError, check_spec, choose_options
+from joybridge.contract.text import printable
 from joybridge.games import BUILT_IN
 from joybridge.simulator.batched_game import BatchedGame
 from joybridge.simulator.game import Game
 from joybridge.simulator.game_adapter import GameAdapter, batched
 from joybridge.simulator.workers.game import in_workers
 from joybridge.v1 import bridge_pb2 as pb
+
+log = logging.getLogger("simulator")
 
 Catalog = dict[str, type[BatchedGame]]  # by name
 
@@ -40,21 +44,36 @@ class CatalogError(JoybridgeError):
 def load_games(places: Sequence[str] = (), workers: int = 0, seconds: float = math.inf) -> Catalog:
     """Return all games by name: built-in, installed, and at `places`. Raises CatalogError for one that is broken.
 
-    workers: processes that step the arenas of each one-arena game at `places`; 0 or 1: this process does. seconds: for
-    each answer of a worker.
+    An installed package whose game is broken takes only itself away; a warning says why. workers: processes that step
+    the arenas of each one-arena game at `places`; 0 or 1: this process does. seconds: for each answer of a worker.
     """
     if workers > 1 and os.name == "nt":
         raise CatalogError("workers take sockets from the server, which Windows has no way for; leave out --workers")
-    installed = [point.value for point in entry_points(group="joybridge.games")]
     games: Catalog = {}
-    for number, place in enumerate([*BUILT_IN.values(), *installed, *places]):
+    for place in BUILT_IN.values():
+        _add(games, place, load_game(place))
+    for point in entry_points(group="joybridge.games"):
+        if point.value not in places:  # those are loaded below, where what is broken is an error
+            _add_installed(games, point)
+    for place in places:
         game = load_game(place)
-        if workers > 1 and number >= len(BUILT_IN) + len(installed) and issubclass(game, GameAdapter):
+        if workers > 1 and issubclass(game, GameAdapter):
             game = in_workers(game, place, workers, seconds)
-        if game.name in games and games[game.name] is not game:
-            raise CatalogError(f"{place}: there is already a game named {game.name!r}; rename this one")
-        games[game.name] = game
+        _add(games, place, game)
     return games
+
+
+def _add(games: Catalog, place: str, game: type[BatchedGame]) -> None:
+    if games.setdefault(game.name, game) is not game:
+        raise CatalogError(f"{place}: there is already a game named {game.name!r}; rename this one")
+
+
+def _add_installed(games: Catalog, point: EntryPoint) -> None:
+    try:
+        _add(games, point.value, load_game(point.value))
+    except CatalogError as error:
+        package = point.dist.name if point.dist else "an installed package"
+        log.warning("a game of %s is left out: %s", package, printable(str(error)))
 
 
 def load_game(place: str) -> type[BatchedGame]:
@@ -108,6 +127,11 @@ def _import(place: str) -> object:
         raise CatalogError(f"game {place!r} {text}") from error
     except (ImportError, AttributeError, ValueError) as error:
         raise CatalogError(f"game {place!r} cannot be imported ({error}); expected MODULE:CLASS") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a module may do anything, such as exit
+        text = f"raises {type(error).__name__} when it is imported ({error}); mend its module"
+        raise CatalogError(f"game {place!r} {text}") from error
     classes = [n for n, kind in vars(found).items() if isinstance(kind, type) and issubclass(kind, Game | BatchedGame)]
     likely = [name for name in classes if vars(found)[name].__module__ == module] or ["CLASS"]
     raise CatalogError(f"game {place!r} names no class; expected MODULE:CLASS, as in {module}:{likely[0]}")

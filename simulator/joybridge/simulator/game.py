@@ -122,3 +122,7 @@ class Game(ABC):
     def draw(self) -> Array:
         """Return a picture, uint8 [height, width, 3]. Required if the spec has a picture size."""
         raise NotImplementedError(f"{self.name} has a picture size in its spec but no draw method")
+
+    def close(self) -> None:
+        """Free what the garbage collection does not, such as processes. Called once, after everything else."""
+        return

@@ -4,6 +4,7 @@ Everything that an author returns is checked here: a mistake raises an ArenaErro
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import ExitStack
 from math import inf, isfinite
 from typing import Any, ClassVar, NamedTuple
 
@@ -91,14 +92,21 @@ class GameAdapter(BatchedGame):
         # Per arena: the parameters, as they are now.
         self.parameters = [{p.name: p.default_value for p in self.spec.parameters} for _ in range(arenas)]
         self.arenas, self.option = arenas, options
-        self.reset(seed, parameters)
+        self.games: list[Game] = []
+        try:
+            self.reset(seed, parameters)
+        except BaseException:
+            self.close()
+            raise
 
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> None:
         """Begin a new episode in every arena; see BatchedGame."""
         for own in self.parameters:
             own.update(parameters)
         if seed is not None:  # create the games anew: they may keep state between episodes
-            self.games = [self.game() for _ in range(self.arenas)]
+            self.close()
+            for _ in range(self.arenas):
+                self.games.append(self.game())  # one by one, because those before one that fails must be closed
             self.episodes = [0] * self.arenas  # that have begun
             # With the dtype, because NumPy would make floats of a list with a large seed.
             self.keys = [np.array([seed, self.first_arena + arena], np.uint64) for arena in range(self.arenas)]
@@ -137,6 +145,12 @@ class GameAdapter(BatchedGame):
             return self.games[arena].draw()
         except BaseException as error:
             raise _named(arena, error) from error
+
+    def close(self) -> None:
+        """Close the games, also those after one whose `close` raises."""
+        with ExitStack() as stack:
+            while self.games:
+                stack.callback(self.games.pop().close)
 
     def _reset(self, arena: int) -> list[TimeStep]:
         drawn = draw_parameters(self.distributions, self.spec.parameters, self.keys[arena], self.episodes[arena])

@@ -34,6 +34,7 @@ log = logging.getLogger("simulator")
 SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 GRACE_SECONDS = 1.0  # for calls to end after a signal
 GAME_SECONDS = 0.5  # for games to end after that
+STDERR = 2  # the descriptor, because a game may have closed or replaced `sys.stderr`
 STUCK_SECONDS = 4.0  # for all of it, before the process ends wherever it is
 # How long the thread of a game may run Python code while the event loop waits. Beside four games in endless loops, a
 # call takes 15 ms with this and 70 ms with Python's default of 5 ms (medians on a busy machine with two cores).
@@ -121,8 +122,8 @@ def _stop_event(with_parent: bool) -> asyncio.Event:
 
 def _watch_the_end(end: Callable[[], object], number: int, frame: FrameType | None) -> None:
     """Handle a signal: if the event loop is stuck, end the process all the same, with all stacks in the log."""
-    faulthandler.dump_traceback_later(STUCK_SECONDS, exit=True)
     end()
+    faulthandler.dump_traceback_later(STUCK_SECONDS, exit=True, file=STDERR)
 
 
 def _read_to_the_end(end: Callable[[], object]) -> None:

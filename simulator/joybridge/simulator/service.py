@@ -176,8 +176,8 @@ class Service(rpc.SimulatorServiceServicer):
         except grpc.aio.InternalError:  # the client has gone while a response was on its way
             raise asyncio.CancelledError from None
         except asyncio.CancelledError:
-            # Without a reason the client has gone. And while a response is being sent, no status can be.
-            if stream.ending is None or stream.doing == WRITING:
+            # Without a reason the client has gone. And while a response is being sent over gRPC, no status can be.
+            if stream.ending is None or (stream.doing == WRITING and stream.local is None):
                 raise
             await context.abort(*stream.ending.status())
         finally:

@@ -161,7 +161,7 @@ class Session:
             parameters = choose_parameters(spec.parameters, start.parameters, spec.name)
             distributions = choose_distributions(spec, start.distributions, parameters)
         self.arenas = start.arenas
-        game = self.games[start.game](options, parameters, start.arenas, start.first_arena, start.seed)
+        self.game = game = self.games[start.game](options, parameters, start.arenas, start.first_arena, start.seed)
         if distributions:
             game.distributions = distributions
             game.reset(start.seed, {})
@@ -170,7 +170,6 @@ class Session:
             self._require_snapshots()
             with checking("start.snapshot"):
                 restore(game, start.snapshot, self.origin)
-        self.game = game
         self.codecs = [Codec(behavior, start.arenas, len(spec.parameters)) for behavior in spec.behaviors]
         response = pb.PlayResponse(started=pb.Started(spec=spec, version=own_version()))
         self._observe(response.started.step)

@@ -5,7 +5,9 @@ simulator that demands TLS or a token is a ProtectedAddress.
 """
 
 import asyncio
+import math
 import socket
+import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -36,6 +38,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
 
+_OFTEN = [("grpc.max_reconnect_backoff_ms", 1000)]  # tries to connect; by default the pauses grow to two minutes
 CALL_SECONDS = 30.0  # to wait for an answer, by default
 Distributions: TypeAlias = Mapping[str, pb.Distribution]
 Transport: TypeAlias = Literal["auto", "local", "grpc"]
@@ -48,14 +51,10 @@ M = TypeVar("M", bound=Message)
 def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
     """Wait until a simulator can be reached at an address. Raises SimulatorLost after so many seconds.
 
-    say: called once with a message if the wait takes longer than a second.
+    say: called after each second with what is waited for.
     """
     try:
-        try:
-            EVENT_LOOP.run(_connect, address, min(1.0, seconds))
-        except TimeoutError:
-            say(f"waiting up to {seconds:g} s for a simulator at {address} ({why_unreachable(address)}) …")
-            EVENT_LOOP.run(_connect, address, max(0.0, seconds - 1.0))
+        EVENT_LOOP.run(_connect, address, seconds, say)
     except TimeoutError:
         raise SimulatorLost(
             f"no simulator at {address} after {seconds:g} s: {why_unreachable(address)}; start one there with "
@@ -306,9 +305,19 @@ async def _open_local(stream: Stream, reader: Reader, path: str, largest: int) -
     return LocalStream(stream, reader, path, largest)
 
 
-async def _connect(address: str, seconds: float) -> None:
-    async with credentials_of(address).aio_channel(address) as channel:
-        await asyncio.wait_for(channel.channel_ready(), seconds)
+async def _connect(address: str, seconds: float, say: Callable[[str], None]) -> None:
+    """Connect once. Raises TimeoutError."""
+    limit = time.monotonic() + seconds
+    async with credentials_of(address).aio_channel(address, _OFTEN) as channel:
+        ready = asyncio.ensure_future(channel.channel_ready())
+        try:
+            while not (await asyncio.wait([ready], timeout=min(1.0, max(0.0, limit - time.monotonic()))))[0]:
+                if (left := limit - time.monotonic()) <= 0.0:
+                    raise TimeoutError
+                say(f"waiting for a simulator at {address}, {math.ceil(left)} s more: {why_unreachable(address)}")
+            await ready
+        finally:
+            ready.cancel()
 
 
 async def _call(address: str, method: str, request: Message, response: type[M]) -> M:

@@ -1,17 +1,23 @@
 """What commands that use simulators share: the options for them, types of arguments, errors and exit statuses."""
 
 import argparse
+import json
 import math
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.client.simulator_source import Simulators
+from joybridge.config.config import read_overrides
+from joybridge.config.config_files import find_config, merge, read_yaml
+from joybridge.config.errors import ConfigError
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.places import PYGAME, program_place
 
 ENVIRONMENTS = {"gym": "ID", "pettingzoo": "MODULE", "pygame": "PROGRAM", "unity": "BUILD", "unity-port": "PORT"}
 
@@ -23,6 +29,8 @@ def run_command(command: Callable[[argparse.Namespace], int | None], options: ar
         return command(options) or 0
     except JoybridgeError as error:
         say(f"error: {error}")
+        if getattr(options, "json", False):
+            print(json.dumps({"error": {"code": error.code, "text": str(error)}}))
         return error.exit_status
     except OSError as error:
         say(f"error: {error.filename or 'the output'}: {error.strerror or error}")
@@ -41,7 +49,7 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
     )  # fmt: skip
     add_credentials_arguments(parser)
     parser.add_argument(
-        "--wait", type=seconds, default=60.0, metavar="SECONDS",
+        "--wait", type=seconds, default=120.0, metavar="SECONDS",
         help="how long to wait for a simulator that does not answer yet; default %(default)g",
     )  # fmt: skip
     parser.add_argument(
@@ -88,6 +96,33 @@ def wanted_simulators(options: argparse.Namespace) -> Simulators:
     """Return the simulators that the command line names."""
     tls_ca, token_file = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
     return Simulators(tuple(options.simulator), tuple(options.game), tls_ca, token_file)
+
+
+def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
+    """Let the program that configurations name as their game be one of the command's, under its name.
+
+    configs: files, or names of installed ones. The value of `game` is "pygame:PROGRAM", or the program and its settings
+    as keys: {pygame: PROGRAM, KEY: VALUE}. A simulator that is running has the program already. Raises ConfigError.
+    """
+    over = read_overrides(options.overrides)
+    places = {_own_place(merge(read_yaml(find_config(config)), over).get("game")) for config in configs}
+    if len(places) > 1:
+        raise ConfigError("the configurations are of several games; compare those of one game")
+    place = places.pop()
+    if place is None:
+        return
+    options.overrides.append(f"game={json.dumps(choose_game(place, (), None)[0], ensure_ascii=False)}")
+    if not options.simulator:
+        options.game = list(dict.fromkeys([place, *options.game]))
+
+
+def _own_place(game: object) -> str | None:
+    if isinstance(game, dict):
+        try:
+            return program_place(game)
+        except ValueError as error:
+            raise ConfigError(f"game: got {game}; {error}") from error
+    return game if isinstance(game, str) and game.startswith(PYGAME) else None
 
 
 def at_least(least: int) -> Callable[[str], int]:

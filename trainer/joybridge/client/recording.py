@@ -33,7 +33,7 @@ __all__ = [
     "Exchange", "Kind", "Record", "Recording", "RecordingError", "Writer", "digest", "heading", "load_recording",
 ]  # fmt: skip
 
-LARGEST_FILE = 4 << 30
+LARGEST_FILE = 1 << 30  # bytes; a folder may hold several
 FORMAT = 2
 HEAD = struct.Struct("<cI")
 CHECK = struct.Struct("<I")
@@ -183,7 +183,7 @@ def _exchanges(records: Sequence[Record]) -> tuple[pb.GameSpec | None, list[Exch
             case Kind.HELD:
                 held = json.loads(body)
             case Kind.REQUEST:
-                exchanges.append(Exchange(pb.PlayRequest.FromString(body), held))
+                exchanges.append(Exchange(_request(body), held))
             case Kind.STEP:
                 exchanges[-1].step = step = pb.Step.FromString(body)
                 exchanges[-1].digest = _checksum(_data(step))
@@ -192,6 +192,14 @@ def _exchanges(records: Sequence[Record]) -> tuple[pb.GameSpec | None, list[Exch
             case _:
                 raise ValueError(f"a record of the unknown kind {kind!r}")
     return spec, exchanges
+
+
+def _request(body: bytes) -> pb.PlayRequest:
+    """Return a request. Raises ValueError for an empty one: a small file could hold very many of them."""
+    request = pb.PlayRequest.FromString(body)
+    if request.WhichOneof("request") in (None, "act") and not request.act.behaviors:
+        raise ValueError("an empty request")
+    return request
 
 
 def digest(steps: Sequence[StepArrays]) -> int:

@@ -16,6 +16,7 @@ from threading import Thread
 
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
+    add_own_game,
     add_simulator_options,
     add_trust_option,
     at_least,
@@ -142,6 +143,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--behavior", default="", metavar="NAME", help="which behavior to export, if the game has several"
     )
 
+    for with_others in (evaluates, records):
+        with_others.add_argument(
+            "--others", type=Path, metavar="RUN",
+            help="let the policies of a run hold all seats but one of each arena, in a game of several agents",
+        )  # fmt: skip
     for plays_run in (evaluates, records, exports):
         add_overrides(
             plays_run, "options and parameters of the game that differ from the training, e.g. parameters.size=0.5"
@@ -153,6 +159,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         trust(options.run)
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
+    if options.command == "evaluate" and options.others and options.inputs:
+        parser.error("--inputs measures all agents, --others those of another run, too; give one of the two")
     if options.command == "train" and options.ray and options.simulator:
         parser.error("--ray starts simulators, --simulator names running ones; give one of the two")
     if options.command == "train" and options.simulators and not options.ray:
@@ -175,6 +183,7 @@ def _train(options: argparse.Namespace) -> None:
         options.overrides.append(f"weights_from={options.weights_from}")
     if options.demos:
         options.overrides.append(f"demonstrations={options.demos}")
+    add_own_game(options, [options.config])
     config = load_config(path, options.overrides, options.behavior)
     check_sinks(config.log_to)
     if config.demonstrations:
@@ -265,7 +274,7 @@ def _evaluate(options: argparse.Namespace) -> None:
             setting: evaluate(
                 run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
                 say=say, overrides=overrides, checkpoint=options.checkpoint, demos=options.demos,
-                inputs=options.inputs,
+                inputs=options.inputs, others=options.others,
             )
             for setting, overrides in plays.items()
         }  # fmt: skip
@@ -294,7 +303,7 @@ def _record(options: argparse.Namespace) -> None:
         frames = record(
             options.run, simulator, options.output, seconds=options.seconds, seed=options.seed,
             deterministic=options.deterministic, say=say, overrides=options.overrides,
-            checkpoint=options.checkpoint, inputs=options.inputs,
+            checkpoint=options.checkpoint, inputs=options.inputs, others=options.others,
         )  # fmt: skip
     print(f"{options.output}: {frames} frames")
     say_next("export", str(options.run), "policy.onnx")

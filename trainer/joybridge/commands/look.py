@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         print(f"error: {error}", file=sys.stderr)
         return 1
     apart = f"{every} decisions" if every > 1 else "decision"
-    print(f"{options.output}: {options.pictures} pictures of {spec.name}, one every {apart}")
+    print(f"{options.output}: {options.pictures} pictures of {spec.name}, one every {apart}\n{spec.description}")
     return 0
 
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from joybridge.client.command_line import (
+    add_own_game,
     add_simulator_options,
     at_least,
     check_simulator_options,
@@ -27,6 +28,7 @@ from joybridge.compare.names import ResultName
 from joybridge.compare.page import Setting, final_scores, write_page
 from joybridge.compare.ranges import is_fixed
 from joybridge.compare.scores import Run, score_run
+from joybridge.compare.suite import SUITES, compare_suite
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.variants import SEARCH, Variant, check_unchanged, kept_spec, make_variants, read_values
 from joybridge.config.config import load_config
@@ -34,6 +36,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.errors import JoybridgeError
+from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb
 
 SEEDS = 5
@@ -44,6 +47,8 @@ OVERRIDE = re.compile(r"[a-z_.]+=")  # not a mixture of layouts, as in "hybrid, 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.compare") -> int:
     """Run the command line, the command first, and return its exit status."""
     options = parse(arguments, prog)
+    if options.suite:
+        return run_command(lambda given: compare_suite(given, compare), options)
     return run_command(search if options.search else compare, options)
 
 
@@ -54,7 +59,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     compares = commands.add_parser(
         "compare", help="train variants of a configuration with several seeds, and write a page that compares them"
     )
-    compares.add_argument("config", help="a YAML file, or the name of an installed one, as in archer/hybrid")
+    compares.add_argument("config", nargs="?", help="a YAML file, or the name of an installed one, as in archer/hybrid")
+    compares.add_argument(
+        "--suite", choices=SUITES, help="compare on all tasks of a suite instead of one configuration, on one page"
+    )
     compares.add_argument("--layouts", nargs="+", default=[], metavar="LAYOUT", help="e.g. hybrid bucket-5 multiagent")
     compares.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE,VALUE,…",
@@ -92,6 +100,12 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     options.layouts = [word for word in options.layouts if word not in overrides]
     options.overrides += overrides
     check_simulator_options(parser, options)
+    if options.suite and options.config and OVERRIDE.match(options.config):
+        options.overrides, options.config = [options.config, *options.overrides], None
+    if bool(options.suite) == bool(options.config):
+        parser.error("name a configuration, or a suite with --suite")
+    if options.suite and (options.search or options.also):
+        parser.error("--search and --also are for one configuration, not for a suite")
     fixed = list(filter(is_fixed, options.search))  # they may stand behind what is searched
     if fixed and fixed == options.search:
         parser.error(f"--search {' '.join(fixed)}: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,VALUE")
@@ -121,9 +135,10 @@ def search(options: argparse.Namespace) -> int:
 
 
 def compare(options: argparse.Namespace) -> int:
-    """Train what is missing, write the page, and return 1 if a run has failed."""
+    """Train what is missing, write the page, and return 1 if a run has failed. Raises RunLockedError, and others."""
     if (options.output / SEARCH).exists():
         raise ConfigError(f"{options.output} holds a search; name another folder with --output")
+    add_own_game(options, [options.config, *options.also])
     grid = [("layout", options.layouts)] if options.layouts else []
     variants = make_variants(
         [options.config, *options.also], options.overrides, [*grid, *map(read_values, options.set)]
@@ -131,6 +146,12 @@ def compare(options: argparse.Namespace) -> int:
     for variant in variants:
         check_unchanged(variant, options.output)
     specs = find_specs(variants, options)
+    with locked(options.output, option="--output"):
+        return compare_variants(variants, specs, options)
+
+
+def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], options: argparse.Namespace) -> int:
+    """Train what is missing of variants of games with these specs, write the page, and return 1 if a run has failed."""
     policies = {
         variant.label: scored_policy(variant, spec, options.behavior)
         for variant, spec in zip(variants, specs, strict=True)

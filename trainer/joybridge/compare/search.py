@@ -14,7 +14,7 @@ import optuna
 from optuna.storages.journal import JournalFileBackend, JournalStorage
 from optuna.trial import TrialState
 
-from joybridge.client.command_line import say, wanted_simulators
+from joybridge.client.command_line import add_own_game, say, wanted_simulators
 from joybridge.compare.launch import backend, check_variant, repetition, scored_policy, served_specs
 from joybridge.compare.ranges import Choices, Range, own_settings, read_ranges, settings_of
 from joybridge.compare.search_page import Outcome, outcome, ranking, write_page
@@ -43,6 +43,7 @@ BASE = "search"  # name of the study, and of the configuration that is searched 
 def search(options: argparse.Namespace) -> int:
     """Train what is missing of a search, write the page, and return 1 if a trial has failed."""
     path = find_config(options.config)
+    add_own_game(options, [options.config])
     base = load_config(path, options.overrides)
     ranges, variant = read_ranges(options.search, path, options.overrides), Variant(BASE, base)
     check(base, ranges, options.metric)

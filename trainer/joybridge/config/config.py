@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from joybridge.config.config_files import dump_yaml, merge, parse_yaml, read_yaml
+from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
 from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.presets import preset_of
+from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
@@ -27,7 +28,8 @@ MAY_DIFFER = (  # from the training, when a trained policy plays
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
     "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
-    "policies": "policies.NAME.KEY=VALUE", "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
+    "policies": "policies.NAME.KEY=VALUE", "shares": "opponents.shares.NAME=SHARE",
+    "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
 
 CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
@@ -92,7 +94,7 @@ class PolicyConfig(Checked):
         None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
     )
     shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
-    frame_stack: int = Field(3, ge=1, description="observations it sees at once, oldest first")
+    frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
     )
@@ -148,10 +150,35 @@ class PolicyConfig(Checked):
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
+class OpponentsConfig(Checked):
+    """Who plays beside the learner in a game of several agents."""
+
+    shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
+        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, or the folder of "
+        "another run; one seat of a match is always the learner's; none: it holds all"
+    )  # fmt: skip
+    sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
+        "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
+        "those as strong as it"
+    )  # fmt: skip
+    pool_size: int = Field(
+        20, ge=1, le=1000, description="past policies that are kept, spread evenly over the training"
+    )
+    at_once: int = Field(4, ge=1, description="past policies that are drawn for the matches until the next update")
+    pool_updates: int = Field(20, ge=1, description="updates after which a policy is added to them")
+
+    @field_validator("shares")
+    @classmethod
+    def _some_share(cls, shares: dict[str, float]) -> dict[str, float]:
+        if shares and not sum(shares.values()):
+            raise ValueError("expected a share above 0")
+        return shares
+
+
 class Config(Checked):
     """A whole run."""
 
-    game: str = Field(description="which game is trained")
+    game: str = Field(description="which game is trained: its name, or pygame:PROGRAM")
     preset: Literal["sb3", "cleanrl", "paper"] | None = Field(
         None, description="settings of another program, for what is not set beside this key"
     )
@@ -170,7 +197,7 @@ class Config(Checked):
         "squashed, threshold-T, map-WxH, multiagent or one of an installed package; after commas, "
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
-    arenas: int = Field(75, ge=1, description="copies of the game that are played at once")
+    arenas: int = Field(75, ge=1, le=2**20, description="copies of the game that are played at once")
     groups: int = Field(
         2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
     )
@@ -219,6 +246,7 @@ class Config(Checked):
     evaluate_over: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
+    opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
     hand_delay: int = Field(
         0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
     )
@@ -300,8 +328,10 @@ def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise ConfigError(f"override {override!r} is not of the form key=value")
-        value = parse_yaml(text, f"override {override!r}: {text!r}")
-        for part in reversed(key.split(".")):
+        value, parts = parse_yaml(text, f"override {override!r}: {text!r}"), key.split(".")
+        if len(parts) > DEEPEST:
+            raise ConfigError(f"the key of an override has {len(parts):,} parts, expected {DEEPEST} at most")
+        for part in reversed(parts):
             value = {part: value}
         data = merge(data, value)
     return data
@@ -335,7 +365,7 @@ def _expected(key: str, value: object, problem: str) -> str:
     name = key.rpartition(".")[2]
     if problem == "list_type" and isinstance(value, str | int | float):
         parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
-        return f"expected a list, for example {key}=[{parts}]"
+        return f"expected a list, for example {key}=[{printable(parts)}]"
     if problem == "value_error" and key.startswith("parameters.") and isinstance(value, str):
         return f"expected a number; if it is an option of the game, write options.{name}={value}"
     if problem in ("dict_type", "model_type"):

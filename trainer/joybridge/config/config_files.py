@@ -14,7 +14,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
+from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent, ScalarEvent
 
 from joybridge.config.errors import ConfigError
 from joybridge.config.presets import preset_of
@@ -25,6 +25,7 @@ _CHECKOUT = Path(__file__).parents[3] / "configs"
 FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 LARGEST = 2**16  # bytes of a file, and values in it
 DEEPEST = 10  # mappings and lists inside each other; files that extend each other
+MERGE = "<<"  # a key whose value YAML lays under the other keys
 OPENING = "[{-:?"  # each mapping and list has one of these characters
 BASE = "common"  # stem of files that other files extend; they are not trained themselves
 
@@ -83,7 +84,11 @@ def parse_yaml(text: str, what: str) -> Any:
     """Return the content of a YAML text; `what` names it in errors. Raises ConfigError."""
     try:
         return deepcopy(_parse(text))
-    except (YAMLError, ValueError) as error:  # ValueError: a date that does not exist
+    except (
+        YAMLError,
+        ValueError,
+        LookupError,
+    ) as error:  # a date that does not exist, a value of a type like `!!int ''`
         problem = getattr(error, "problem", None) or str(error)
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark is not None else ""
@@ -93,21 +98,26 @@ def parse_yaml(text: str, what: str) -> Any:
 @lru_cache(256)  # a comparison or a search reads the same files and overrides hundreds of times
 def _parse(text: str) -> Any:
     """Return the content of a YAML text. Raises YAMLError and ValueError."""
-    _check_depth(text)
+    _check_events(text)
     data = YAML(typ="safe", pure=True).load(text)
     _check_size(data)
     return data
 
 
-def _check_depth(text: str) -> None:
-    """Raise ValueError for a text that is nested so deeply that reading it would take very long."""
-    if sum(map(text.count, OPENING)) <= DEEPEST:
+def _check_events(text: str) -> None:
+    """Raise ValueError for a text that would take very long to read: deeply nested, or with keys that are merged.
+
+    Merges multiply: `<<: [*a, *a]` in each of forty mappings never ends.
+    """
+    if sum(map(text.count, OPENING)) <= DEEPEST and MERGE not in text:
         return
     depth = 0
     for event in YAML(typ="safe", pure=True).parse(text):
         depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
         if depth > DEEPEST:
             raise ValueError(f"it is nested more than {DEEPEST} times")
+        if isinstance(event, ScalarEvent) and event.value == MERGE and event.style is None:
+            raise ValueError(f"it has the key `{MERGE}`; write the keys themselves, or use `extends`")
 
 
 def _check_size(data: Any) -> None:

@@ -38,8 +38,12 @@ def storing(path: Path) -> Iterator[None]:
 
 
 def write_synced(path: Path, data: bytes) -> None:
-    """Write a file and wait until the disk has it. Raises OSError."""
-    with path.open("wb") as file:
+    """Write a new file and wait until the disk has it. Raises OSError.
+
+    What was there is removed, and nothing is written through a link that somebody has laid there.
+    """
+    path.unlink(missing_ok=True)
+    with path.open("xb") as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())

@@ -49,7 +49,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     word = given.word
     lines = list(listing(word))
     if not lines:
-        print(f"error: {word!r} is in the name and meaning of no key; `joybridge keys` lists all keys", file=sys.stderr)
+        print(
+            f"error: {word!r} is in the name and meaning of no key; `joybridge keys` lists all keys, and the page "
+            '"What you may be looking for" (docs/find.md) has more words, also for what is not here',
+            file=sys.stderr,
+        )
         return 1
     print(*lines, sep="\n")
     return 0

@@ -20,7 +20,8 @@ ACTIVITIES = ("simulate", "wire", "act", "learn")  # fractions of the time
 STATISTICS = ("policy_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
 _COLUMNS = {
     "timesteps", "seconds", "lesson", "episodes", "reward", "reward_std", "length", *STATISTICS, "value",
-    "explained_variance", "grad_norm", "epochs", "cloning_loss", "learning_rate", "timesteps_per_second", *ACTIVITIES,
+    "explained_variance", "grad_norm", "epochs", "cloning_loss", "learning_rate", "ahead",
+    "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
 HELD_OUT = "held_out_"  # begins the columns of `evaluate_during`
 KEYS = ("run", "experiment", "seed", "total_timesteps", "policy")  # what a table of several runs adds to a row
@@ -38,7 +39,7 @@ def is_trainers(column: str) -> bool:
 
 def metrics_name(policy: str) -> str:
     """Return the name of a policy in the names of files: never a path of its own."""
-    return re.sub(r"[/\\%\0]", lambda match: f"%{ord(match[0]):02X}", policy)
+    return re.sub(r"[/\\%\0]|^\.+$", lambda match: "".join(f"%{ord(char):02X}" for char in match[0]), policy)
 
 
 def read_rows(path: Path) -> list[Row]:

@@ -122,7 +122,7 @@ def _stretches(recording: Recording, spec: pb.GameSpec) -> Iterator[Stretch]:
 def _check_held(held: list[list[int]] | None, spec: pb.GameSpec, arenas: int) -> None:
     """Raise ValueError unless all lanes are lanes of their behavior."""
     for behavior, lanes in zip(spec.behaviors, held or [[]] * len(spec.behaviors), strict=True):
-        if not all(0 <= lane < lane_count(behavior, arenas) for lane in lanes):
+        if not all(type(lane) is int and 0 <= lane < lane_count(behavior, arenas) for lane in lanes):
             raise ValueError(f"lanes {lanes} of {behavior.name}, which has {lane_count(behavior, arenas)}")
 
 

@@ -9,6 +9,7 @@ from gymnasium.spaces import Dict
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.parts import rows_of
 from joybridge.contract.tensors import Array
 from joybridge.gym.observer import Observer, one_row
 from joybridge.gym.spaces import ActionSpaces, make_action_spaces
@@ -77,12 +78,12 @@ class Player:
 
     def begin(self, step: StepArrays) -> None:
         """Take the first timestep of new episodes, of all lanes of the behavior."""
-        self.step = step if self._lane is None else _one_lane(step, self._lane)
+        self.step = step if self._lane is None else rows_of(step, np.array([self._lane]))
         self._observer.begin(self.step)
 
     def push(self, step: StepArrays) -> None:
         """Take the timestep that followed a decision, of all lanes of the behavior."""
-        self.step = step if self._lane is None else _one_lane(step, self._lane)
+        self.step = step if self._lane is None else rows_of(step, np.array([self._lane]))
         self.final = self._observer.push(self.step)
 
     def observations(self) -> Any:
@@ -182,19 +183,3 @@ class Player:
         """Return the infos of the only lane: the mask is an array, and `deciding` a bool."""
         infos = self.infos()
         return {"action_mask": infos["action_mask"][0], "deciding": bool(infos["deciding"][0])}
-
-
-def _one_lane(step: StepArrays, lane: int) -> StepArrays:
-    """Return the timestep of one lane of a behavior."""
-    row, ended = slice(lane, lane + 1), np.flatnonzero(step.ended == lane)
-    return StepArrays(
-        observations=[sensor[row] for sensor in step.observations],
-        rewards=step.rewards[row],
-        terminated=step.terminated[row],
-        truncated=step.truncated[row],
-        masks=None if step.masks is None else [mask[row] for mask in step.masks],
-        deciding=None if step.deciding is None else step.deciding[row],
-        ended=np.zeros(len(ended), np.int32),
-        final_observations=[sensor[ended] for sensor in step.final_observations or ()],
-        metrics=None if step.metrics is None else step.metrics[ended],
-    )

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 
 from joybridge.config.errors import ConfigError, DeviceError, SettingError
+from joybridge.contract.text import printable
 from joybridge.layouts.bounded import beta, squashed
 from joybridge.layouts.bucket import bucket
 from joybridge.layouts.check import check_layouts
@@ -57,6 +58,12 @@ def find_layouts(name: str, device: pb.Device) -> dict[str, Layout]:
         raise ConfigError(f"layout: unknown layout {name!r}, {error}") from None
     except DeviceError as error:
         raise ConfigError(f"layout: {name!r} cannot express this device: {error}") from None
+    except (ConfigError, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # what another package raises, exit() included
+        raise ConfigError(
+            f"layout: {name!r} cannot be made: {type(error).__name__}: {printable(str(error))}"
+        ) from error
     return layouts
 
 
@@ -74,6 +81,9 @@ def _installed(kind: str, name: str) -> Maker:
     (entry,) = found
     try:
         maker: Maker = entry.load()
-    except Exception as error:
-        raise ConfigError(f"layout: {kind!r} cannot be loaded from {entry.value!r}: {error}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        text = f"{type(error).__name__}: {printable(str(error))}"
+        raise ConfigError(f"layout: {kind!r} cannot be loaded from {entry.value!r}: {text}") from error
     return maker

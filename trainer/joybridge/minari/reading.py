@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from joybridge.client.recording import LARGEST_FILE, RecordingError
+from joybridge.client.recording import RecordingError
 from joybridge.config.errors import ConfigError
-from joybridge.contract.files import read_file
+from joybridge.contract.files import BLOCK_BYTES, read_file
 from joybridge.contract.tensors import Array, TensorError
 from joybridge.contract.text import printable
 from joybridge.demonstrations.episodes import Episode, check_episode, join_episodes
@@ -20,6 +20,8 @@ from joybridge.v1 import bridge_pb2 as pb
 DATA = "main_data.hdf5"  # beside it is METADATA; the folder of both is `data`, in a folder with the name of the dataset
 METADATA = "metadata.json"
 MAX_METADATA_BYTES = 2**26
+MAX_ARRAYS_BYTES = 2**29  # of all arrays together, in memory
+MAX_GROWTH = 1000  # bytes in memory for each in the file
 MAX_DEPTH = 3  # folders between the one that is named and a dataset, as in NAMESPACE/GAME/NAME-v0
 OURS = "joybridge"  # the key of the metadata that an export adds: names of the game and of the behavior
 
@@ -77,7 +79,7 @@ def _behavior(path: Path, metadata: Mapping[str, Any], spec: pb.GameSpec) -> int
 
 
 def _check_arrays(path: Path) -> None:
-    """Raise ValueError unless all arrays are in the file itself, and not too large together."""
+    """Raise ValueError unless all arrays are in the file itself, and not too large, alone or together."""
     import h5py
 
     found: list[tuple[str, Any]] = []
@@ -88,9 +90,12 @@ def _check_arrays(path: Path) -> None:
             one = file[name] if isinstance(link, h5py.HardLink) else None
             if one is None or (isinstance(one, h5py.Dataset) and (one.is_virtual or one.external)):
                 raise ValueError(f"{name} is a link")
-            size += one.nbytes if isinstance(one, h5py.Dataset) else 0
-    if size > LARGEST_FILE:
-        raise ValueError(f"{size:,} bytes of arrays, expected at most {LARGEST_FILE:,}")
+            if isinstance(one, h5py.Dataset):
+                size += one.nbytes
+                if one.nbytes > MAX_GROWTH * max(one.id.get_storage_size(), BLOCK_BYTES):
+                    raise ValueError(f"{name} has {one.nbytes:,} bytes, almost none of which are in the file")
+    if size > MAX_ARRAYS_BYTES:
+        raise ValueError(f"{size:,} bytes of arrays, expected at most {MAX_ARRAYS_BYTES:,}; split the dataset")
 
 
 def _episodes(path: Path, behavior: pb.Behavior) -> Iterator[Episode]:

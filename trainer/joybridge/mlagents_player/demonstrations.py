@@ -56,6 +56,8 @@ def load_mlagents(path: Path, spec: pb.GameSpec) -> Demonstration:
             except EOFError:
                 break
             steps.append(ml.DemonstrationStep.FromString(body))
+            if not steps[-1].agent.observations:  # a small file could hold very many of them
+                raise ValueError(f"the step at byte {place:,} has no observations")
             place = after
     except (OSError, EOFError, ValueError, DecodeError) as error:
         raise RecordingError(

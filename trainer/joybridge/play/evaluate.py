@@ -34,12 +34,13 @@ class Evaluation:
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
     overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
+    others: Path | None = None,
 ) -> dict[str, Evaluation]:  # fmt: skip
     """Play so many episodes of a run's policies; return an Evaluation per policy.
 
     overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
     its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
-    with their devices.
+    with their devices. others: a run whose policies hold all seats but one of each arena; only this one counts.
 
     Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
     often. How many episodes of an arena count is fixed beforehand, so short ones count no more often than long ones.
@@ -47,7 +48,7 @@ def evaluate(
     """
     with open_play(
         run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint,
+        checkpoint=checkpoint, others=others,
     ) as play:  # fmt: skip
         say(play.heading())
         if demos:
@@ -144,12 +145,13 @@ def _play(
     tables = {player.actor.name: Episodes(player.lanes, player.actor.metrics) for player in play.players}
     for number, decision in enumerate(play.decisions(), 1):
         for player, rewards in zip(play.players, decision.rewards, strict=True):
-            tables[player.actor.name].add(decision.after[player.actor.behavior], rewards)
+            behavior = player.actor.behavior
+            tables[player.actor.name].add(decision.after[behavior], rewards, played=play.held[behavior])
         for index, measures in measured:
             measures.add(decision.before[index], decision.acts[index], decision.after[index])
         if number % 1000 == 0:
             say(f"{number} decisions")
-        if all(table.has(shares) for table in tables.values()):
+        if all(tables[player.actor.name].has(shares, play.held[player.actor.behavior]) for player in play.players):
             break
     for table in tables.values():
         table.keep(shares)

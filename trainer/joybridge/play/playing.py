@@ -11,22 +11,27 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from joybridge.client.client import Session
 from joybridge.client.sharded_session import ShardedSession, open_session
 from joybridge.config.config import Config, play_settings
+from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import Value, drawn, fixed, value_text
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.play.policy_view import PolicyView
-from joybridge.policy.actor import make_actors
+from joybridge.policy.actor import trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.hand import make_hands
 from joybridge.policy.player import Player
 from joybridge.policy.stratify import balanced_options
+from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import SPEC, play_config, run_spec
-from joybridge.run.run_state import load_state, policy_state
+from joybridge.run.league import load_run
+from joybridge.run.run_state import load_state
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -64,15 +69,21 @@ class Policies:
         state = load_state(run, checkpoint)
         self.timesteps = state.timesteps
         self.players = []
-        for actor in make_actors(config, spec):
-            actor.load(policy_state(state.arrays, actor.name))
+        for actor in trained_actors(config, spec, state.arrays):
             lanes = lane_count(spec.behaviors[actor.behavior], arenas)
             self.players.append(Player(actor, lanes, seed, deterministic=deterministic))
         self._hands = make_hands(config, spec, 0, arenas, seed)
+        self._others: Table | None = None
         self._acts = make_acts(spec, arenas)
+
+    def seat(self, others: Table) -> None:
+        """Let others hold the seats of all holders but 0. Call this before the first decision."""
+        self._others = others
 
     def begin(self, steps: Sequence[StepArrays]) -> None:
         """Take the first steps of a session; entries are behaviors."""
+        if self._others:
+            self._others.begin(steps)
         for player in self.players:
             player.begin(steps[player.actor.behavior])
 
@@ -81,6 +92,8 @@ class Policies:
         for player in self.players:
             behavior = player.actor.behavior
             player.act(steps[behavior], self._acts[behavior])
+        if self._others:
+            self._others.act(steps, self._acts)
         for hand, step, act in zip(self._hands, steps, self._acts, strict=False):  # there may be no hands
             hand.apply(step, act)
         return self._acts
@@ -88,6 +101,8 @@ class Policies:
     def store(self, steps: Sequence[StepArrays]) -> list[Array]:
         """Take the steps that followed the acts; return the rewards [lanes] of each policy."""
         rewards = [player.store(steps[player.actor.behavior]) for player in self.players]
+        if self._others:
+            self._others.sit(steps)
         for hand, step in zip(self._hands, steps, strict=False):
             hand.store(step)
         return rewards
@@ -98,14 +113,17 @@ class Play:
 
     def __init__(
         self, config: Config, changed: dict[str, Change], choices: Sequence[str], arenas: int,
-        session: Session | ShardedSession, policies: Policies,
+        session: Session | ShardedSession, policies: Policies, held: Sequence[Array],
     ) -> None:  # fmt: skip
-        """Play `arenas` arenas. changed: what differs from the training. choices: see `balanced_options`."""
+        """Play `arenas` arenas. changed: what differs from the training. choices: see `balanced_options`.
+
+        held: the lanes that the policies hold, a bool for each, per behavior.
+        """
         self.config, self.changed, self.choices = config, changed, choices
         self.session, self._policies = session, policies
         self.players, self.timesteps = policies.players, policies.timesteps
         self.spec = session.spec
-        self.arenas = arenas
+        self.arenas, self.held = arenas, held
 
     def heading(self) -> str:
         """Return what plays, and what differs from its training."""
@@ -143,14 +161,14 @@ class Play:
 @contextmanager
 def open_play(
     run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False,
-    overrides: Sequence[str] = (), checkpoint: str = "",
+    overrides: Sequence[str] = (), checkpoint: str = "", others: Path | None = None,
 ) -> Iterator[Play]:  # fmt: skip
     """Load a checkpoint of a run and open a session at a simulator; the session is closed on leaving.
 
     checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
     game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
     so many episodes at once, at most `arenas_limit` per choice of the option `evaluate_over`; arenas of the same choice
-    are side by side.
+    are side by side. others: a run whose policies hold all seats but one of each arena.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
     config = play_config(run, overrides)
@@ -164,11 +182,20 @@ def open_play(
         transport=config.transport,
     )  # fmt: skip
     with closing(session):
+        table = Table(spec, arenas, seed)
+        if others:
+            if table.seats.count < 2:
+                raise ConfigError(f"--others: {spec.name} has one agent, which plays alone; leave the option out")
+            table.join(1, load_run(others, config, spec))
+            for arena in range(arenas):
+                table.seats.begin(arena, np.arange(table.seats.count) != arena % table.seats.count)
+            policies.seat(table)
+        held = [table.seats.holders(behavior) == 0 for behavior in range(len(spec.behaviors))]
         policies.begin(session.steps)
         changed = changed_settings(play_config(run, ()), config, spec)
         if (run / SPEC).exists() and (was := run_spec(run).version) != spec.version:
             changed["version"] = Change(was, spec.version)
-        yield Play(config, changed, list(options), arenas, session, policies)
+        yield Play(config, changed, list(options), arenas, session, policies, held)
 
 
 def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:

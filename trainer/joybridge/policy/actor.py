@@ -10,7 +10,6 @@ import torch
 from joybridge.config.arrays import select
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles
@@ -28,6 +27,7 @@ from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.ppo.own import OwnEncoder
 from joybridge.ppo.sampling import sample_actions
+from joybridge.ppo.threads import compute_alike
 from joybridge.v1 import bridge_pb2 as pb
 
 SCALING = "scaling."  # begins the names of arrays that are not the network's
@@ -40,11 +40,11 @@ class Acted(NamedTuple):
     values: Array  # [lanes]: of what it saw
     memory: Array | None = None  # [lanes, state_size]: what it remembers now; None: an actor without memory
 
-    def of_deciding(self, observation: Observation, step: StepArrays) -> "Acted":
-        """Return the same, but lanes that wait in `step` remember what they did in `observation`."""
-        if self.memory is None or observation.memory is None or step.deciding is None:
+    def of_deciding(self, observation: Observation, deciding: Array | None) -> "Acted":
+        """Return the same, but lanes that wait remember what they did in `observation`. deciding [lanes]; None: all."""
+        if self.memory is None or observation.memory is None or deciding is None:
             return self
-        return self._replace(memory=np.where(step.deciding[:, None], self.memory, observation.memory))
+        return self._replace(memory=np.where(deciding[:, None], self.memory, observation.memory))
 
 
 class Actor:
@@ -156,6 +156,8 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
     """Return untrained policies for all behaviors of a spec. Raises ConfigError."""
     if accelerator == "cuda" and not torch.cuda.is_available():
         raise ConfigError("accelerator is cuda, but torch finds no such device here; set accelerator=cpu")
+    if accelerator == "cuda":
+        compute_alike()
     roles = fitting_roles(config, spec)
     children = np.random.SeedSequence(config.seed).spawn(len(roles))
     seeds = [int(child.generate_state(1, np.uint64)[0]) for child in children]
@@ -163,3 +165,19 @@ def make_actors(config: Config, spec: pb.GameSpec, accelerator: str = "cpu") -> 
         Actor(role, spec.behaviors[role.behavior], config.policy_config(role.name), seed, accelerator)
         for role, seed in zip(roles, seeds, strict=True)
     ]
+
+
+def trained_actors(config: Config, spec: pb.GameSpec, arrays: dict[str, Array]) -> list[Actor]:
+    """Return the policies in the arrays of a checkpoint of a run with this configuration.
+
+    Raises ConfigError, and CheckpointError where they do not fit.
+    """
+    actors = make_actors(config, spec)
+    for actor in actors:
+        actor.load(policy_state(arrays, actor.name))
+    return actors
+
+
+def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Array]:
+    """Return the parameters of one policy's network from the arrays of a checkpoint."""
+    return select(arrays, f"{policy}/policy/network.")

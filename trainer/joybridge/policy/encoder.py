@@ -104,8 +104,13 @@ class FrameStack:
         self.now[:, : self.now.shape[1] - self._frame] = 0
         self.now[:, self.now.shape[1] - self._frame :] = frames
 
-    def push(self, frames: Array, step: StepArrays) -> None:
-        """Push the newest frames [lanes, frame]."""
+    def push(self, frames: Array, step: StepArrays, held: Array | None = None) -> None:
+        """Push the newest frames [lanes, frame]. held: the numbers of the lanes that they are of; None: of all."""
+        if held is not None:
+            after = np.empty_like(self.now, shape=(len(held), self.now.shape[1]))
+            push_frames(self.now[held], frames, step, after)
+            self.now[held] = after
+            return
         push_frames(self.now, frames, step, self._spare)
         self.now, self._spare = self._spare, self.now
 
@@ -131,11 +136,17 @@ class Stacks:
         for stack, pictures in zip(self._images, seen.images, strict=True):
             stack.begin(pictures.reshape(len(pictures), -1))
 
-    def push(self, seen: Observation, step: StepArrays) -> None:
-        """Push what lanes see now."""
-        self._numbers.push(seen.numbers, step)
+    def push(self, seen: Observation, step: StepArrays, held: Array | None = None) -> None:
+        """Push what lanes see now. held: their numbers; None: all lanes."""
+        self._numbers.push(seen.numbers, step, held)
         for stack, pictures in zip(self._images, seen.images, strict=True):
-            stack.push(pictures.reshape(len(pictures), -1), step)
+            stack.push(pictures.reshape(len(pictures), -1), step, held)
+
+    def load(self, observations: Observation, held: Array) -> None:
+        """Put what the next decisions of some lanes are based on."""
+        self._numbers.now[held] = observations.numbers
+        for stack, images in zip(self._images, observations.images, strict=True):
+            stack.now[held] = images.reshape(len(images), -1)
 
 
 def _require_known(where: str, names: Iterable[str], known: Sequence[str]) -> None:

@@ -30,8 +30,11 @@ class Episodes:
         self.reward[:] = 0.0
         self.length[:] = 0
 
-    def add(self, step: StepArrays, rewards: Array, lanes: slice = slice(None)) -> None:
-        """Count one step of some lanes: rewards [lanes], as the policy gets them."""
+    def add(self, step: StepArrays, rewards: Array, lanes: slice = slice(None), played: Array | None = None) -> None:
+        """Count one step of some lanes: rewards [lanes], as the policy gets them.
+
+        played: the lanes in which it has played, a bool for each; None: all.
+        """
         self.reward[lanes] += rewards
         self.length[lanes] += 1
         if len(step.ended):
@@ -41,15 +44,22 @@ class Episodes:
                 columns.append(step.metrics)
             if self._drawn and step.parameters is not None:
                 columns.append(step.parameters[:, list(self._drawn)])
-            self.count += len(ended)
-            self.finished = np.concatenate([self.finished, np.concatenate(columns, axis=1)])
+            rows = np.concatenate(columns, axis=1)
+            if played is not None:
+                rows = rows[played[step.ended]]
+            self.count += len(rows)
+            self.finished = np.concatenate([self.finished, rows])
             self.reward[ended] = 0.0
             self.length[ended] = 0
 
-    def has(self, shares: Array) -> bool:
-        """Return whether all lanes have finished so many episodes: shares [arenas], see `equal_shares`."""
+    def has(self, shares: Array, held: Array | None = None) -> bool:
+        """Return whether the lanes that are held have finished so many episodes: shares [arenas], see `equal_shares`.
+
+        held: bool [lanes]; None: all.
+        """
         lanes = np.bincount(self.finished[:, 0].astype(int), minlength=len(self.reward))
-        return bool((lanes >= self._of_lanes(shares)).all())
+        enough = lanes >= self._of_lanes(shares)
+        return bool((enough if held is None else enough[held]).all())
 
     def keep(self, shares: Array) -> None:
         """Keep the first episodes of each lane, lane by lane, as many as its arena's share [arenas]."""

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.parts import rows_of
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import Stacks
@@ -12,18 +14,16 @@ from joybridge.ppo.observation import Observation
 
 
 class Player:
-    """An actor and what it remembers of its lanes while it plays."""
+    """An actor and what it remembers of its lanes while it plays. `rng` is what its samples are drawn from."""
 
     def __init__(self, actor: Actor, lanes: int, seed: int, *, deterministic: bool) -> None:
         """Begin in so many lanes. deterministic: always the likeliest action. `seed` fixes the samples."""
         self.actor, self.deterministic = actor, deterministic
         self.lanes = lanes
+        self.rng = np.random.default_rng([seed, actor.seed])
         self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
         size = actor.network.state_size
         self._memory = np.zeros((lanes, size), np.float32) if size else None
-        self._rng = np.random.default_rng([seed, actor.seed])
-        space = actor.layout.space
-        self._masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
 
     @property
     def observations(self) -> Observation:
@@ -36,19 +36,47 @@ class Player:
         if self._memory is not None:
             self._memory[:] = 0.0
 
-    def act(self, step: StepArrays, act: ActArrays) -> None:
-        """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on."""
-        layout, space = self.actor.layout, self.actor.layout.space
-        fill_masks(None if step.masks is None else layout.masks(step.masks), self._masks)
-        self.noise = draw_noise(self._rng, (self.lanes, space.continuous), (self.lanes, len(space.branches)))
-        seen = self.observations
-        acted = self.actor.act(seen, self._masks, self.noise, deterministic=self.deterministic).of_deciding(seen, step)
-        self._memory, action = acted.memory, acted.action
-        layout.write(action.continuous, action.discrete, act, step.masks)
+    def act(self, step: StepArrays, act: ActArrays, held: Array | None = None) -> None:
+        """Write an action for the present observations into the policy's part of `act`; `noise` is what it drew on.
 
-    def store(self, step: StepArrays) -> Array:
-        """Take what followed the action; return the rewards [lanes]."""
-        self._stack.push(self.actor.see(step.observations), step)
+        held: the numbers of the lanes in which it acts, ascending; None: all.
+        """
+        where = slice(None) if held is None else held
+        own, seen = ActArrays(act.axes[where], act.choices[where]), self.observations
+        if held is not None:
+            seen = seen.rows(held)
+        allowed = None if step.masks is None else [mask[where] for mask in step.masks]
+        lanes, layout, space = len(own.choices), self.actor.layout, self.actor.layout.space
+        masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
+        fill_masks(None if allowed is None else layout.masks(allowed), masks)
+        self.noise = draw_noise(self.rng, (lanes, space.continuous), (lanes, len(space.branches)))
+        acted = self.actor.act(seen, masks, self.noise, deterministic=self.deterministic)
+        acted = acted.of_deciding(seen, None if step.deciding is None else step.deciding[where])
+        layout.write(acted.action.continuous, acted.action.discrete, own, allowed)
+        act.axes[where], act.choices[where] = own.axes, own.choices
         if self._memory is not None:
-            self._memory[step.ended] = 0.0
-        return self.actor.encoder.rewards(step)
+            self._memory[where] = acted.memory
+
+    def store(self, step: StepArrays, held: Array | None = None) -> Array:
+        """Take what followed the action, in some lanes or in all; return the rewards of these lanes."""
+        mine = step if held is None else rows_of(step, held)
+        self._stack.push(self.actor.see(mine.observations), mine, held)
+        if self._memory is not None:
+            self._memory[mine.ended if held is None else held[mine.ended]] = 0.0
+        return self.actor.encoder.rewards(mine)
+
+    def state(self, held: Array) -> dict[str, Array]:
+        """Return copies of what it remembers of some lanes, for a checkpoint."""
+        numbers, images, memory = self.observations.rows(held)
+        state = {"numbers": numbers, **{f"images.{index}": image for index, image in enumerate(images)}}
+        if memory is not None:
+            state["memory"] = memory
+        return state
+
+    def load(self, state: dict[str, Array], held: Array) -> None:
+        """Take back what `state` returned."""
+        images = select(state, "images.")
+        pictures = tuple(images[str(index)] for index in range(len(images)))
+        self._stack.load(Observation(state["numbers"], pictures), held)
+        if self._memory is not None:
+            self._memory[held] = state["memory"]

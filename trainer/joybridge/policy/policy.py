@@ -84,7 +84,7 @@ class Policy:
         observation = rollout.present(group)
         acted = actor.act(observation, masks, rollout.noise_of(group))
         if observation.memory is not None:
-            acted = acted.of_deciding(observation, step)
+            acted = acted.of_deciding(observation, step.deciding)
         self._acted[group] = acted
         actor.layout.write(acted.action.continuous, acted.action.discrete, acts[actor.behavior], step.masks)
 
@@ -93,8 +93,11 @@ class Policy:
         if self.conditions is not None:
             self.rollout.store_counts(self.conditions.counts(acts[self.actor.behavior].choices), group)
 
-    def store(self, steps: Sequence[StepArrays], group: int = 0) -> None:
-        """Store what followed the action: in the rollout, and episodes that ended in `episodes`."""
+    def store(self, steps: Sequence[StepArrays], group: int = 0, played: Sequence[Array] | None = None) -> None:
+        """Store what followed the action: in the rollout, and episodes that ended in `episodes`.
+
+        played: per behavior, the lanes that it held, a bool for each; None: all.
+        """
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
         seen, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
         t, lanes = rollout.rows[group], rollout.groups[group]
@@ -116,7 +119,7 @@ class Policy:
         learned = rewards - self._eased * actor.encoder.penalties(step) if self._eased else rewards
         rollout.put(*self._acted[group], group=group)
         rollout.store(step, learned, final_values, group)
-        self.episodes.add(step, rewards, lanes)
+        self.episodes.add(step, rewards, lanes, None if played is None else played[actor.behavior])
 
     def _begin_rollout(self) -> None:
         """Draw the noise of the present rollout, and fix which share of penalties does not count in it."""

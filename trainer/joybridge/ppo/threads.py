@@ -1,4 +1,6 @@
-"""The number of threads that matrix products use."""
+"""How matrix products are computed: in how many threads, and always alike."""
+
+import os
 
 import scipy.linalg.cython_blas  # noqa: F401  # loads the library of the compiled products, which is limited below
 import torch
@@ -12,3 +14,10 @@ def use_one_thread() -> None:
     """
     torch.set_num_threads(1)
     threadpool_limits(1, user_api="blas")
+
+
+def compute_alike() -> None:
+    """Let a GPU compute the same bits each time; PyTorch raises RuntimeError where it has no such algorithm."""
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # before the first product
+    torch.use_deterministic_algorithms(True)
+    torch.backends.cudnn.benchmark = False

@@ -81,6 +81,7 @@ def check_version(wanted: str) -> None:
 def protect(folder: Path, host: str) -> tuple[str, str, list[str]]:
     """Make a key, a certificate for an IP address and a token. Return certificate, token and the options of `serve`."""
     key, certificate, token = folder / "key.pem", folder / "certificate.pem", folder / "token"
+    token.touch(0o600)
     token.write_text(secrets.token_hex(32))
     curve = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
     name = ["-subj", "/CN=joybridge", "-addext", f"subjectAltName=IP:{host}", "-days", f"{VALID_DAYS}"]

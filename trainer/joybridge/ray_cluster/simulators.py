@@ -15,7 +15,7 @@ __all__ = ["PRIVATE", "TOKEN", "cluster_simulators", "import_ray", "join_cluster
 
 # Environment of a cluster on this machine: addresses on loopback only, no usage statistics sent.
 PRIVATE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
-TOKEN = "if it asks for a token, set RAY_AUTH_MODE=token"  # as `ray start` of 2.60 does
+TOKEN = "if it asks for a token, set RAY_AUTH_MODE=token"  # noqa: S105, as `ray start` of 2.60 does
 PROGRAM = [sys.executable, "-P", "-u", "-m", "joybridge.ray_cluster.program"]
 
 

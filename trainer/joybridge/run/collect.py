@@ -20,9 +20,12 @@ from joybridge.client.sharded_session import (
 )
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.contract.codec import StepArrays
+from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.policy.hand import Hand, make_hands
 from joybridge.policy.policy import Policy
+from joybridge.run.league import Opponents
 from joybridge.run.profiler import Profiler
 
 
@@ -33,6 +36,17 @@ class Group:
         """Take an open session of so many arenas. hands: one per behavior, or none."""
         self.index, self.session, self.hands = index, session, hands
         self.acts = make_acts(session.spec, arenas)
+        self.opponents: Opponents | None = None  # None: the learner holds all seats
+
+    @property
+    def steps(self) -> Sequence[StepArrays]:
+        """The last steps as the learner sees them: lanes that others hold wait."""
+        return self.session.steps if self.opponents is None else self.opponents.seen
+
+    @property
+    def played(self) -> Sequence[Array] | None:
+        """The lanes that the learner held in the last decision, a bool for each, per behavior; None: all."""
+        return None if self.opponents is None else self.opponents.played
 
     def save(self) -> list[Snapshot]:
         """Return a snapshot of each session. Raises SimulatorError if the game does not support snapshots."""
@@ -51,16 +65,20 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
                     outcome = group.session.receive()
             with profiler.measure("act"):
                 if step > 0:
+                    if group.opponents:
+                        group.opponents.store(outcome)
                     for policy in policies:
-                        policy.store(outcome, group.index)
+                        policy.store(group.steps, group.index, group.played)
                     for hand, ended in zip(group.hands, outcome, strict=False):  # there may be no hands
                         hand.store(ended)
                 if step < steps:
                     for policy in policies:
-                        policy.act(group.session.steps, group.acts, group.index)
+                        policy.act(group.steps, group.acts, group.index)
                     for policy in policies:
                         if policy.conditions is not None:
                             policy.note_choices(group.acts, group.index)
+                    if group.opponents:
+                        group.opponents.act(group.session.steps, group.acts)
                     for hand, now, act in zip(group.hands, group.session.steps, group.acts, strict=False):
                         hand.apply(now, act)
                     group.session.send(group.acts)

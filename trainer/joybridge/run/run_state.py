@@ -10,12 +10,13 @@ from joybridge.client.sharded_session import Snapshot
 from joybridge.config.arrays import select
 from joybridge.config.errors import CheckpointError
 from joybridge.contract.tensors import Array
-from joybridge.policy.actor import Actor
+from joybridge.policy.actor import Actor, policy_state
 from joybridge.policy.policy import Policy
 from joybridge.run.checkpoint import Manifest, load_checkpoint, save_checkpoint
 from joybridge.run.collect import Group
 from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import run_config
+from joybridge.run.league import League
 from joybridge.run.logger import Logger
 from joybridge.run.origin import own_origin
 
@@ -47,8 +48,13 @@ class RunState:
     def _manifest(self) -> Manifest:
         return Manifest(timesteps=self.timesteps, snapshots=self.snapshots, score=self.score, origin=own_origin())
 
-    def restore(self, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group]) -> None:
-        """Put policies, loggers and, if the sessions continue, hands into this state. Raises CheckpointError."""
+    def restore(
+        self, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group], league: League | None
+    ) -> None:
+        """Put all parts but the curriculum into this state; hands only if the sessions continue.
+
+        Raises CheckpointError.
+        """
         try:
             for policy, logger in zip(policies, loggers, strict=True):
                 policy.load(select(self.arrays, f"{policy.actor.name}/policy/"))
@@ -56,6 +62,8 @@ class RunState:
             for group in groups if self.snapshots is not None else ():
                 for index, hand in enumerate(group.hands):
                     hand.load(select(self.arrays, f"hands/{group.index}/{index}/"))
+            if league:
+                league.load(self.arrays, seated=self.snapshots is not None)
         except (KeyError, TypeError, ValueError, RuntimeError) as error:  # arrays of other names, types or shapes
             raise CheckpointError(
                 f"the checkpoint does not fit this game, layout or version ({type(error).__name__}: {error}); "
@@ -96,7 +104,7 @@ def load_state(run: Path, checkpoint: str = "") -> RunState:
 
 def capture(
     timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group],
-    curriculum: Curriculum,
+    curriculum: Curriculum, league: League | None,
 ) -> RunState:  # fmt: skip
     """Return the state of a run whose rollouts are all empty; without the simulators' if the game has no snapshots."""
     arrays = {f"curriculum/{name}": array for name, array in curriculum.state().items()}
@@ -112,6 +120,8 @@ def capture(
         parts = [list(snapshot) for snapshot in snapshots]
         for index, snapshot in enumerate(snapshots):
             arrays |= {f"simulator/{index}/{name}": np.frombuffer(data, np.uint8) for name, data in snapshot.items()}
+    if league:
+        arrays |= league.state(seated=parts is not None)
     return RunState(timesteps, arrays, parts)
 
 
@@ -140,8 +150,3 @@ def take_weights(policies: Sequence[Policy], run: Path) -> int:
 def actor_arrays(actor: Actor) -> dict[str, Array]:
     """Return the arrays of a checkpoint that hold an actor and nothing that learns; see `policy_state`."""
     return {f"{actor.name}/policy/network.{name}": array for name, array in actor.state().items()}
-
-
-def policy_state(arrays: dict[str, Array], policy: str) -> dict[str, Array]:
-    """Return the parameters of one policy's network from the arrays of a checkpoint."""
-    return select(arrays, f"{policy}/policy/network.")

@@ -72,6 +72,7 @@ def play_and_learn(
                             training.advise(policy)
                             statistics = learn(policy, training.progress, alone=config.cloning == "alone")
                             training.keep(policy, statistics)
+                training.renew_opponents()
                 training.log()
             training.end_lesson()
             yield training.capture()

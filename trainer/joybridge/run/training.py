@@ -22,6 +22,7 @@ from joybridge.run.collect import Group, group_bounds, open_groups
 from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import keep_config, keep_spec
 from joybridge.run.held_out import HeldOut
+from joybridge.run.league import League
 from joybridge.run.logger import Logger
 from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
@@ -44,10 +45,10 @@ class Training:
 
     def __init__(
         self, config: Config, policies: Sequence[Policy], groups: Sequence[Group], loggers: Sequence[Logger],
-        curriculum: Curriculum, audience: Audience, held_out: HeldOut,
+        curriculum: Curriculum, league: League | None, audience: Audience, held_out: HeldOut,
     ) -> None:  # fmt: skip
-        """Take the parts; nothing is played yet. Raises ConfigError."""
-        self.config, self.policies, self.groups = config, policies, groups
+        """Take the parts; nothing is played yet. league: None where the learner holds all seats. Raises ConfigError."""
+        self.config, self.policies, self.groups, self._league = config, policies, groups, league
         self.timesteps, self.profiler = 0, Profiler()
         self.stretches, self.stretch = rollout_stretches(policies)
         behaviors = groups[0].session.spec.behaviors
@@ -62,13 +63,20 @@ class Training:
         """Begin, or continue from a state. Raises CheckpointError."""
         self.timesteps = self._logged = state.timesteps
         if state.arrays:
-            state.restore(self.policies, [*self._loggers.values()], self.groups)
+            state.restore(self.policies, [*self._loggers.values()], self.groups, self._league)
         elif self.config.weights_from:
             trained = take_weights(self.policies, Path(self.config.weights_from))
             self._audience.say(f"begins with the policies of {self.config.weights_from} after {trained:,} timesteps")
+        if self._league:
+            self.renew_opponents()
+            for group, opponents in zip(self.groups, self._league.groups, strict=True):
+                group.opponents = opponents
+                if state.snapshots is None:
+                    opponents.begin(group.session.steps)
+                opponents.see(group.session.steps)
         if state.snapshots is None:
             for policy in self.policies:
-                policy.begin([group.session.steps for group in self.groups])
+                policy.begin([group.steps for group in self.groups])
         self._audience.report(self.timesteps, self.profiler.live(), None)
         self._say_lesson()
 
@@ -78,10 +86,19 @@ class Training:
         return self.timesteps / self.config.total_timesteps
 
     def count(self) -> None:
-        """Count a decision of every lane of the first policy."""
-        self.timesteps += self.policies[0].lanes
-        self.profiler.timesteps += self.policies[0].lanes
+        """Count a decision of every lane of the first policy, but not of lanes that opponents hold."""
+        policy = self.policies[0]
+        held = [group.played[policy.actor.behavior].sum() for group in self.groups if group.played is not None]
+        decisions = int(sum(held)) if held else policy.lanes
+        self.timesteps += decisions
+        self.profiler.timesteps += decisions
         self._curriculum.watch()
+
+    def renew_opponents(self) -> None:
+        """After an update: draw opponents anew, among them the policies as they are now, if it is time."""
+        if self._league:
+            actors = [policy.actor for policy in self.policies]
+            self._league.renew(self.timesteps, self.policies[0].updates, actors)
 
     def log(self) -> None:
         """Write a row of metrics for each policy if it is time; else report live figures if it is time for them."""
@@ -92,6 +109,7 @@ class Training:
             return
         before, now = (timesteps // interval * interval for timesteps in (self._logged, self.timesteps))
         self._logged, times, lesson = self.timesteps, self.profiler.summarize(), self._curriculum.row()
+        lesson |= self._league.row() if self._league else {}
         held_out = self._held_out.rows([policy.actor for policy in self.policies], before, now)
         rows = [
             self._loggers[policy.actor.name].write(self.timesteps, lesson | policy.episodes.summarize() | more, times)
@@ -121,7 +139,9 @@ class Training:
 
     def capture(self) -> RunState:
         """Return the state between two cycles, and report live figures."""
-        state = capture(self.timesteps, self.policies, [*self._loggers.values()], self.groups, self._curriculum)
+        state = capture(
+            self.timesteps, self.policies, [*self._loggers.values()], self.groups, self._curriculum, self._league
+        )
         self._audience.report(self.timesteps, self.profiler.live(), None)
         score, self._score = self._score, None
         return replace(state, score=score)
@@ -146,6 +166,7 @@ def open_training(
     for remark in demonstrate(policies, config, run, spec, resumed=state.timesteps > 0):
         audience.say(remark)
     best_metric(config, policies[0])
+    league = League(config, spec, group_bounds(config)) if config.opponents.shares else None
     keep_config(config, run)
     keep_spec(spec, run)
     keep_origin(run)
@@ -164,7 +185,7 @@ def open_training(
             for policy in policies
         ]
         held_out = HeldOut(config, spec, addresses[0])
-        training = Training(config, policies, groups, loggers, curriculum, audience, held_out)
+        training = Training(config, policies, groups, loggers, curriculum, league, audience, held_out)
         training.begin(state)
         yield training
 

@@ -81,6 +81,7 @@ def read_message(data: str | bytes, arena: Arena | None) -> Settings | Clock | A
     """Return the message in what a page has sent; without an arena there is nothing to act on. Raises MessageError."""
     try:
         message = json.loads(data, parse_constant=_refuse)
+        json.dumps(message, ensure_ascii=False).encode()  # half a character, such as "\\ud800", is no text
     except (ValueError, RecursionError) as error:
         raise MessageError(f"got no JSON ({error}), expected an object") from None
     kind = message.get("type") if isinstance(message, dict) else None
@@ -100,7 +101,12 @@ def _refuse(value: object) -> NoReturn:
 def _settings(message: dict[str, Any]) -> Settings:
     seed, options, parameters = (message.get(key) for key in ("seed", "options", "parameters"))
     # A string: numbers of JavaScript have 53 bits.
-    if not isinstance(seed, str) or not (seed.isascii() and seed.isdecimal()) or not int(seed[:30]) <= MOST_SEED:
+    if (
+        not isinstance(seed, str)
+        or not (seed.isascii() and seed.isdecimal())
+        or len(seed) > 20
+        or int(seed) > MOST_SEED
+    ):
         raise MessageError(f"seed: got {str(seed)[:40]!r}, expected the digits of a number of 0..{MOST_SEED}")
     if not isinstance(options, dict) or not all(isinstance(choice, str) for choice in options.values()):
         raise MessageError("options: expected an object with the choice of each")

@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import webbrowser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -33,7 +32,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     from joybridge.viewer.arena import Settings
     from joybridge.viewer.simulator import Simulator
     from joybridge.viewer.tab import play
-    from joybridge.viewer.web import open_website
+    from joybridge.viewer.web import open_browser, open_website
 
     interrupt_on_signals()
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
@@ -57,7 +56,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
                 recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
                 print(f"play {game} at {url}\n{recorded}Ctrl-C ends it", flush=True)
                 if not options.no_browser:
-                    webbrowser.open(url)
+                    open_browser(url)
                 Event().wait()
     except JoybridgeError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +23,8 @@ ANSWER_SECONDS = 10.0  # for an answer of the simulator, before it is taken for 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.viewer") -> int:
     """Run the command line, the command first, and return its exit status."""
+    from joybridge.viewer.web import open_browser
+
     options = _parse(arguments, prog)
     interrupt_on_signals()
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         with (_game if is_address(options.what) else _run)(options) as (what, url):
             print(f"watch {what} at {url}\nCtrl-C ends it", flush=True)
             if not options.no_browser:
-                webbrowser.open(url)
+                open_browser(url)
             Event().wait()
     except JoybridgeError as error:
         print(f"error: {error}", file=sys.stderr)

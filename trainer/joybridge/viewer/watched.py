@@ -20,8 +20,9 @@ from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.play.playing import Play, open_play
 from joybridge.play.policy_outputs import opinion
+from joybridge.policy.actor import policy_state
 from joybridge.run.checkpoint import checkpoints
-from joybridge.run.run_state import load_state, policy_state
+from joybridge.run.run_state import load_state
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.messages import encode_picture, game_message, turn_message
 from joybridge.viewer.pace import LOOK_SECONDS, interval, pause

@@ -4,15 +4,19 @@ A page of another origin, a name that has been pointed to this machine (DNS rebi
 get the same empty answer as for a file that does not exist.
 """
 
+import atexit
 import hmac
+import html
 import logging
 import secrets
 import socket
+import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from threading import Thread
 
 from websockets.datastructures import Headers, MultipleValuesError
@@ -107,6 +111,18 @@ def open_website(
     ) as server:  # fmt: skip
         Thread(target=server.serve_forever, daemon=True).start()
         yield website.url
+
+
+def open_browser(url: str) -> None:
+    """Open a URL in the browser, by way of a file that only this user can read, and that is there until the end.
+
+    All users of the machine see the browser's command line, and the URL has the token of the page.
+    """
+    with NamedTemporaryFile("w", prefix="joybridge-", suffix=".html", delete=False) as file:
+        file.write(f'<meta http-equiv="refresh" content="0; url={html.escape(url)}">')
+    path = Path(file.name)
+    atexit.register(path.unlink, missing_ok=True)
+    webbrowser.open(path.as_uri())
 
 
 def _listen(port: int | None) -> socket.socket:

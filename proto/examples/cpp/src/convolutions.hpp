@@ -26,12 +26,12 @@ struct EncoderStep {
   explicit EncoderStep(const Json& step)
       : kind(step["kind"].text), weight(step["weight"].floats()), bias(step["bias"].floats()) {
     for (const Json& inner : step["steps"].items) steps.emplace_back(inner);
-    if (kind != "convolution" && kind != "maximum") return;
-    rows = step["size"].items.at(0).number;
-    columns = step["size"].items.at(1).number;
-    stride = step["stride"].number;
-    padding = step["padding"].number;
-    if (!rows || !columns || !stride) throw std::invalid_argument("the policy is damaged");
+    if (kind == "activation" || kind == "residual") return;
+    rows = step["size"].items.at(0).place();
+    columns = step["size"].items.at(1).place();
+    stride = step["stride"].place();
+    padding = step["padding"].place();
+    require(rows && columns && stride && padding <= MAX_PADDING);
   }
 
   Planes run(Planes image, const Activation& activate) const {
@@ -48,13 +48,13 @@ struct EncoderStep {
   }
 
  private:
+  static constexpr std::size_t MAX_PADDING = 100;
+
   /// Returns the weighted sum of all channels in each window, or without weights the maximum of each channel.
   Planes slide(const Planes& image) const {
     const std::size_t outputs = weight.empty() ? image.channels : bias.size();
-    if (image.height + 2 * padding < rows || image.width + 2 * padding < columns ||
-        (!weight.empty() && weight.size() != outputs * image.channels * rows * columns)) {
-      throw std::invalid_argument("the policy is damaged");
-    }
+    require(image.height + 2 * padding >= rows && image.width + 2 * padding >= columns &&
+            (weight.empty() || weight.size() == outputs * image.channels * rows * columns));
     Planes result{outputs, (image.height + 2 * padding - rows) / stride + 1,
                   (image.width + 2 * padding - columns) / stride + 1, {}};
     for (std::size_t output = 0; output < outputs; ++output) {
@@ -92,8 +92,8 @@ struct EncoderStep {
 /// How a network sees an image.
 struct ImageEncoder {
   explicit ImageEncoder(const Json& image)
-      : sensor(image["sensor"].text), white(image["white"].number), height(image["shape"].items.at(0).number),
-        width(image["shape"].items.at(1).number), channels(image["shape"].items.at(2).number) {
+      : sensor(image["sensor"].text), white(image["white"].number), height(image["shape"].items.at(0).place()),
+        width(image["shape"].items.at(1).place()), channels(image["shape"].items.at(2).place()) {
     for (const Json& step : image["steps"].items) steps.emplace_back(step);
   }
 

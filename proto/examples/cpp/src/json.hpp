@@ -14,6 +14,11 @@
 
 namespace joybridge {
 
+/// Throws std::invalid_argument unless a file fits.
+inline void require(bool fits, std::string_view otherwise = "the policy is damaged") {
+  if (!fits) throw std::invalid_argument(std::string(otherwise));
+}
+
 /// A part of a JSON file. What is not there is an empty part.
 struct Json {
   std::string text;                // of a string, a number or a word
@@ -33,12 +38,13 @@ struct Json {
   }
 
   /// Reads what a text begins with, and removes it from the text.
-  explicit Json(std::string_view& rest) {
+  explicit Json(std::string_view& rest, int depth = 0) {
+    require(depth <= MAX_DEPTH, "JSON has too many brackets in each other");
     const char first = skip(rest);
     if (first == '[' || first == '{') {
       for (rest.remove_prefix(1); skip(rest) != (first == '[' ? ']' : '}');) {
-        if (first == '{') names.push_back(Json(rest).text);
-        items.push_back(Json(rest));
+        if (first == '{') names.push_back(Json(rest, depth + 1).text);
+        items.push_back(Json(rest, depth + 1));
       }
       rest.remove_prefix(1);
     } else if (first == '"') {
@@ -55,6 +61,12 @@ struct Json {
 
   /// Returns whether the file has this part.
   bool there() const { return !text.empty() || !items.empty(); }
+
+  /// Returns the number as a place in a list. Throws std::invalid_argument if it is none.
+  std::size_t place() const {
+    require(number >= 0 && number < MAX_PLACE, "JSON has something else where a place in a list is expected");
+    return std::size_t(number);
+  }
 
   /// Returns the part of an object that has a name.
   const Json& operator[](std::string_view name) const {
@@ -82,6 +94,9 @@ struct Json {
   }
 
  private:
+  static constexpr int MAX_DEPTH = 64;
+  static constexpr double MAX_PLACE = 1e9;
+
   /// Removes what separates values, and returns what follows.
   static char skip(std::string_view& rest) {
     rest.remove_prefix(std::min(rest.find_first_not_of(" \r\n,:"), rest.size()));

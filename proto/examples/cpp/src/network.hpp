@@ -23,9 +23,13 @@ class Network {
   Network(const Json& network, const Json& sensors) : json(network) {
     for (const Json& sensor : sensors.items) {
       std::size_t& size = sizes[sensor["name"].text] = 1;
-      for (const Json& side : sensor["shape"].items) size *= side.number;
+      for (const Json& side : sensor["shape"].items) require((size *= side.place()) <= MAX_NUMBERS);
     }
-    for (const Json& image : json["images"].items) images.emplace_back(image);
+    for (const Json& image : json["images"].items) {
+      images.emplace_back(image);
+      require(images.back().size() && sizes.at(images.back().sensor) == images.back().size());
+    }
+    require(frames && frames <= MAX_NUMBERS && remembers() <= MAX_NUMBERS && scale.size() == shift.size());
     for (const Json& layer : json["layers"].items) {
       weights.push_back(layer["weight"].floats());
       biases.push_back(layer["bias"].floats());
@@ -57,7 +61,7 @@ class Network {
     for (std::size_t layer = 0; layer < biases.size(); ++layer) {
       for (float& value : values) value = layer ? activate(value) : value;
       std::vector<float> sums = biases[layer];
-      if (weights[layer].size() != sums.size() * values.size()) throw std::invalid_argument("the policy is damaged");
+      require(weights[layer].size() == sums.size() * values.size());
       for (std::size_t row = 0; row < sums.size(); ++row) {
         const auto weight = weights[layer].begin() + row * values.size();
         sums[row] = float(std::inner_product(values.begin(), values.end(), weight, double(sums[row])));
@@ -99,11 +103,13 @@ class Network {
     return [](float x) { return x > 0 ? x : std::expm1(x); };
   }
 
+  static constexpr std::size_t MAX_NUMBERS = 1 << 24;  // of a sensor, and of all that is remembered
+
   std::map<std::string, std::size_t> sizes;  // numbers of each sensor
   std::vector<ImageEncoder> images;
   std::vector<std::vector<float>> weights, biases;  // of the layers
   std::vector<float> shift = json["scaling"]["shift"].floats(), scale = json["scaling"]["scale"].floats();
-  std::size_t frames = json["frame_stack"].number;
+  std::size_t frames = json["frame_stack"].place();
   Activation activate = activation(json["activation"].text);
 };
 

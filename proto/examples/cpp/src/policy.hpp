@@ -48,10 +48,8 @@ inline Noise seeded(std::mt19937_64::result_type seed) {
 class Policy {
  public:
   explicit Policy(const std::string& path) : document(Json::read(path)) {
-    const std::string& format = document["format"].text;
-    if (format != "joybridge.policy.v4") {
-      throw std::invalid_argument(path + " is no policy; write it with `joybridge export RUN policy.json`");
-    }
+    require(document["format"].text == "joybridge.policy.v4",
+            path + " is no policy; write it with `joybridge export RUN policy.json`");
     for (const Json& network : document["policies"].items) networks_.emplace_back(network, document["sensors"]);
   }
 
@@ -77,12 +75,16 @@ class Policy {
     for (std::size_t index = 0; index < networks_.size(); ++index) {
       const Network& network = networks_[index];
       const std::vector<float> outputs = network.decide(sensors, state.at(index));
+      std::size_t rows = network.deviations.size();
+      for (const Json& table : network.json["discrete"].items) rows += table["values"].items.size();
+      require(outputs.size() == rows);
+      for (const float value : outputs) require(std::isfinite(value), "a sensor is not finite, or the policy is damaged");
       auto output = outputs.begin();
       for (const Json& table : network.json["discrete"].items) {
         const std::size_t count = table["values"].items.size();
         const std::size_t row = choose(table, {output, output + count}, allowed, sampled ? noise.uniform() : -1);
         output += count;
-        if (table["axis"].there()) action.axes.at(table["axis"].number) = float(table["values"].items[row].number);
+        if (table["axis"].there()) action.axes.at(table["axis"].place()) = float(table["values"].items[row].number);
         set(action.choices, table["branches"], table["values"].items[row]);
         if (table["axes"].there()) set(action.axes, table["axes"], table["positions"].items.at(row));
       }
@@ -91,14 +93,14 @@ class Policy {
         const double sample = output[k] + (sampled ? network.deviations[k] * noise.normal() : 0);
         const double share = target["squashed"].there() ? std::tanh(sample) : std::clamp(sample / 3, -1.0, 1.0);
         if (target["axis"].there()) {
-          const std::size_t axis = target["axis"].number;
+          const std::size_t axis = target["axis"].place();
           const double low = axes.at(axis)["low"].number, high = axes.at(axis)["high"].number;
           action.axes[axis] = float(std::clamp((low + high + (high - low) * share) / 2, low, high));
         } else {
-          const std::vector<bool>& mask = allowed.at(target["branch"].number);
+          const std::vector<bool>& mask = allowed.at(target["branch"].place());
           const std::size_t choice = press(share, target["threshold"], mask.size());
           const std::size_t first = std::find(mask.begin(), mask.end(), true) - mask.begin();
-          action.choices.at(target["branch"].number) = int(mask.at(choice) ? choice : first);
+          action.choices.at(target["branch"].place()) = int(mask.at(choice) ? choice : first);
         }
       }
     }
@@ -112,15 +114,17 @@ class Policy {
     const std::vector<Json>& branches = table["branches"].items;
     for (std::size_t row = 0; row < logits.size(); ++row) {
       for (std::size_t column = 0; column < branches.size(); ++column) {
-        const double choice = table["values"].items[row].items.at(column).number;
-        if (!allowed.at(branches[column].number).at(choice)) logits[row] = -1e9;
+        const std::size_t choice = table["values"].items[row].items.at(column).place();
+        if (!allowed.at(branches[column].place()).at(choice)) logits[row] = -1e9;
       }
     }
+    require(!logits.empty());
     const auto likeliest = std::max_element(logits.begin(), logits.end());
     if (uniform < 0) return likeliest - logits.begin();
     double total = 0;
     for (double highest = *likeliest; double& logit : logits) logit = total += std::exp(logit - highest);
-    return std::upper_bound(logits.begin(), logits.end(), uniform * total) - logits.begin();
+    const auto row = std::upper_bound(logits.begin(), logits.end(), uniform * total);
+    return (row == logits.end() ? likeliest : row) - logits.begin();  // rounded up to the total
   }
 
   /// Returns the choice of a branch of `count` choices at a share in -1 .. 1.
@@ -133,7 +137,7 @@ class Policy {
   template <typename T>
   static void set(std::vector<T>& device, const Json& places, const Json& values) {
     std::size_t k = 0;
-    for (const Json& place : places.items) device.at(place.number) = T(values.items.at(k++).number);
+    for (const Json& place : places.items) device.at(place.place()) = T(values.items.at(k++).number);
   }
 
   std::vector<Network> networks_;

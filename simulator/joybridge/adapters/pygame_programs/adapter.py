@@ -1,23 +1,19 @@
 """A first look at a pygame program becomes the spec of a game."""
 
 import os
-from itertools import pairwise
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from statistics import median
 from typing import Any
 
-from joybridge.adapters.pygame_programs.form import Look, make_form, make_look, options_of
+from joybridge.adapters.pygame_programs.first_play import frame_seconds, keys_read, plays_the_same
+from joybridge.adapters.pygame_programs.form import make_look, options_of
 from joybridge.adapters.pygame_programs.game import PygameGame
-from joybridge.adapters.pygame_programs.players import Played, Players
-from joybridge.adapters.pygame_programs.processes import ProgramProcesses
-from joybridge.adapters.pygame_programs.settings import PygameSettings, read_pygame_settings
-from joybridge.adapters.pygame_programs.wire import OWN_FOLDER
+from joybridge.adapters.pygame_programs.processes import ProgramProcesses, WindowProcess
+from joybridge.adapters.pygame_programs.settings import read_pygame_settings
+from joybridge.adapters.pygame_programs.wire import ENDING, OWN_FOLDER
 from joybridge.adapters.settings import AdapterError
-from joybridge.contract.spec import choose_options
-from joybridge.simulator import behavior
 from joybridge.simulator.batched_game import BatchedGame
-
-LOOK_DECISIONS = 16  # for which the program is watched without input
 
 
 def adapt(text: str) -> type[BatchedGame]:
@@ -25,43 +21,32 @@ def adapt(text: str) -> type[BatchedGame]:
     if not hasattr(os, "fork") or not Path(OWN_FOLDER).parent.is_dir():
         raise AdapterError("pygame programs need Linux: each arena is a fork of the program")
     settings = read_pygame_settings(text)
-    processes = ProgramProcesses(settings)
+    processes = ProgramProcesses(replace(settings, flags=settings.flags | {"window": False}))
     try:
-        look = make_look(settings, processes.start())
-        seconds = _frame_seconds(processes, settings, look)
+        shown = processes.start()
+        look, note = make_look(settings, shown), ""
+        if "keys" not in settings.names:
+            read = [key for key in keys_read(processes, look, shown["numbers"]) if key not in ENDING]
+            named, look = look.keys, make_look(settings, shown, read)
+            note = f" Keys in its sources: {_list(named)}; that it was seen to read: {_list(read)}."
+        seconds = frame_seconds(processes, look)
+        exact = settings.flags.get("snapshots", settings.window or plays_the_same(processes, look))
     except BaseException:
         processes.end()
         raise
+    if not exact:
+        note += " Without snapshots, as it does not go on from them with the same pictures."
+    if settings.window:
+        processes.end()
+        processes = WindowProcess(settings)
     members = {
-        "name": settings.name, "description": f"{text}, a program written with pygame.", "options": options_of(look),
-        "settings": settings, "look": look, "processes": processes, "frame_seconds": seconds,
+        "name": settings.name, "description": f"{text}, a program written with pygame.{note}",
+        "options": options_of(look), "settings": settings, "look": look, "processes": processes,
+        "frame_seconds": seconds, "exact": exact and not settings.window,
     }  # fmt: skip
     game: Any = type("AdaptedGame", (PygameGame,), members)
     return game  # type: ignore[no-any-return]
 
 
-def _frame_seconds(processes: ProgramProcesses, settings: PygameSettings, look: Look) -> float:
-    """Return how long a frame of the program usually is, in its own time. Raises GameError if it soon fails."""
-    form = make_form(look, choose_options(options_of(look), {}, settings.name))
-    axes, branches = form.axes(), form.branches()
-    player = behavior(
-        "player",
-        sensors=form.sensors(),
-        axes=axes,
-        branches=branches,
-        metrics=look.metrics,
-        channels=look.reward_channels(),
-    )
-    players = Players(processes, form, player, settings.number("seconds"), 1)
-    try:
-        times = [players.begin([0], [0])[0].nanoseconds]
-        for _ in range(LOOK_DECISIONS):
-            players.act(0, bytes(4 * (len(axes) + len(branches))))
-            played: Played = players.receive(0)
-            times.append(played.nanoseconds)
-            if played.over:
-                break
-    finally:
-        players.end([0])
-    frames = [(after - before) / form.interval for before, after in pairwise(times)]
-    return median(frames) / 1e9 or 1 / settings.number("fps")
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"

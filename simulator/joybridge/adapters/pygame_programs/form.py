@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from joybridge.adapters.pygame_programs.settings import PygameSettings
+from joybridge.adapters.pygame_programs.wire import STICK_BUTTONS
 from joybridge.adapters.settings import AdapterError
-from joybridge.simulator import axis, branch, button, channel, option, sensor
+from joybridge.contract.limits import MAX_PIXELS
+from joybridge.simulator import axis, behavior, branch, button, channel, image, option, sensor
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_KEYS = 32  # that are buttons
@@ -24,36 +24,55 @@ class Look(NamedTuple):
     pointer: bool
     buttons: list[str]
     wheel: bool
+    stick: bool  # of a joystick
+    read: list[str]  # keys that it was seen to read
     channels: list[str]
     states: int  # numbers of the hook's sensor
     metrics: list[str]
 
-    def reward_channels(self) -> list[pb.RewardChannel]:
-        """Return the reward channels."""
-        return [channel(name) for name in self.channels]
+    def picture(self, limit: int = MAX_PIXELS) -> tuple[int, int]:
+        """Return the width and the height of pictures: those of the display, halved until none is above a limit."""
+        width, height = self.width, self.height
+        while max(width, height) > limit:
+            width, height = width // 2, height // 2
+        return width, height
 
 
-def make_look(settings: PygameSettings, shown: Mapping[str, Any]) -> Look:
-    """Return the look at a program, with what the settings say instead. Raises AdapterError."""
+def make_look(settings: PygameSettings, shown: Mapping[str, Any], read: Sequence[str] = ()) -> Look:
+    """Return the look at a program, with what the settings say instead. Raises AdapterError.
+
+    read: keys that it was seen to read.
+    """
     numbers: Mapping[str, int] = shown["numbers"]
-    keys: Sequence[str] = settings.names.get("keys", shown["keys"])
+    found = sorted({*shown["keys"], *read})  # more than MAX_KEYS are seen where a program compares with all there are
+    keys: Sequence[str] = settings.names.get("keys", found if len(found) <= MAX_KEYS else shown["keys"])
     if unknown := [key for key in keys if key not in numbers]:
         raise AdapterError(f"got the key {unknown[0]!r}, expected a name of pygame without K_, as in LEFT, SPACE or a")
     if len(keys) > MAX_KEYS:
         raise AdapterError(
             f"the program reads {len(keys)} keys, more than {MAX_KEYS}; choose with keys=LEFT,RIGHT,SPACE"
         )
-    pointer = settings.flags.get("mouse", bool(shown["pointer"] or not keys))
+    pointer = settings.flags.get("mouse", bool(shown["pointer"] or not (keys or shown["joystick"])))
     buttons = settings.names.get("buttons", (shown["buttons"] or ["left"]) if pointer else [])
     if unknown := [name for name in buttons if name not in LEFT_RIGHT]:
         raise AdapterError(f"got the button {unknown[0]!r}, expected {', '.join(LEFT_RIGHT)}")
     wheel = settings.flags.get("wheel", bool(shown["wheel"]))
-    if not (pointer or buttons or keys or wheel):
+    if not (pointer or buttons or keys or wheel or shown["joystick"]):
         raise AdapterError("nothing is left to control; set keys=, mouse=true or buttons=left")
     width, height = shown["size"]
     chosen = {key: numbers[key] for key in keys}
     return Look(
-        width, height, chosen, pointer, list(buttons), wheel, shown["channels"], shown["state"], shown["metrics"]
+        width,
+        height,
+        chosen,
+        pointer,
+        list(buttons),
+        wheel,
+        shown["joystick"],
+        list(read),
+        shown["channels"],
+        shown["state"],
+        shown["metrics"],
     )
 
 
@@ -88,25 +107,32 @@ class Form(NamedTuple):
         """Return the number of colors."""
         return 1 if self.gray else 3
 
+    @property
+    def act_bytes(self) -> int:
+        """Return the size of an act: float32 axes and int32 choices."""
+        return 4 * (len(self.axes()) + len(self.branches()))
+
     def sensors(self) -> list[pb.Sensor]:
         """Return the sensors, in the order in which the program's process sends them."""
         sensors = []
-        shapes = {"screen": self.screen, "fovea": [self.fovea] * 2 if self.fovea else []}
-        texts = {
-            "screen": "The whole display.",
-            "fovea": "The pixels around the pointer; black outside of the display.",
-        }
-        for name, shape in shapes.items():
-            if shape:
-                sensors.append(sensor(name, [*shape, self.channels], 0, 255, texts[name], dtype=np.uint8))
+        if self.screen:
+            height, width = self.screen
+            sensors.append(image("screen", height, width, "The whole display.", channels=self.channels))
+        if self.fovea:
+            text = "The pixels around the pointer; black outside of the display."
+            sensors.append(image("fovea", self.fovea, self.fovea, text, channels=self.channels, centered=True))
         if self.look.states:
             sensors.append(sensor("state", [self.look.states], description="What the hook returns."))
         return sensors
 
     def axes(self) -> list[pb.Axis]:
         """Return the axes."""
+        sticks = [
+            axis("stick_x", description="Of the joystick; positive is right."),
+            axis("stick_y", description="Of the joystick; positive is up."),
+        ] if self.look.stick else []  # fmt: skip
         if not self.pointer:
-            return []
+            return sticks
         stem = "pointer" if self.pointer == "position" else "pointer_velocity"
         text = "Of the pointer: -1 is the {}, 1 the {} of the display."
         if self.pointer == "velocity":
@@ -114,24 +140,37 @@ class Form(NamedTuple):
         return [
             axis(f"{stem}_x", description=text.format("left edge", "right edge")),
             axis(f"{stem}_y", description=text.format("lower edge", "upper edge")),
+            *sticks,
         ]
 
     def branches(self) -> list[pb.Branch]:
-        """Return the branches: buttons of the mouse, keys, and the wheel."""
+        """Return the branches: buttons of the mouse, keys, buttons of the joystick, and the wheel."""
         look = self.look
         branches = [button(f"mouse_{name}", f"The {name} button of the mouse.") for name in look.buttons]
         branches += [button(f"key_{name}", f"pygame.K_{name}") for name in look.keys]
+        if look.stick:
+            branches += [button(f"joy_{n}", f"Button {n} of the joystick.") for n in range(STICK_BUTTONS)]
         if look.wheel:
             branches.append(branch("wheel", ["none", "up", "down"], "The wheel of the mouse."))
         return branches
 
-    def inside(self, seconds: float) -> dict[str, Any]:
-        """Return what the program's process needs to know. seconds: for a decision."""
+    def player(self) -> pb.Behavior:
+        """Return the behavior of the agent that plays."""
+        return behavior(
+            "player", sensors=self.sensors(), axes=self.axes(), branches=self.branches(),
+            channels=[channel(name) for name in self.look.channels], metrics=self.look.metrics,
+        )  # fmt: skip
+
+    def inside(self, seconds: float, *, hashes: bool = False, watch: bool = False) -> dict[str, Any]:
+        """Return what the program's process needs to know. seconds: for a decision.
+
+        hashes: of frames are wanted. watch: keys are pressed to find out which of them the program reads.
+        """
         return {
             "interval": self.interval, "pointer": self.pointer, "screen": self.screen, "fovea": self.fovea,
             "gray": self.gray, "buttons": self.look.buttons, "keys": list(self.look.keys.values()),
-            "wheel": self.look.wheel, "seconds": seconds,
-            "act_bytes": 4 * (len(self.axes()) + len(self.branches())),
+            "wheel": self.look.wheel, "stick": self.look.stick, "seconds": seconds, "hashes": hashes, "watch": watch,
+            "act_bytes": self.act_bytes,
         }  # fmt: skip
 
 

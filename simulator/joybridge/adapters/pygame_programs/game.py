@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -10,10 +11,10 @@ from joybridge.adapters.pygame_programs.form import Look, make_form
 from joybridge.adapters.pygame_programs.players import Played, Players
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses
 from joybridge.adapters.pygame_programs.settings import PygameSettings
+from joybridge.adapters.pygame_programs.tape import MAX_PICTURE_PIXELS, TapeWriter, note_of
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.limits import MAX_PIXELS
 from joybridge.contract.tensors import Array
-from joybridge.simulator import behavior, quiet_step, spec
+from joybridge.simulator import quiet_step, spec
 from joybridge.simulator.batched_game import BatchedGame, check_range
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -28,32 +29,18 @@ class PygameGame(BatchedGame):
     look: ClassVar[Look]
     processes: ClassVar[ProgramProcesses]
     frame_seconds: ClassVar[float]
+    exact: ClassVar[bool]  # whether its snapshots are
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
         """Return the spec of the program as the first look has shown it."""
         form, limit = make_form(cls.look, options), int(cls.settings.number("max_decisions"))
-        axes, branches = form.axes(), form.branches()
+        snapshot = 64 + limit * form.act_bytes if cls.exact else 0
         return spec(
-            cls,
-            [
-                behavior(
-                    "player", sensors=form.sensors(), axes=axes, branches=branches,
-                    channels=cls.look.reward_channels(), metrics=cls.look.metrics,
-                )
-            ],
-            decision_interval=form.interval, tick_seconds=cls.frame_seconds, max_episode_decisions=limit,
-            max_arenas=MAX_ARENAS, picture=cls.picture_size(),
-            snapshot_bytes_per_arena=64 + 4 * limit * (len(axes) + len(branches)),
+            cls, [form.player()], decision_interval=form.interval, tick_seconds=cls.frame_seconds,
+            max_episode_decisions=limit, max_arenas=1 if cls.settings.window else MAX_ARENAS,
+            picture=cls.look.picture(), snapshot_bytes_per_arena=snapshot,
         )  # fmt: skip
-
-    @classmethod
-    def picture_size(cls) -> tuple[int, int]:
-        """Return the width and the height of pictures: those of the display, halved until the contract allows them."""
-        width, height = cls.look.width, cls.look.height
-        while max(width, height) > MAX_PIXELS:
-            width, height = width // 2, height // 2
-        return width, height
 
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
@@ -62,11 +49,14 @@ class PygameGame(BatchedGame):
         self._spec = self.describe(options)
         self._player = self._spec.behaviors[0]
         device, limit = self._player.device, self._spec.max_episode_decisions
-        form = make_form(self.look, options)
-        self._players = Players(self.processes, form, self._player, self.settings.number("seconds"), arenas)
+        self._options, self._form = options, make_form(self.look, options)
+        self._tapes: dict[int, TapeWriter] = {}  # by arena, if they are wanted
+        told = self._form.inside(self.settings.number("seconds"), hashes="tapes" in self.settings.texts)
+        self._players = Players(self.processes, self._form, told, arenas)
         self._first_arena = first_arena
         self._seed = np.array([seed], np.uint64)
         self._episodes = np.zeros(arenas, np.int64)  # that have begun since the seed was set
+        self._closed = False  # whether the window is, because an episode is over
         self._lengths = np.zeros(arenas, np.int32)  # decisions of the present episode
         self._axes = np.zeros((arenas, limit, len(device.axes)), np.float32)  # of the present episode
         self._choices = np.zeros((arenas, limit, len(device.branches)), np.int32)
@@ -91,6 +81,8 @@ class PygameGame(BatchedGame):
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision, all at once. Where the episode ends, the next one begins."""
         arenas = range(len(self._episodes))
+        if self._closed:
+            self._seen, self._closed = self._begin(arenas), False
         self._axes[arenas, self._lengths], self._choices[arenas, self._lengths] = acts[0].axes, acts[0].choices
         for arena in arenas:
             self._players.act(arena, self._act(arena, self._lengths[arena]))
@@ -98,7 +90,10 @@ class PygameGame(BatchedGame):
         self._lengths += 1
         ends = [a for a in arenas if played[a].over or self._lengths[a] == self._axes.shape[1]]
         self._seen = list(played)
-        if ends:
+        self._note_on_tapes(played)
+        if ends and self.settings.window:
+            self._closed = True  # the next window opens if there is a next decision
+        elif ends:
             for arena, first in zip(ends, self._begin(ends), strict=True):
                 self._seen[arena] = first
         step = quiet_step(self._stack(self._seen), 0)
@@ -114,7 +109,7 @@ class PygameGame(BatchedGame):
 
     def draw(self, arena: int) -> Array:
         """Return the display of one arena, uint8 [height, width, 3]."""
-        return self._players.draw(arena, *self.picture_size())
+        return self._players.draw(arena, *self.look.picture())
 
     def save(self) -> dict[str, Array]:
         """Return what was decided since the present episodes began: the program does the same again.
@@ -127,6 +122,7 @@ class PygameGame(BatchedGame):
         return {
             "seed": self._seed.copy(), "episodes": self._episodes.copy(), "lengths": self._lengths.copy(),
             "axes": self._axes.copy(), "choices": self._choices.copy(),
+            "seen": np.array([_hash(seen) for seen in self._seen], np.uint64),
         }  # fmt: skip
 
     def restore(self, state: Mapping[str, Array]) -> None:
@@ -139,16 +135,43 @@ class PygameGame(BatchedGame):
             check_range(f"choices of {branch.name}", state["choices"][..., column], 0, len(branch.choices) - 1)
         self._seed, self._episodes, self._lengths = (state[name].copy() for name in ("seed", "episodes", "lengths"))
         self._axes, self._choices = state["axes"].copy(), state["choices"].copy()
-        for arena in range(len(self._episodes)):
+        arenas = range(len(self._episodes))
+        self._close_tapes(arenas)  # a tape has an episode from its beginning
+        for arena in arenas:
             self._seen[arena] = self._players.restore(arena, self._name(arena)) or self._repeat(arena)
+            if _hash(self._seen[arena]) != state["seen"][arena]:
+                raise ValueError(
+                    f"arena {arena} does not show the picture of the snapshot: the program does not do the same again; "
+                    "serve it with snapshots=false"
+                )
 
     def close(self) -> None:
         """End the processes of the arenas."""
+        self._close_tapes(list(self._tapes))
         self._players.end(range(len(self._episodes)))
+
+    def _note_on_tapes(self, played: Sequence[Played]) -> None:
+        """Append what each arena has just played to its tape, if it has one."""
+        for arena, tape in self._tapes.items():
+            act = self._act(arena, self._lengths[arena] - 1)
+            tape.add(act, played[arena].hashes, self._players.draw(arena, *self.look.picture(MAX_PICTURE_PIXELS)))
+
+    def _close_tapes(self, arenas: Sequence[int]) -> None:
+        for arena in arenas:
+            if tape := self._tapes.pop(arena, None):
+                tape.close()
+
+    def _new_tape(self, arena: int) -> TapeWriter:
+        seed = self._episode_seed(arena)
+        path = Path(self.settings.texts["tapes"]) / f"{self.name}-{seed:016x}.tape"
+        return TapeWriter(path, note_of(self._form, self.settings, self._options, seed))
 
     def _begin(self, arenas: Sequence[int]) -> list[Played]:
         self._episodes[arenas] += 1
         self._lengths[arenas], self._axes[arenas], self._choices[arenas] = 0, 0.0, 0
+        self._close_tapes(arenas)
+        if "tapes" in self.settings.texts:
+            self._tapes |= {arena: self._new_tape(arena) for arena in arenas}
         return self._players.begin(arenas, [self._episode_seed(arena) for arena in arenas])
 
     def _repeat(self, arena: int) -> Played:
@@ -178,3 +201,9 @@ class PygameGame(BatchedGame):
 
     def _stack(self, seen: Sequence[Played]) -> list[Array]:
         return [np.stack([one.sensors[index] for one in seen]) for index in range(len(self._player.sensors))]
+
+
+def _hash(seen: Played) -> int:
+    """Return a number that differs where observations do."""
+    data = b"".join(sensor.tobytes() for sensor in seen.sensors)
+    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "little")

@@ -1,18 +1,17 @@
 """The processes in which the arenas of a session are played, as the server sees them."""
 
 import json
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from joybridge.adapters.pygame_programs.form import Form
 from joybridge.adapters.pygame_programs.processes import ProgramFault, ProgramProcesses
-from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, as_json
+from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, WATCHED, as_json
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.workers.link import Link
-from joybridge.v1 import bridge_pb2 as pb
 
 SPARE_SECONDS = 1.0  # after which a process that is too slow should have ended by itself
 
@@ -25,17 +24,16 @@ class Played(NamedTuple):
     rewards: Array  # float32 [channels]
     metrics: Array  # float32 [metrics]
     sensors: list[Array]  # one per sensor
+    hashes: Array  # uint64, one per frame since the last decision, if they are wanted
 
 
 class Players:
     """A process per arena. Every wait for one has a limit; one that is too slow, ends or fails raises ArenaError."""
 
-    def __init__(
-        self, processes: ProgramProcesses, form: Form, player: pb.Behavior, seconds: float, arenas: int
-    ) -> None:
-        """form, player: what the processes do and send. seconds: for a decision."""
-        self._processes, self._seconds = processes, seconds
-        self._told = form.inside(seconds)
+    def __init__(self, processes: ProgramProcesses, form: Form, told: Mapping[str, Any], arenas: int) -> None:
+        """told: what the form tells the processes; see Form.inside."""
+        self._processes, self._told, self._seconds = processes, told, told["seconds"]
+        player = form.player()
         self._links: list[Link | None] = [None] * arenas
         self._numbers = (len(player.channels), len(player.metrics))
         self._sensors = [(NUMPY_TYPES[sensor.dtype], tuple(sensor.shape)) for sensor in player.sensors]
@@ -52,6 +50,21 @@ class Players:
         """Let an arena play a decision; `receive` returns what comes of it."""
         self._send(arena, ACT, act)
 
+    def play(self, arena: int, acts: Iterable[bytes]) -> Iterator[Played]:
+        """Play one decision after the other, and yield what comes of each, until the episode is over."""
+        for act in acts:
+            self.act(arena, act)
+            played = self.receive(arena)
+            yield played
+            if played.over:
+                return
+
+    def watched(self, arena: int) -> list[int]:
+        """Return the numbers of the keys that the program has been seen to read."""
+        self._send(arena, WATCHED, b"")
+        read: list[int] = json.loads(self._receive(arena))
+        return read
+
     def replay(self, arena: int, acts: bytes, decisions: int) -> Played:
         """Play many decisions, and return what comes of the last."""
         self._send(arena, REPLAY, acts)
@@ -66,7 +79,8 @@ class Players:
             count = int(np.prod(shape))
             parts.append(np.frombuffer(message, dtype, count, at).reshape(shape))
             at += parts[-1].nbytes
-        return Played(bool(over), nanoseconds, parts[0], parts[1], parts[2:])
+        hashes = np.frombuffer(message, np.uint64, offset=at)
+        return Played(bool(over), nanoseconds, parts[0], parts[1], parts[2:], hashes)
 
     def branch(self, arena: int, name: bytes) -> None:
         """Keep the state of an arena under a name, as long as there is memory for it."""

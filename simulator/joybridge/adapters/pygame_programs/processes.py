@@ -56,7 +56,7 @@ class ProgramProcesses:
             self._door.listen(1024)
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-u", "-m", MODULE, str(self.folder)], stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL, env=_environment(), start_new_session=True,  # Ctrl-C is for the server
+                stdout=subprocess.DEVNULL, env=self._environment(), start_new_session=True,  # Ctrl-C is for the server
             )  # fmt: skip
             atexit.register(self.end)
             seconds = self.settings.number("start")
@@ -142,6 +142,16 @@ class ProgramProcesses:
                 shutil.rmtree(self.folder, ignore_errors=True)
                 atexit.unregister(self.end)
 
+    def _environment(self) -> dict[str, str]:
+        """Return that of the program: neither display nor sound card, its own home, hashes without chance."""
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
+        return kept | {
+            "PYTHONPATH": _python_path(), "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1",
+            "PYGAME_HIDE_SUPPORT_PROMPT": "1", "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy",
+            "HOME": f"{OWN_FOLDER}/home", "TMPDIR": f"{OWN_FOLDER}/tmp",  # noqa: S108
+            "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no threads before a fork
+        }  # fmt: skip
+
     def _fork_from(self, stem: Link, told: list[Mapping[str, Any]]) -> list[Link]:
         numbers = range(self._number + 1, self._number + 1 + len(told))
         self._number += len(told)
@@ -164,12 +174,25 @@ class ProgramProcesses:
         return self._came.pop(number)
 
 
-def _environment() -> dict[str, str]:
-    """Return the environment of the program: neither display nor sound card, its own home, hashes without chance."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
-    return kept | {
-        "PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path),  # it imports from where this does
-        "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1", "PYGAME_HIDE_SUPPORT_PROMPT": "1",
-        "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "HOME": f"{OWN_FOLDER}/home",
-        "TMPDIR": f"{OWN_FOLDER}/tmp", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no threads before a fork
-    }  # fmt: skip
+def _python_path() -> str:
+    """Return what makes a process import from where this one does."""
+    return os.pathsep.join(folder or os.curdir for folder in sys.path)
+
+
+class WindowProcess(ProgramProcesses):
+    """The process of a program that is played in its own window: each episode is a new one."""
+
+    def fork(self, told: list[Mapping[str, Any]]) -> list[Link]:
+        """Return the only player, whose window opens."""
+        (only,) = told
+        with self._lock:
+            try:
+                self.start()
+                assert self._stem is not None
+                self._stem.send(FORK, as_json(only))
+            except (AdapterError, OSError) as error:
+                raise GameError(f"the program cannot be played in its window: {error}") from error
+            return [self._stem]
+
+    def _environment(self) -> dict[str, str]:
+        return os.environ | {"PYTHONPATH": _python_path(), "PYTHONDONTWRITEBYTECODE": "1"}

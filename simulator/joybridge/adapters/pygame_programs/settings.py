@@ -17,8 +17,8 @@ NUMBERS = {  # the default of each, and its range
     "memory": (2048, 128, 1 << 20), "max_decisions": (1024, 1, 100_000),
 }  # fmt: skip
 NAMES = {"keys", "buttons"}  # with commas between them
-TEXTS = {"name", "hook"}
-FLAGS = {"mouse", "wheel"}
+TEXTS = {"name", "hook", "tapes"}
+FLAGS = {"mouse", "wheel", "joystick", "snapshots", "window"}
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class PygameSettings:
     """A program, and how it is run."""
 
     name: str  # of the game
+    text: str  # all that was given
     place: str  # FILE, MODULE or PACKAGE:SCRIPT
     arguments: list[str] = field(default_factory=list)
     rewards: dict[str, str] = field(default_factory=dict)  # by channel; see inside/rewards.py
@@ -39,6 +40,11 @@ class PygameSettings:
         """Return a number, its default if it is not set."""
         return self.numbers.get(name, NUMBERS[name][0])
 
+    @property
+    def window(self) -> bool:
+        """Return whether the program is played in its own window, in real time."""
+        return self.flags.get("window", False)
+
     def inside(self) -> dict[str, object]:
         """Return what the process of the program needs to know."""
         return {
@@ -46,6 +52,7 @@ class PygameSettings:
             "arguments": self.arguments, "rewards": self.rewards, "done": self.done,
             "hook": str(Path(self.texts["hook"]).resolve()) if "hook" in self.texts else "",
             "fps": self.number("fps"), "memory": int(self.number("memory")), "start": self.number("start"),
+            "window": self.window, "joystick": self.flags.get("joystick"),
         }  # fmt: skip
 
 
@@ -56,7 +63,7 @@ def read_pygame_settings(text: str) -> PygameSettings:
     except ValueError as error:
         raise AdapterError(f"got {text!r}: {error}") from error
     words, arguments = (words[: words.index("--")], words[words.index("--") + 1 :]) if "--" in words else (words, [])
-    settings = PygameSettings(name, words[0], arguments)
+    settings = PygameSettings(name, text, words[0], arguments)
     for word in words[1:]:
         key, equals, value = word.partition("=")
         if not equals:
@@ -73,7 +80,7 @@ def _read(settings: PygameSettings, key: str, value: str) -> None:
     elif key in NUMBERS:
         settings.numbers[key] = _number(key, value)
     elif key in NAMES:
-        settings.names[key] = [name for name in value.split(",") if name]
+        settings.names.setdefault(key, []).extend(name for name in value.split(",") if name)
     elif key in TEXTS:
         settings.texts[key] = value
     elif key in FLAGS and value in ("true", "false"):

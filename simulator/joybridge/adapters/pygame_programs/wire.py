@@ -11,13 +11,16 @@ from typing import Any
 
 from joybridge.simulator.workers.link import Link
 
-# To a stem: JSON. To a player: an act as float32 axes and int32 choices; JSON for DRAW and BRANCH; REPLAY: many acts.
-FORK, ACT, DRAW, BRANCH, REPLAY = b"K", b"A", b"D", b"B", b"R"
+# To a stem: JSON. To a player: an act as float32 axes and int32 choices; JSON for DRAW and BRANCH; REPLAY: many acts;
+# WATCHED: nothing.
+FORK, ACT, DRAW, BRANCH, REPLAY, WATCHED = b"K", b"A", b"D", b"B", b"R", b"W"
 HELLO, FIRST, STEP, PICTURE, DONE, FAULT = b"H", b"1", b"T", b"P", b"N", b"F"  # from them
 
 STEP_HEADER = struct.Struct("<Bq")  # whether the episode is over, and the virtual time in nanoseconds
 OWN_FOLDER_DESCRIPTOR = 100  # of the folder of a process, in the process
 OWN_FOLDER = f"/proc/self/fd/{OWN_FOLDER_DESCRIPTOR}"  # its path, the same in all of them
+ENDING = {"ESCAPE", "q", "F4", "F10", "F11", "F12", "PRINT", "PRINTSCREEN"}  # keys that end or change the program
+STICK_BUTTONS = 4  # of a joystick
 DOOR = "door"  # the name of the socket in the folder of a program
 
 

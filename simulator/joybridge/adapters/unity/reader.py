@@ -21,6 +21,7 @@ from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.simulator.batched_game import GameError
 
 MAX_LAYOUTS = 8  # of agents of the same length
+MAX_SIZE_BYTES = 5  # of a size, as protobuf writes it
 MAX_LENGTHS = 256  # of which layouts are remembered
 
 
@@ -74,13 +75,15 @@ class AgentReader:
             while offset < len(data):
                 begin, length = offset + 1, 0
                 shift = 0
-                while True:
+                for _ in range(MAX_SIZE_BYTES):
                     byte = data[begin]
                     begin += 1
                     length |= (byte & 0x7F) << shift
                     shift += 7
                     if byte < 0x80:
                         break
+                else:
+                    raise IndexError
                 if data[offset] != 0x0A or begin + length > len(data):
                     raise IndexError
                 spans.append((begin, begin + length))
@@ -160,7 +163,9 @@ def _alike(data: bytes) -> Array | None:
     """Return the messages of a list in which all have the same length, uint8 [agents, length]; None for others."""
     if len(data) < 2:
         return None
-    head = next((1 + size for size in range(1, 6) if data[size : size + 1] < b"\x80"), len(data))
+    head = next((1 + size for size in range(1, MAX_SIZE_BYTES + 1) if data[size : size + 1] < b"\x80"), 0)
+    if head == 0:
+        return None
     whole = head + sum((byte & 0x7F) << 7 * index for index, byte in enumerate(data[1:head]))
     if len(data) % whole:
         return None

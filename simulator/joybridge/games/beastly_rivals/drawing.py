@@ -9,14 +9,12 @@ import numpy as np
 import pygame
 
 from joybridge.contract.tensors import Array
+from joybridge.games.beastly_rivals.pitches import BOUNDARY_RADIUS, PITCH_RADIUS, Pitches
 from joybridge.games.beastly_rivals.rules import (
-    BOUNDARY_RADIUS,
     CHARACTER_SPEED,
     CLOCK_TICKS,
     COOLDOWN_TICKS,
-    PITCH_RADIUS,
     SPEED_LIMIT,
-    SPHERE_RADIUS,
     TICK,
 )  # fmt: skip
 from joybridge.games.figures import BOOT, Clothes, beast, cursor, person
@@ -59,15 +57,19 @@ VIEW_RADIUS = 8.3  # units shown to each side of the pitch's center
 SHARE = 0.75  # of the picture's width that shows the pitch; the rest is the panel
 
 SLOW = (146, 124, 250)
+STONE_DARK, STONE, STONE_LIGHT = (78, 76, 74), (128, 124, 118), (158, 154, 146)
 TUNIC = Clothes((44, 104, 222), (28, 66, 150))
 
 
-def draw(arena: np.record, width: int, height: int) -> Array:
-    """Return a picture, uint8 [height, width, 3], of one arena, a record of dtype ARENA."""
+def draw(arena: np.record, pitches: Pitches, width: int, height: int) -> Array:
+    """Return a picture, uint8 [height, width, 3], of one arena, a record of dtype ARENA, on its pitch."""
     canvas = pygame.Surface((width * FINE, height * FINE), depth=32)
     canvas.blit(_scenery(*canvas.get_size()), (0, 0))
     world = _world(*canvas.get_size())
-    _sphere(canvas, world, arena)
+    level = int(arena.level)
+    _beyond(canvas, world, pitches.edges[level, : pitches.edge_counts[level]])
+    _pillars(canvas, world, pitches.pillars[level, : pitches.pillar_counts[level]])
+    _sphere(canvas, world, arena, float(pitches.sphere[level, 0]))
     _goal(canvas, world, arena)
     _character(canvas, world, arena)
     _beast(canvas, world, arena)
@@ -107,14 +109,49 @@ def _scenery(width: int, height: int) -> pygame.Surface:
     return canvas
 
 
-def _sphere(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:
+def _beyond(canvas: pygame.Surface, world: Frame, edges: Array) -> None:
+    """Draw the edges of a generated pitch like its boundary, and let the forest grow beyond them."""
+    random, outer = np.random.default_rng(8), PITCH_RADIUS + 0.45
+    frames = [world.placed(0.0, 0.0, turn=np.arctan2(z, x)).placed(distance, 0.0) for x, z, distance in edges.tolist()]
+    for frame, distance in zip(frames, edges[:, 2].tolist(), strict=True):
+        half = np.sqrt(BOUNDARY_RADIUS**2 - distance**2)
+        line(canvas, frame, CHALK, [(0.0, -half), (0.0, half)], 0.07)
+        for begin, color in ((0.375, BANK), (0.675, BANK_DARK)):
+            half = np.sqrt(max(outer**2 - (distance + begin) ** 2, 0.0))
+            strip = ((begin, -half), (begin + 0.3, -half), (begin + 0.3, half), (begin, half))
+            shape(canvas, frame, strip, color)
+    for frame, distance in zip(frames, edges[:, 2].tolist(), strict=True):
+        deep = outer - distance
+        half = np.sqrt(outer**2 - distance**2) + 0.1
+        shape(canvas, frame, ((0.825, -half), (deep, -half), (deep, half), (0.825, half)), WOOD)
+        places = random.uniform((1.1, -half, 0.2, 0), (max(deep, 1.2), half, 0.5, 1), (round(22 * deep), 4))
+        for out, along, size, tone in places:
+            tree = frame.placed(out, along, size, size)
+            disc(canvas, tree, WOOD_SHADE, 1.08, 0.2, -0.25)
+            disc(canvas, tree, mix(WOOD, LEAVES, tone), 1.0)
+            disc(canvas, tree, mix(LEAVES, LEAVES_LIGHT, tone), 0.5, -0.25, 0.3)
+
+
+def _pillars(canvas: pygame.Surface, world: Frame, pillars: Array) -> None:
+    """Paint round pillars of stone with a shadow."""
+    for x, z, radius in pillars.tolist():
+        frame = world.placed(x, z)
+        haze(canvas, frame.placed(0.15, -0.18), INK, 1.25 * radius, 170, 0, clear=0.6)
+        disc(canvas, frame, STONE_DARK, radius)
+        disc(canvas, frame, STONE, 0.82 * radius, -0.05 * radius, 0.06 * radius)
+        disc(canvas, frame, STONE_LIGHT, 0.5 * radius, -0.12 * radius, 0.14 * radius)
+
+
+def _sphere(canvas: pygame.Surface, world: Frame, arena: np.record, radius: float) -> None:
     """Paint a translucent dome with three slowly turning arcs."""
     frame = world.placed(arena.sphere.x, arena.sphere.z)
-    haze(canvas, frame, SLOW, SPHERE_RADIUS, 60, 165, clear=0.35)
-    haze(canvas, frame.placed(-1.0, 1.15), WHITE, 1.2, 70, 0)
-    ring(canvas, frame, mix(SLOW, WHITE, 0.5), SPHERE_RADIUS, 0.07)
+    haze(canvas, frame, SLOW, radius, 60, 165, clear=0.35)
+    haze(canvas, frame.placed(-radius / 3.0, 1.15 * radius / 3.0), WHITE, 0.4 * radius, 70, 0)
+    ring(canvas, frame, mix(SLOW, WHITE, 0.5), radius, 0.07)
     for k in range(3):
-        arc(canvas, frame, mix(SLOW, WHITE, 0.25), 2.3, 0.6 * arena.clock * TICK + k * 2 * np.pi / 3, 1.1)
+        arc(
+            canvas, frame, mix(SLOW, WHITE, 0.25), 2.3 * radius / 3.0, 0.6 * arena.clock * TICK + k * 2 * np.pi / 3, 1.1
+        )
 
 
 def _goal(canvas: pygame.Surface, world: Frame, arena: np.record) -> None:

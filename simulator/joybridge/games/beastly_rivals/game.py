@@ -6,10 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from joybridge.games.beastly_rivals import picture
+from joybridge.games import level_sets
+from joybridge.games.beastly_rivals import picture, pitches
 from joybridge.games.beastly_rivals import rules as r
 from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
-from joybridge.games.pictures import Eye
+from joybridge.games.pictures import Eye, Field
 from joybridge.games.pointer_game import PointerGame
 from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator import (
@@ -27,7 +28,6 @@ from joybridge.simulator import (
     spec,
 )
 from joybridge.simulator.compiled import compiled
-from joybridge.simulator.randomness import reserve
 from joybridge.v1 import bridge_pb2 as pb
 
 GOLDEN_RATIO = (1.0 + math.sqrt(5.0)) / 2.0  # its multiples, without their integers, are spread evenly over 0..1
@@ -53,11 +53,13 @@ OPTIONS = [
         description="together: the clocks of all arenas begin at 0, as in the original; spread: each arena's clock "
         "begins at another time, so an update sees all phases of the game, and an arena's first episodes are shorter",
     ),
+    level_sets.LEVELS_OPTION,
     *SIGHT_OPTIONS,
 ]
 
 PARAMETERS = [
-    parameter("beast_speed", 0.0, 1.5, 1.0, "factor on the beast's speed: its initial value, growth and limit")
+    parameter("beast_speed", 0.0, 1.5, 1.0, "factor on the beast's speed: its initial value, growth and limit"),
+    *level_sets.PARAMETERS,
 ]
 
 MOTION = ["x", "z", "velocity x", "velocity z"]
@@ -86,6 +88,16 @@ NUMBERS = [
     ),
 ]
 
+PITCH = [  # also sensed on generated pitches
+    sensor(
+        "surroundings", [pitches.RAYS, 2], -1.0, 1.0,
+        "twelve rays of 7 units from the character, 30° apart, counter-clockwise from +x; -1: nothing hit",
+        elements=[f"{30 * k}° {what}" for k in range(pitches.RAYS) for what in ("pillar", "edge")],
+    ),
+    sensor("sphere_radius", [1], 0.0, 2.0, "radius of the slow sphere, as a share of the original one",
+           elements=["radius"]),
+]  # fmt: skip
+
 CHANNELS = [
     channel("survival", 1.0, "+0.01 per tick"),
     channel("death", 1.0, "-1 when the beast touches the character"),
@@ -108,7 +120,12 @@ class BeastlyRivals(PointerGame):
     version = "1"
     options = OPTIONS
     arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
-    parameters, numbers, channels, field = PARAMETERS, NUMBERS, CHANNELS, picture.FIELD
+    parameters, channels, field = PARAMETERS, CHANNELS, picture.FIELD
+
+    @classmethod
+    def numbers(cls, options: Mapping[str, str]) -> list[pb.Sensor]:
+        """Return the sensors of the observation "state", without that of the locomotion."""
+        return [*NUMBERS, *PITCH] if options["levels"] == "generated" else NUMBERS
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
@@ -145,7 +162,9 @@ class BeastlyRivals(PointerGame):
     ) -> None:
         """Begin a first episode in every arena."""
         rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
-        self.rules = rules._replace(slow_character=options["slow_character"] == "on")
+        rules = rules._replace(slow_character=options["slow_character"] == "on")
+        generated = options["levels"] == "generated"
+        self.world = r.World(rules, pitches.make_pitches(arenas if generated else 1), generated)
         self.first_clock = np.zeros(arenas, np.int64)
         if options["clock"] == "spread":
             shares = np.arange(first_arena, first_arena + arenas) * GOLDEN_RATIO % 1.0
@@ -154,7 +173,8 @@ class BeastlyRivals(PointerGame):
 
     def begin(self) -> None:
         """Fill all arenas as at the start of the program, with a first episode each."""
-        r.begin(self.arenas, self.streams, self.rules)
+        r.begin(self.arenas, self.streams, self.world)
+        self._make_pitches(np.ones(len(self.arenas), bool))
         self.arenas.clock = self.first_clock
 
     def begin_episodes(self) -> None:
@@ -163,8 +183,33 @@ class BeastlyRivals(PointerGame):
         self._begin_episodes(np.ones(len(self.arenas), bool))
 
     def _begin_episodes(self, which: Array) -> None:
-        reserve(self.streams, r.MOST_DRAWS)
-        r.begin_episodes(self.arenas, self.streams, self.rules, which)
+        r.reserve_draws(self.streams, self.world)
+        r.begin_episodes(self.arenas, self.streams, self.world, which)
+        self._make_pitches(which)
+
+    def _make_pitches(self, which: Array) -> None:
+        """Make the pitches that the arenas of `which` begin to play on, if they are not the paper's."""
+        if self.world.generated:
+            rows = np.flatnonzero(which)
+            pitches.generate(self.fields["number"][rows], rows, self.world.pitches)
+            r.settle(self.arenas, self.world, which)
+            self.look_at_ground(rows)
+
+    def show_levels(self, numbers: Array) -> None:
+        """Go on on the generated pitches of these numbers, one per arena."""
+        self.fields["number"] = numbers
+        self._make_pitches(np.ones(len(self.arenas), bool))
+
+    def own_field(self, arenas: int) -> Field | None:
+        """Return what images show where every arena has a pitch of its own."""
+        return picture.field_of(self.world.pitches, arenas) if self.world.generated else None
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Restore what `save` returned. Raises ValueError for a state that the game cannot be in."""
+        super().restore(state)
+        if self.world.generated:
+            self.fields["level"] = np.arange(len(self.arenas))
+            self._make_pitches(np.ones(len(self.arenas), bool))
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision.
@@ -177,8 +222,8 @@ class BeastlyRivals(PointerGame):
         velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
         move, blink = act.choices[:, -2:].T.copy()
         rewards = np.zeros((len(arenas), len(CHANNELS)))
-        reserve(self.streams, r.MOST_DRAWS)
-        r.decide(arenas, self.streams, self.rules, velocity, move, blink, rewards)
+        r.reserve_draws(self.streams, self.world)
+        r.decide(arenas, self.streams, self.world, velocity, move, blink, rewards)
         observations = self.observations(arenas)
         terminated = self.fields["dead"].copy()
         truncated = (self.fields["clock"] >= r.CLOCK_TICKS) & ~terminated
@@ -198,11 +243,13 @@ class BeastlyRivals(PointerGame):
 
     def write_numbers(self, arenas: Array, *values: Array) -> None:
         """Write the values of every sensor of numbers."""
-        _observe(arenas, *values)
+        _observe(arenas, *values[: len(NUMBERS)])
+        if self.world.generated:
+            _observe_pitch(arenas, self.world.pitches, *values[len(NUMBERS) :])
 
     def paint(self, arenas: Array, eye: Eye, cursor: bool, images: Array) -> None:
         """Paint what the agents see."""
-        picture.paint(arenas, eye, cursor, images)
+        picture.paint(arenas, self.world.pitches, eye, cursor, images)
 
     def _metrics(self) -> Array:
         arenas = self.arenas
@@ -214,10 +261,12 @@ class BeastlyRivals(PointerGame):
         """Return a picture of one arena, uint8 [height, width, 3]."""
         from joybridge.games.beastly_rivals.drawing import draw  # imported here because only pictures need pygame
 
-        return draw(self.arenas[arena], *PICTURE)
+        return draw(self.arenas[arena], self.world.pitches, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""
+        check_range("level", arenas["level"], 0, 2**31 if self.world.generated else 0)
+        check_range("number", arenas["number"], 0, level_sets.SET_SIZE * len(level_sets.SETS) - 1)
         for body in ("cursor", "character", "beast", "sphere"):
             for field in ("x", "z", "vx", "vz"):
                 check_range(f"{body} {field}", arenas[body][field], -1e6, 1e6)
@@ -249,8 +298,17 @@ def _observe(arenas, blink, cursor, character, beast, slow_sphere):
         beast[i, 7] = arena.accuracy / r.ACCURACY_LIMIT
         slow_sphere[i, 0] = (arena.character.x - arena.sphere.x) / PLACE_UNIT
         slow_sphere[i, 1] = (arena.character.z - arena.sphere.z) / PLACE_UNIT
-        slow_sphere[i, 2] = arena.sphere.vx / r.SPHERE_SPEED
-        slow_sphere[i, 3] = arena.sphere.vz / r.SPHERE_SPEED
+        slow_sphere[i, 2] = arena.sphere.vx / pitches.SPHERE_SPEED
+        slow_sphere[i, 3] = arena.sphere.vz / pitches.SPHERE_SPEED
+
+
+@compiled
+def _observe_pitch(arenas, ground, surroundings, sphere_radius):
+    """Write the sensors of generated pitches."""
+    for i in range(len(arenas)):
+        arena = arenas[i]
+        pitches.cast_rays(arena.character.x, arena.character.z, arena.level, ground, surroundings[i])
+        sphere_radius[i, 0] = ground.sphere[arena.level, 0] / pitches.SPHERE_RADIUS
 
 
 @compiled

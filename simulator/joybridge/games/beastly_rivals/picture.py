@@ -1,25 +1,27 @@
 """What agents see of Beastly Rivals, from above: the beast kills when its disc touches that of the character."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
 from joybridge.contract.tensors import Array
+from joybridge.games.beastly_rivals.pitches import BOUNDARY_RADIUS, PITCH_RADIUS, Pitches, make_pitches
 from joybridge.games.beastly_rivals.rules import (
     BOX_AHEAD,
     BOX_HALF,
     CHARACTER_RADIUS,
     COOLDOWN_TICKS,
-    PITCH_RADIUS,
     SPEED_LIMIT,
-    SPHERE_RADIUS,
 )
 from joybridge.games.pictures import Field, Palette, copy_background, paint_bar, paint_disc, paint_ring
 from joybridge.simulator.compiled import compiled
 
 HALF = 8.3  # of the screen: a little more than the pitch
 
-GRASS, FOREST = range(2)  # kinds of ground
-GROUND_GRAYS = [0, 20]
-GROUND_COLORS = [(24, 58, 24), (12, 20, 20)]
+GRASS, FOREST, PILLAR = range(3)  # kinds of ground
+GROUND_GRAYS = [0, 20, 44]
+GROUND_COLORS = [(24, 58, 24), (12, 20, 20), (84, 80, 76)]
 
 SPHERE, GOAL, CHARACTER, BEAST, FAR_BEAST, CURSOR, COOLING, READY, ANGER = range(9)  # things
 GRAYS = [120, 100, 200, 250, 160, 110, 90, 200, 150]
@@ -33,23 +35,38 @@ CURSOR_RADIUS, CURSOR_OPACITY = 0.8, 160  # wider than character and beast, so t
 TRANSLUCENT, OPAQUE = 85, 256
 
 
-def ground(level: int, x: Array, y: Array) -> Array:
-    """Return grass or forest at places x [w], y [h], uint8 [h, w]."""
-    return np.where(x * x + (y * y)[:, None] <= PITCH_RADIUS * PITCH_RADIUS, GRASS, FOREST).astype(np.uint8)
+def ground(pitches: Pitches, level: int, x: Array, y: Array) -> Array:
+    """Return grass, forest or pillar at places x [w], y [h] of a pitch, uint8 [h, w]."""
+    column = y[:, None]
+    kinds = np.where(x * x + column * column <= PITCH_RADIUS * PITCH_RADIUS, GRASS, FOREST).astype(np.uint8)
+    bank = PITCH_RADIUS - BOUNDARY_RADIUS  # also outside the edges
+    for across, along, distance in pitches.edges[level, : pitches.edge_counts[level]]:
+        kinds[across * x + along * column > distance + bank] = FOREST
+    for center_x, center_y, radius in pitches.pillars[level, : pitches.pillar_counts[level]]:
+        kinds[(x - center_x) ** 2 + (column - center_y) ** 2 <= radius * radius] = PILLAR
+    return kinds
 
 
-HIDES = np.zeros((1, 2), bool)  # everything is on the ground
-FIELD = Field(HALF, HALF, 1, ground, HIDES, Palette(GROUND_GRAYS, GRAYS), Palette(GROUND_COLORS, COLORS))
+HIDES = np.zeros((1, 3), bool)  # everything is on the ground
+FIELD = Field(
+    HALF, HALF, 1, partial(ground, make_pitches(1)), HIDES, Palette(GROUND_GRAYS, GRAYS), Palette(GROUND_COLORS, COLORS)
+)
+
+
+def field_of(pitches: Pitches, levels: int) -> Field:
+    """Return the field with other pitches, so many."""
+    return replace(FIELD, levels=levels, ground=partial(ground, pitches))
 
 
 @compiled
-def paint(arenas, eye, cursor, canvases):
+def paint(arenas, pitches, eye, cursor, canvases):
     """Paint what every arena's agent sees into `canvases`, uint8 [arenas, height, width, channels]."""
     for i in range(len(arenas)):
         arena, canvas = arenas[i], canvases[i]
         pointer, sphere, beast = arena.cursor, arena.sphere, arena.beast
-        window = copy_background(eye, 0, pointer.x, pointer.z, canvas)
-        paint_disc(eye, window, 0, sphere.x, sphere.z, SPHERE_RADIUS, SPHERE, TRANSLUCENT, canvas)
+        window = copy_background(eye, arena.level, pointer.x, pointer.z, canvas)
+        sphere_radius = pitches.sphere[arena.level, 0]
+        paint_disc(eye, window, 0, sphere.x, sphere.z, sphere_radius, SPHERE, TRANSLUCENT, canvas)
         if arena.moving:
             paint_disc(eye, window, 0, arena.goal_x, arena.goal_z, GOAL_RADIUS, GOAL, OPAQUE, canvas)
         body = arena.character

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from joybridge.contract.tensors import Array
+from joybridge.games.beastly_rivals.pitches import BOUNDARY_RADIUS, PITCH_RADIUS, Pitches, block, hold_inside
+from joybridge.games.level_sets import draw_level
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import Streams, reserve, uniform
 from joybridge.simulator.trigonometry import cosine, sine
@@ -22,8 +24,6 @@ DECISION_TICKS = 6
 CLOCK_TICKS = 12000  # all arenas begin anew together after this many
 TOP_SPEED = 20.0  # of the cursor, units/s
 
-PITCH_RADIUS = 7.5
-BOUNDARY_RADIUS = 7.125  # of the sphere around the pitch's center that limits cursor and slow sphere
 CURSOR_HEIGHT, CHARACTER_HEIGHT, BEAST_HEIGHT = 1.0, 0.3, 0.175
 BEAST_BELOW = CHARACTER_HEIGHT - BEAST_HEIGHT
 
@@ -36,7 +36,6 @@ START_ACCURACY, ACCURACY_GROWTH, ACCURACY_LIMIT = 0.01, 0.000055, 0.75
 BOX_AHEAD, BOX_HALF, BOX_HALF_UP = 0.275, 0.1925, 1.1  # its box: the center's distance in front, half sizes
 KILL_DISTANCE = BOX_AHEAD + BOX_HALF + CHARACTER_RADIUS  # in 3D: the box always faces the character
 
-SPHERE_RADIUS, SPHERE_SPEED = 3.0, 0.75
 SPHERE_TURN_SECONDS, SPHERE_PULL, SPHERE_INERTIA = 3.0, 0.8, 0.2
 SLOWEST, BEAST_EASE = 0.5, 0.1  # lowest factor on a speed in the sphere; what is added to the beast's
 
@@ -57,6 +56,15 @@ class Rules(NamedTuple):
 ORIGINAL = Rules(True, True, True, True, True)
 CORRECTED = Rules(False, False, False, False, True)
 
+
+class World(NamedTuple):
+    """What all arenas of a session share."""
+
+    rules: Rules
+    pitches: Pitches
+    generated: bool  # each arena's row of the pitches is its own
+
+
 BODY = np.dtype([("x", "f8"), ("z", "f8"), ("vx", "f8"), ("vz", "f8")])
 ARENA = np.dtype(
     [
@@ -70,31 +78,64 @@ ARENA = np.dtype(
         ("character_inside", "?"), ("beast_inside", "?"), ("touching", "?"),  # overlaps at the last tick
         ("blinks", "i8"), ("clicks", "i8"), ("slow_ticks", "i8"),  # of this episode
         ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since all arenas began anew
+        ("level", "i8"), ("number", "i8"),  # row of the pitches; number of a generated one
         ("beast_speed", "f8"),  # a parameter: factor on the beast's speed
+        ("first_level", "f8"), ("level_count", "f8"),  # parameters
     ]
 )  # fmt: skip
 
 # The most random numbers that one arena draws per call: one turn of the sphere, and a new episode.
-MOST_DRAWS = 2 + 6
+MOST_DRAWS, LEVEL_DRAWS = 2 + 6, 1
 
 
-def begin(arenas: Array, streams: Streams, rules: Rules) -> None:
-    """Fill arenas, zeros but for `beast_speed`, as at the start of the program: all at rest, and a first episode."""
-    reserve(streams, MOST_DRAWS)
-    begin_episodes(arenas, streams, rules, np.ones(len(arenas), bool))
+def begin(arenas: Array, streams: Streams, world: World) -> None:
+    """Fill arenas, zeros but for the parameters, as at the start of the program: all at rest, and a first episode."""
+    reserve_draws(streams, world)
+    begin_episodes(arenas, streams, world, np.ones(len(arenas), bool))
+
+
+def reserve_draws(streams: Streams, world: World) -> None:
+    """Reserve the most random numbers that one arena draws per call."""
+    reserve(streams, MOST_DRAWS + (LEVEL_DRAWS if world.generated else 0))
 
 
 @compiled
-def begin_episodes(arenas, streams, rules, which):
+def begin_episodes(arenas, streams, world, which):
     """Begin a new episode in the arenas of `which` [arenas]; a clock at its end is set to 0."""
     for i in range(len(arenas)):
         if which[i]:
-            begin_episode(arenas[i], streams, i, rules)
+            begin_episode(arenas[i], streams, i, world)
 
 
 @compiled
-def begin_episode(arena, streams, i, rules):
+def settle(arenas, world, which):
+    """Put the bodies of the arenas of `which` [arenas] where their generated pitches, which are made now, have room."""
+    for i in range(len(arenas)):
+        if which[i]:
+            _keep_on_pitch(arenas[i], world.pitches)
+
+
+@compiled
+def _keep_on_pitch(arena, pitches):
+    """Keep all but the beast within the edges, and character and beast out of pillars."""
+    level, edges, pillars = arena.level, pitches.edges, pitches.pillars
+    for j in range(pitches.edge_counts[level]):
+        x, z, distance = edges[level, j, 0], edges[level, j, 1], edges[level, j, 2]
+        hold_inside(arena.cursor, x, z, distance)
+        hold_inside(arena.sphere, x, z, distance)
+        hold_inside(arena.character, x, z, distance)
+    for j in range(pitches.pillar_counts[level]):
+        x, z, radius = pillars[level, j, 0], pillars[level, j, 1], pillars[level, j, 2]
+        block(arena.character, x, z, radius + CHARACTER_RADIUS)
+        block(arena.beast, x, z, radius + BOX_HALF)
+
+
+@compiled
+def begin_episode(arena, streams, i, world):
     """Put the bodies of arena i at new places. The sphere keeps its velocity and timer with all rules."""
+    rules = world.rules
+    if world.generated:
+        arena.level, arena.number = i, draw_level(arena, streams, i)
     _put_on_pitch(arena.character, streams, i)
     _put_on_pitch(arena.cursor, streams, i)
     _put_on_pitch(arena.sphere, streams, i)
@@ -133,36 +174,40 @@ def _stop(body):
 
 
 @compiled
-def decide(arenas, streams, rules, velocity, move, blink, rewards):
+def decide(arenas, streams, world, velocity, move, blink, rewards):
     """Advance every arena by one decision: its action in each of the ticks, death or not. See `tick`."""
     for number in range(DECISION_TICKS):
-        tick(arenas, streams, rules, number, velocity, move, blink, rewards)
+        tick(arenas, streams, world, number, velocity, move, blink, rewards)
     for i in range(len(arenas)):
         arenas[i].clicks += 1 if move[i] or blink[i] else 0
 
 
 @compiled
-def tick(arenas, streams, rules, number, velocity, move, blink, rewards):
+def tick(arenas, streams, world, number, velocity, move, blink, rewards):
     """Advance every arena by tick `number` of a decision and add to `rewards` [arenas, channels].
 
     velocity is the commanded one of the cursor [arenas, 2], move and blink are [arenas] of 0 or 1. Episodes
     that end are left as they are: the caller observes them, then begins new ones.
     """
+    rules, pitches = world.rules, world.pitches
     for i in range(len(arenas)):
         arena = arenas[i]
+        sphere_radius, sphere_speed = pitches.sphere[arena.level, 0], pitches.sphere[arena.level, 1]
         _move_or_blink(arena, move[i], blink[i] and (number == 0 or rules.blink_repeats), rewards[i])
         arena.cursor.vx, arena.cursor.vz = velocity[i, 0], velocity[i, 1]
         _confine(arena.cursor, CURSOR_HEIGHT)
         arena.cooldown = max(arena.cooldown - 1, 0)
-        _drive_character(arena, rules)
-        _steer_beast(arena)
+        _drive_character(arena, rules, sphere_radius)
+        _steer_beast(arena, sphere_radius)
         _grow_beast(arena)
         _confine(arena.sphere, 0.0)
-        _turn_sphere(arena, streams, i)
-        _meet(arena, rules, rewards[i])  # before the bodies move, as in the original engine
+        _turn_sphere(arena, streams, i, sphere_speed)
+        _meet(arena, rules, sphere_radius, rewards[i])  # before the bodies move, as in the original engine
         for body in (arena.cursor, arena.character, arena.beast, arena.sphere):
             body.x += body.vx * TICK
             body.z += body.vz * TICK
+        if world.generated:
+            _keep_on_pitch(arena, pitches)
         rewards[i, SURVIVAL] += SURVIVAL_REWARD
         arena.tick += 1
         arena.clock += 1
@@ -198,10 +243,10 @@ def _confine(body, height):
 
 
 @compiled
-def _drive_character(arena, rules):
+def _drive_character(arena, rules, sphere_radius):
     """Set the character's velocity: towards its goal, slower in the sphere, 0 if it does not move."""
     character = arena.character
-    share = _slow_share(character, arena.sphere, 0.0) if arena.character_slow else 1.0
+    share = _slow_share(character, arena.sphere, sphere_radius, 0.0) if arena.character_slow else 1.0
     arena.slow_ticks += 1 if share < 1.0 else 0
     dx, dz = arena.goal_x - character.x, arena.goal_z - character.z
     square = dx * dx + dz * dz
@@ -216,14 +261,14 @@ def _drive_character(arena, rules):
 
 
 @compiled
-def _slow_share(body, sphere, ease):
+def _slow_share(body, sphere, sphere_radius, ease):
     """Return the factor of the slow sphere on a body's speed; it is lowest at the sphere's center."""
     dx, dz = body.x - sphere.x, body.z - sphere.z
-    return min(max(math.sqrt(dx * dx + dz * dz) / SPHERE_RADIUS + ease, SLOWEST), 1.0)
+    return min(max(math.sqrt(dx * dx + dz * dz) / sphere_radius + ease, SLOWEST), 1.0)
 
 
 @compiled
-def _steer_beast(arena):
+def _steer_beast(arena, sphere_radius):
     """Turn the beast's velocity towards the character; less if the accuracy is lower or the speed higher.
 
     The pull is a unit vector in 3D that points slightly upwards; the upward part of the velocity is dropped.
@@ -239,7 +284,7 @@ def _steer_beast(arena):
     wy = arena.accuracy * BEAST_BELOW / distance
     per_unit = arena.speed / math.sqrt(wx * wx + wy * wy + wz * wz)
     if arena.beast_slow:
-        per_unit *= _slow_share(beast, arena.sphere, BEAST_EASE)
+        per_unit *= _slow_share(beast, arena.sphere, sphere_radius, BEAST_EASE)
     beast.vx, beast.vz = wx * per_unit, wz * per_unit
 
 
@@ -251,7 +296,7 @@ def _grow_beast(arena):
 
 
 @compiled
-def _turn_sphere(arena, streams, i):
+def _turn_sphere(arena, streams, i, sphere_speed):
     """Every three seconds, turn the slow sphere towards a random place on the pitch.
 
     The timer is compared before it is increased, and its rounded sum reaches 3 one tick late: the first turn is in
@@ -267,24 +312,24 @@ def _turn_sphere(arena, streams, i):
         wx = pull * dx + SPHERE_INERTIA * sphere.vx
         wz = pull * dz + SPHERE_INERTIA * sphere.vz
         length = math.sqrt(wx * wx + wz * wz)
-        per_unit = SPHERE_SPEED / length if length > 0.0 else 0.0
+        per_unit = sphere_speed / length if length > 0.0 else 0.0
         sphere.vx, sphere.vz = wx * per_unit, wz * per_unit
     arena.timer += np.float32(TICK)
 
 
 @compiled
-def _meet(arena, rules, rewards):
+def _meet(arena, rules, sphere_radius, rewards):
     """Compare overlaps with those of the last tick; only their changes have an effect."""
     touching = _touching(arena.beast, arena.character)
     if touching and not arena.touching:
         arena.dead = True
         rewards[DEATH] += DEATH_REWARD
     arena.touching = touching
-    inside = _character_inside(arena.character, arena.sphere)
+    inside = _character_inside(arena.character, arena.sphere, sphere_radius)
     if inside != arena.character_inside:
         arena.character_inside = inside
         arena.character_slow = inside and rules.slow_character
-    inside = _beast_inside(arena.beast, arena.character, arena.sphere)
+    inside = _beast_inside(arena.beast, arena.character, arena.sphere, sphere_radius)
     if inside != arena.beast_inside:
         arena.beast_inside = arena.beast_slow = inside
 
@@ -297,15 +342,15 @@ def _touching(beast, character):
 
 
 @compiled
-def _character_inside(character, sphere):
+def _character_inside(character, sphere, sphere_radius):
     """Return whether the character overlaps the slow sphere, which lies on the ground."""
     dx, dz = character.x - sphere.x, character.z - sphere.z
-    reach = SPHERE_RADIUS + CHARACTER_RADIUS
+    reach = sphere_radius + CHARACTER_RADIUS
     return dx * dx + dz * dz + CHARACTER_HEIGHT * CHARACTER_HEIGHT <= reach * reach
 
 
 @compiled
-def _beast_inside(beast, character, sphere):
+def _beast_inside(beast, character, sphere, sphere_radius):
     """Return whether the beast's box, turned and tilted towards the character, overlaps the slow sphere."""
     dx, dz = character.x - beast.x, character.z - beast.z
     planar = math.sqrt(dx * dx + dz * dz)
@@ -324,4 +369,4 @@ def _beast_inside(beast, character, sphere):
     gap_sideways = max(abs(sideways) - BOX_HALF, 0.0)
     gap_above = max(abs(above) - BOX_HALF_UP, 0.0)
     square = gap_ahead * gap_ahead + gap_sideways * gap_sideways + gap_above * gap_above
-    return square <= SPHERE_RADIUS * SPHERE_RADIUS
+    return square <= sphere_radius * sphere_radius

@@ -8,22 +8,26 @@ import math
 from collections.abc import Callable
 from functools import lru_cache, partial
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 import pygame
 
 from joybridge.contract.tensors import Array
 from joybridge.games.shooting_birds.levels import (
+    BARN,
     BARN_BOXES,
     BARN_DEPTH,
-    LEVELS,
-    OBSTACLES,
-    PLACEMENTS,
+    BUSH_CROWN,
+    SLOWEST,
+    TREE,
     TREE_CROWN,
     TREE_DEPTH,
     TREE_TRUNK,
+    Obstacles,
+    Placement,
 )
-from joybridge.games.shooting_birds.rules import EPISODE_TICKS, MAGAZINE, SLOWEST, TICK, WALL_X, WALL_Y
+from joybridge.games.shooting_birds.rules import EPISODE_TICKS, GENERATED, MAGAZINE, TICK, WALL_X, WALL_Y
 from joybridge.games.shooting_birds.sensing import BIRD_RADIUS, front
 from joybridge.simulator.render import FINE, Box, Color, Frame, block, disc, ellipse, fade, fit, picture, shape, write
 
@@ -64,44 +68,63 @@ PANEL, BRASS, COPPER, EMPTY = (24, 28, 40), (226, 184, 84), (190, 104, 62), (70,
 TEXT, ALERT, AIMED = (240, 240, 235), (255, 110, 90), (255, 50, 40)
 
 
-def draw(arena: np.record, width: int, height: int) -> Array:
-    """Return a picture, uint8 [height, width, 3], of one arena, a record of dtype ARENA."""
+class Scene(NamedTuple):
+    """What stands in a level, and how many screens wide it is."""
+
+    placements: tuple[Placement, ...]
+    screens: int
+
+
+def draw(arena: np.record, obstacles: Obstacles, scene: Scene, width: int, height: int) -> Array:
+    """Return a picture, uint8 [height, width, 3], of one arena, a record of dtype ARENA, among obstacles of a scene."""
     canvas = pygame.Surface((width * FINE, height * FINE), depth=32)
-    world = fit(*canvas.get_size(), WALL_X, WALL_Y)
+    screen = fit(*canvas.get_size(), WALL_X, WALL_Y)
+    world = screen.placed(-arena.camera, 0.0)
+    moved = world.origin[0] - screen.origin[0] * scene.screens
     layers: list[tuple[float, Callable[[], object]]] = [
-        (depth, partial(canvas.blit, layer, place)) for depth, layer, place in scenery(int(arena.level), width, height)
+        (depth, partial(canvas.blit, layer, (x + moved, y)))
+        for depth, layer, (x, y) in scenery(scene, _number(arena), width, height)
     ]
     birds = arena.birds.view(np.recarray)
     layers += [(bird.z, partial(_bird, canvas, world, bird, arena.clock * TICK)) for bird in birds]
     for _, paint in sorted(layers, key=itemgetter(0), reverse=True):
         paint()
     _scoreboard(canvas, arena)
-    aimed = front(arena, OBSTACLES) >= 0
+    aimed = front(arena, obstacles) >= 0
     _crosshair(canvas, world.placed(arena.x, arena.y), aimed)
     return picture(canvas)
 
 
-@lru_cache(maxsize=2 * LEVELS)
-def scenery(level: int, width: int, height: int) -> list[tuple[float, pygame.Surface, tuple[int, int]]]:
+def _number(arena: np.record) -> int:
+    """Return the number of the arena's level: as people count them, and for what decorates it."""
+    return int(arena.number if arena.fixed_level == GENERATED else arena.level)
+
+
+@lru_cache(maxsize=14)
+def scenery(scene: Scene, number: int, width: int, height: int) -> list[tuple[float, pygame.Surface, tuple[int, int]]]:
     """Return the still layers of a level: for each its depth, its canvas, and the position of that (px)."""
-    size = (width * FINE, height * FINE)
-    world = fit(*size, WALL_X, WALL_Y)
+    size = (width * FINE * scene.screens, height * FINE)
+    world = fit(*size, WALL_X * scene.screens, WALL_Y)
     back = pygame.Surface(size, depth=32)
-    trees, barns = pygame.Surface(size, pygame.SRCALPHA), pygame.Surface(size, pygame.SRCALPHA)
-    _landscape(back, world, np.random.default_rng(level))
-    for placement in PLACEMENTS[level]:
+    far, near = pygame.Surface(size, pygame.SRCALPHA), pygame.Surface(size, pygame.SRCALPHA)
+    _landscape(back, world, scene.screens, np.random.default_rng(number))
+    for placement in scene.placements:
         frame = world.placed(placement.x, placement.y, placement.scale_x, placement.scale_y)
-        if placement.template == "tree":
-            _tree(trees, frame)
-        else:
+        layer = near if placement.depth == BARN_DEPTH else far
+        if placement.template == BARN:
             _inside(back, frame)
-            _barn(barns, frame)
-    layers = [(np.inf, back), (TREE_DEPTH, trees), (BARN_DEPTH, barns)]
+            _barn(layer, frame)
+        elif placement.template == TREE:
+            _trunk(layer, frame)
+            _leaves(layer, frame, TREE_CROWN)
+        else:
+            _leaves(layer, frame, BUSH_CROWN)
+    layers = [(np.inf, back), (TREE_DEPTH, far), (BARN_DEPTH, near)]
     used = [layer.get_bounding_rect() for _, layer in layers]
     return [(depth, layer.subsurface(box), box.topleft) for (depth, layer), box in zip(layers, used, strict=True)]
 
 
-def _landscape(canvas: pygame.Surface, world: Frame, random: np.random.Generator) -> None:
+def _landscape(canvas: pygame.Surface, world: Frame, screens: int, random: np.random.Generator) -> None:
     """Paint sky, sun, clouds, two ranges of hills and a meadow."""
     width, height = canvas.get_size()
     ground = int(world.points([(0.0, HORIZON)])[0, 1])
@@ -111,36 +134,41 @@ def _landscape(canvas: pygame.Surface, world: Frame, random: np.random.Generator
         shape(veil, world, ellipse(-2.0, 6.6, radius, radius, 48), (*SUN, alpha))
     canvas.blit(veil, (0, 0))
     veil.fill(CLEAR)
-    for x in np.linspace(-17.0, 17.0, 5):
+    for x in np.linspace(-17.0, 17.0, 5) if screens == 1 else np.linspace(-55.0, 55.0, 5 * screens):
         scale = random.uniform(0.6, 1.2)
         cloud = world.placed(x + random.uniform(-2.0, 2.0), random.uniform(2.0, 9.0), scale, scale)
         for dx, dy, radius in ((-1.3, 0.0, 0.7), (-0.4, 0.35, 1.0), (0.7, 0.15, 0.8), (1.5, 0.0, 0.5)):
             shape(veil, cloud, ellipse(dx, dy, 1.3 * radius, 0.6 * radius), CLOUD)
     canvas.blit(veil, (0, 0))
-    along = np.linspace(-40.0, 40.0, 161)
+    edge = 40.0 * screens
+    along = np.linspace(-edge, edge, 160 * screens + 1)
     for color, base, swing, wave in ((FAR_HILLS, -5.2, 1.3, 0.23), (NEAR_HILLS, -6.9, 0.9, 0.34)):
         phase = random.uniform(0.0, 2 * np.pi)
         ridge = base + swing * (np.sin(wave * along + phase) + 0.3 * np.sin(2.7 * wave * along))
-        shape(canvas, world, [(-40.0, HORIZON), *zip(along, ridge, strict=True), (40.0, HORIZON)], color)
+        shape(canvas, world, [(-edge, HORIZON), *zip(along, ridge, strict=True), (edge, HORIZON)], color)
     fade(canvas, pygame.Rect(0, ground, width, height - ground), MEADOW_FAR, MEADOW_NEAR)
-    for depth in np.sqrt(np.linspace(0.02, 1.0, 150)):  # tufts and flowers, larger if nearer
-        tuft = world.placed(random.uniform(-25.0, 25.0), HORIZON - 4.0 * depth, 0.5 * depth, 0.5 * depth)
+    for depth in np.sqrt(np.linspace(0.02, 1.0, 150 * screens)):  # tufts and flowers, larger if nearer
+        tuft = world.placed(random.uniform(-25.0, 25.0) * screens, HORIZON - 4.0 * depth, 0.5 * depth, 0.5 * depth)
         if random.uniform() < 0.7:
             shape(canvas, tuft, [(-0.4, 0.6), (-0.1, 0.0), (0.1, 0.0), (0.45, 0.7), (0.05, 0.2), (0.0, 0.9)], GRASS)
         else:
             shape(canvas, tuft, ellipse(0.0, 0.0, 0.25, 0.25, 10), FLOWERS[random.integers(len(FLOWERS))])
 
 
-def _tree(layer: pygame.Surface, frame: Frame) -> None:
-    """Paint a tree: a trunk with streaks of bark, and a crown lit from the upper left."""
+def _trunk(layer: pygame.Surface, frame: Frame) -> None:
+    """Paint the trunk of a tree, with streaks of bark."""
     _, bottom, right, top = TREE_TRUNK
     block(layer, frame, TREE_TRUNK, BARK)
     block(layer, frame, (right - 0.7, bottom, right, top), BARK_DARK)
     for x, y in ((-1.0, -13.5), (-0.5, -8.0), (-0.1, -12.0), (-0.9, -6.5), (0.2, -6.0)):
         block(layer, frame, (x, y, x + 0.16, y + 3.5), BARK_LIGHT)
+
+
+def _leaves(layer: pygame.Surface, frame: Frame, crown: tuple[tuple[float, float, float], ...]) -> None:
+    """Paint the leaves of a tree or a bush, discs lit from the upper left."""
     # Each disc in full size first, then smaller and lighter ones with a rim of leaves inside it.
     for color, share, shift in ((LEAVES_DARK, 1.0, 0.0), (LEAVES, 0.76, 0.09), (LEAVES_LIGHT, 0.42, 0.24)):
-        for x, y, radius in TREE_CROWN:
+        for x, y, radius in crown:
             unit = frame.length(radius)
             center = frame.points([(x, y)])[0] + shift * unit * LIGHT
             disc(layer, center, share * unit, color)
@@ -235,7 +263,7 @@ def _scoreboard(canvas: pygame.Surface, arena: np.record) -> None:
     if arena.ammo == 0:
         line("reload!", color=ALERT, x=18.5 * unit)
     line(f"hits {arena.hits} / shots {arena.shots}    accuracy {accuracy:.0%}", color=TEXT, x=width / 2, align=0.5)
-    line(f"level {arena.level}    {seconds:4.1f} s", color=TEXT, x=width - 1.6 * unit, align=1.0)
+    line(f"level {_number(arena)}    {seconds:4.1f} s", color=TEXT, x=width - 1.6 * unit, align=1.0)
 
 
 def _crosshair(canvas: pygame.Surface, frame: Frame, aimed: bool) -> None:

@@ -1,16 +1,18 @@
 """Shooting Birds: its spec, its sensors, and one step of many arenas."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
+from joybridge.games import level_sets
 from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
-from joybridge.games.pictures import Eye
+from joybridge.games.pictures import Eye, Field, View
 from joybridge.games.pointer_game import PointerGame
-from joybridge.games.shooting_birds import picture
+from joybridge.games.shooting_birds import camera, foes, generator, picture
 from joybridge.games.shooting_birds import rules as r
-from joybridge.games.shooting_birds.levels import LEVELS, OBSTACLES
+from joybridge.games.shooting_birds.levels import FLIGHTS, LEVELS, OBSTACLES, build_obstacles, placements_of
 from joybridge.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
 from joybridge.games.sight import SIGHT_OPTIONS
 from joybridge.simulator import (
@@ -47,10 +49,17 @@ OPTIONS = [
         ["random", *map(str, range(LEVELS))],
         description="the obstacles: a random level in each episode, or always the same",
     ),
+    level_sets.LEVELS_OPTION,
+    foes.BIRDS_OPTION,
+    *camera.OPTIONS,
     *SIGHT_OPTIONS,
 ]
 
-PARAMETERS = [parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds")]
+PARAMETERS = [
+    parameter("bird_speed", 0.0, 4.0, 1.0, "factor on the speed of new birds"),
+    *foes.PARAMETERS,
+    *level_sets.PARAMETERS,
+]
 
 NUMBERS = [
     sensor("gun", [2], 0.0, 2.0, "the gun", elements=["loaded", "ammo"]),
@@ -93,7 +102,22 @@ class ShootingBirds(PointerGame):
     version = "1"
     options = OPTIONS
     arena_dtype: ClassVar[np.dtype[np.void]] = r.ARENA
-    parameters, numbers, channels, field = PARAMETERS, NUMBERS, CHANNELS, picture.FIELD
+    parameters, channels, field = PARAMETERS, CHANNELS, picture.FIELD
+
+    @classmethod
+    def numbers(cls, options: Mapping[str, str]) -> list[pb.Sensor]:
+        """Return the sensors of the observation "state", without that of the locomotion."""
+        moves = options["camera"] != "fixed"
+        position = [camera.POSITION] if moves and options["camera_position"] == "shown" else []
+        return [*NUMBERS, *position, *([camera.HINTS] if moves and options["hints"] == "on" else [])]
+
+    @classmethod
+    def views(cls, options: Mapping[str, str]) -> dict[str, View]:
+        """Return the images that agents observe, by the names of their sensors."""
+        seen = super().views(options)
+        if options["camera"] == "fixed":
+            return seen
+        return {name: replace(view, on_camera=not view.centered) for name, view in seen.items()}
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
@@ -103,14 +127,15 @@ class ShootingBirds(PointerGame):
             "hunter",
             description="the crosshair and the gun",
             sensors=cls.sensors(options),
-            axes=locomotion.axes,
+            axes=[*locomotion.axes, *([camera.SCROLL] if options["camera"] == "axis" else [])],
             branches=[
                 *locomotion.branches,
+                *([camera.GRAB] if options["camera"] == "drag" else []),
                 button("shoot", "shoot at what is under the crosshair"),
                 button("reload", "fill the magazine, after the shot if both are pressed"),
             ],
             channels=CHANNELS,
-            metrics=METRICS,
+            metrics=[*METRICS, *([] if options["camera"] == "fixed" else [camera.METRIC])],
         )
         return spec(
             cls,
@@ -128,18 +153,58 @@ class ShootingBirds(PointerGame):
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
     ) -> None:
         """Begin a first episode in every arena."""
-        self.rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
-        self.fixed_level = -1 if options["level"] == "random" else int(options["level"])
+        rules = r.ORIGINAL if options["rules"] == "original" else r.CORRECTED
+        fixed_level = r.ANY_LEVEL if options["level"] == "random" else int(options["level"])
+        device = camera.CAMERAS.index(options["camera"])
+        self.screens = 1 if device == camera.FIXED else camera.SCREENS
+        obstacles = OBSTACLES if self.screens == 1 else build_obstacles(self.screens, camera.SCREEN_WIDTH)
+        self.world = r.World(rules, obstacles, FLIGHTS, foes.HABITS.index(options["birds"]), fixed_level, device)
+        self.generated = generator.make_room(arenas, self.screens) if options["levels"] == "generated" else None
+        if self.generated:
+            self.world = self.world._replace(
+                obstacles=self.generated.obstacles, flights=self.generated.flights, fixed_level=r.GENERATED
+            )
         super().__init__(options, parameters, arenas, first_arena, seed)
 
     def begin(self) -> None:
         """Fill all arenas as at the start of the program, with a first episode each."""
-        r.begin(self.arenas, self.streams, self.fixed_level)
+        r.begin(self.arenas, self.streams, self.world)
+        self._make_levels()
+        if self.screens > 1 and not self.generated:
+            self.look_at_ground(range(LEVELS))
+        if self.generated:
+            r.populate(self.arenas, self.streams, self.world)
 
     def begin_episodes(self) -> None:
         """Begin a new episode in every arena; the birds fly on."""
-        reserve(self.streams, r.MOST_DRAWS)
+        reserve(self.streams, self.world.draws)
         r.begin_episodes(self.arenas, self.streams)
+        self._make_levels()
+
+    def show_levels(self, numbers: Array) -> None:
+        """Go on in the generated levels of these numbers, one per arena."""
+        self.fields["number"] = numbers
+        self._make_levels()
+
+    def _make_levels(self) -> None:
+        """Make the levels that the arenas play, if they are not those of the paper's game."""
+        if self.generated:
+            generator.generate(self.fields["number"], self.generated)
+            self.look_at_ground(range(len(self.arenas)))
+
+    def own_field(self, arenas: int) -> Field | None:
+        """Return what images show where every arena has a level of its own, or the field has several screens."""
+        if not self.generated and self.screens == 1:
+            return None
+        beyond = camera.FARTHEST if self.screens > 1 else 0.0
+        return picture.field_of(self.world.obstacles, arenas if self.generated else LEVELS, beyond)
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Restore what `save` returned. Raises ValueError for a state that the game cannot be in."""
+        super().restore(state)
+        if self.generated:
+            self.fields["level"] = np.arange(len(self.arenas))
+        self._make_levels()
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one tick. All episodes end together, truncated."""
@@ -147,9 +212,13 @@ class ShootingBirds(PointerGame):
         arenas = self.arenas
         velocity = self.locomotion.velocity(act, self.fields["heading"]) * r.TOP_SPEED
         shoot, reload = act.choices[:, -2:].T.copy()
+        if self.world.camera == camera.AXIS:
+            self.fields["scroll"] = act.axes[:, -1]
+        elif self.world.camera == camera.DRAG:
+            self.fields["scroll"] = act.choices[:, -3]
         rewards = np.zeros((len(arenas), len(CHANNELS)))
-        reserve(self.streams, r.MOST_DRAWS)
-        r.tick(arenas, self.streams, self.rules, OBSTACLES, velocity, shoot, reload, rewards)
+        reserve(self.streams, self.world.draws)
+        r.tick(arenas, self.streams, self.world, velocity, shoot, reload, rewards)
         observations = self.observations(arenas)
         truncated = self.fields["tick"] >= r.EPISODE_TICKS
         step = StepArrays(observations, rewards.astype(np.float32), np.zeros(len(arenas), bool), truncated)
@@ -160,56 +229,91 @@ class ShootingBirds(PointerGame):
             step.parameters = self.played_parameters(step.ended)
             self.draw_parameters(step.ended)
             r.begin_episodes(arenas, self.streams)
+            self._make_levels()
             step.observations = self.observations(arenas)
         return [step]
 
     def write_numbers(self, arenas: Array, *values: Array) -> None:
         """Write the values of every sensor of numbers."""
-        _observe(arenas, self.rules, OBSTACLES, *values)
+        _observe(arenas, self.world, *values[: len(NUMBERS)])
+        if len(values) > len(NUMBERS):
+            _observe_camera(arenas, values[len(NUMBERS)], values[-1])
 
     def paint(self, arenas: Array, eye: Eye, cursor: bool, images: Array) -> None:
         """Paint what the agents see."""
-        picture.paint(arenas, eye, cursor, images)
+        picture.paint(arenas, self.screens > 1, eye, cursor, images)
 
     def _metrics(self) -> Array:
         shots, hits, reloads = self.arenas.shots, self.arenas.hits, self.arenas.reloads
-        return np.stack([hits / np.maximum(shots, 1), shots, hits, reloads], axis=1).astype(np.float32)
+        values = [hits / np.maximum(shots, 1), shots, hits, reloads]
+        if self.screens > 1:
+            values.append(self.arenas.empty / self.arenas.tick)
+        return np.stack(values, axis=1).astype(np.float32)
 
     def draw(self, arena: int) -> Array:
         """Return a picture of one arena, uint8 [height, width, 3]."""
-        from joybridge.games.shooting_birds.drawing import draw  # imported here because only pictures need pygame
+        from joybridge.games.shooting_birds.drawing import (  # imported here because only pictures need pygame
+            Scene,
+            draw,
+        )
 
-        return draw(self.arenas[arena], *PICTURE)
+        level = int(self.fields["level"][arena])
+        placements = placements_of(level, self.screens, camera.SCREEN_WIDTH)
+        if self.generated:
+            placements = self.generated.placed(level)
+        return draw(self.arenas[arena], self.world.obstacles, Scene(placements, self.screens), *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""
-        check_range("level", arenas["level"], 0, LEVELS - 1)
+        check_range("level", arenas["level"], 0, 2**31 if self.generated else LEVELS - 1)
+        check_range("number", arenas["number"], 0, level_sets.SET_SIZE * len(level_sets.SETS) - 1)
+        check_range("wait of a bird", arenas["birds"]["wait"], 0, 10**6)
         check_range("ammo", arenas["ammo"], 0, r.MAGAZINE)
         check_range("tick", arenas["tick"], 0, r.EPISODE_TICKS - 1)
         if (arenas["tick"] != arenas["tick"][0]).any():
             raise ValueError("tick differs between arenas, but all episodes begin and end together")
-        check_range("fixed level", arenas["fixed_level"], self.fixed_level, self.fixed_level)
+        check_range("fixed level", arenas["fixed_level"], self.world.fixed_level, self.world.fixed_level)
         check_range("bird size", arenas["birds"]["kind"], 0, 2)
+        check_range("habit of a bird", arenas["birds"]["habit"], 0, foes.BLINKING)
+        check_range("timer of a bird", arenas["birds"]["timer"], -foes.DASH_TICKS, 10**6)
+        farthest = camera.FARTHEST if self.screens > 1 else 0.0
+        check_range("camera", arenas["camera"], -farthest, farthest)
+        check_range("scroll", arenas["scroll"], -1.0, 1.0)
+        check_range("ticks without a bird in view", arenas["empty"], 0, r.EPISODE_TICKS)
         for field in ("x", "y", "vx", "vy", "heading"):
             check_range(field, arenas[field], -1e6, 1e6)
-        for field in ("x", "y", "z", "vx", "vy", "phase"):
+        for field in ("x", "y", "z", "vx", "vy", "phase", "speed", "bound", "aim_x", "aim_y"):
             check_range(f"bird {field}", arenas["birds"][field], -1e6, 1e6)
 
 
 @compiled
-def _observe(arenas, rules, obstacles, gun, crosshair, rays, hovered):
+def _observe(arenas, world, gun, crosshair, rays, hovered):
     """Write the sensors of every arena."""
+    rules, obstacles = world.rules, world.obstacles
     for i in range(len(arenas)):
         arena = arenas[i]
         gun[i, 0] = 1.0 if arena.ammo > 0 else 0.0
         gun[i, 1] = arena.ammo // r.MAGAZINE if rules.whole_magazines else arena.ammo / r.MAGAZINE
         speed = np.sqrt(arena.vx * arena.vx + arena.vy * arena.vy)
         moving = speed > 1e-5
-        crosshair[i, 0] = (arena.x - rules.origin_x) / REACH_X
+        crosshair[i, 0] = (arena.x - arena.camera - rules.origin_x) / REACH_X
         crosshair[i, 1] = arena.y / REACH_Y
         crosshair[i, 2] = arena.vx / speed if moving else 0.0
         crosshair[i, 3] = arena.vy / speed if moving else 0.0
         crosshair[i, 4] = speed / r.TOP_SPEED
         cast_rays(arena, obstacles, rays[i])
+        if world.camera != camera.FIXED:
+            camera.end_rays_at_border(arena, rays[i])
         target = front(arena, obstacles)
         hovered[i, 0] = -1.0 if target == OBSTACLE else (0.0 if target == NOTHING else 1.0)
+
+
+@compiled
+def _observe_camera(arenas, position, hints):
+    """Write the sensors of the camera of every arena; one that is not shown is given as the other."""
+    for i in range(len(arenas)):
+        left, _, right = camera.count_birds(arenas[i])
+        if hints.shape[1] == 2:
+            hints[i, 0], hints[i, 1] = left / r.BIRDS, right / r.BIRDS
+        if position.shape[1] == 1:
+            position[i, 0] = arenas[i].camera / camera.FARTHEST

@@ -1,20 +1,19 @@
-"""The obstacles of the seven levels: a tree and a barn as templates, placed, scaled and mirrored.
+"""The seven levels: a tree and a barn as templates, placed, scaled and mirrored, and how birds enter.
 
 Lengths are in units of the game: x to the right, y up, (0, 0) at the arena's center. Obstacles hide birds and stop
 shots; nothing collides with them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from joybridge.contract.tensors import Array
 
-Disc = tuple[float, float, float, float]  # x, y, radius, depth
-Box = tuple[float, float, float, float, float]  # left, bottom, right, top, depth
-
 BARN_DEPTH, TREE_DEPTH = 0.0, 1.1  # lower is nearer to the viewer
+SPAWN_LOW, SPAWN_HIGH = -8.48, 8.26
+SLOWEST, FASTEST = 1.5, 6.0
 
 # Each template box is (left, bottom, right, top), each disc (x, y, radius).
 TREE_TRUNK = (-1.3, -13.95, 1.3, -1.17)
@@ -39,25 +38,32 @@ BARN_BOXES = (
     (7.13, -8.96, 8.57, -6.42),
     (-8.015, -8.96, -6.715, -6.42),
 )
+BUSH_CROWN = ((-1.7, 0.9, 1.2), (0.1, 1.2, 1.7), (1.8, 0.8, 1.1))  # only in generated levels
+
+TREE, BARN, BUSH = range(3)
+_NO_DISCS, _NO_BOXES = np.zeros((0, 3)), np.zeros((0, 4))
+DISCS = (np.array(TREE_CROWN), _NO_DISCS, np.array(BUSH_CROWN))  # by template
+BOXES = (np.array([TREE_TRUNK]), np.array(BARN_BOXES), _NO_BOXES)
 
 
 @dataclass(frozen=True)
 class Placement:
     """A template placed at (x, y) and scaled; a negative scale mirrors it."""
 
-    template: str  # "tree" or "barn"
+    template: int
     x: float
     y: float = 0.0
     scale_x: float = 1.0
     scale_y: float = 1.0
+    depth: float = BARN_DEPTH
 
 
 def _tree(x: float, y: float = 0.0, scale_x: float = 1.0, scale_y: float = 1.0) -> Placement:
-    return Placement("tree", x, y, scale_x, scale_y)
+    return Placement(TREE, x, y, scale_x, scale_y, TREE_DEPTH)
 
 
 def _barn(x: float, y: float = 0.0, scale_x: float = 1.0, scale_y: float = 1.0) -> Placement:
-    return Placement("barn", x, y, scale_x, scale_y)
+    return Placement(BARN, x, y, scale_x, scale_y)
 
 
 PLACEMENTS: tuple[tuple[Placement, ...], ...] = (
@@ -87,36 +93,66 @@ class Obstacles(NamedTuple):
     box_count: Array  # int64 [levels]
 
 
-def _place(placement: Placement) -> tuple[list[Disc], list[Box]]:
-    """Return the discs and boxes of one placed template."""
-    tree = placement.template == "tree"
-    depth = TREE_DEPTH if tree else BARN_DEPTH
-    sx, sy = placement.scale_x, placement.scale_y
-    radius_scale = max(
-        abs(sx), abs(sy)
-    )  # the original engine scales discs by the larger of the two, so they stay round
-    discs = [(placement.x + sx * x, placement.y + sy * y, radius_scale * r, depth) for x, y, r in TREE_CROWN if tree]
-    boxes: list[Box] = []
-    for left, bottom, right, top in (TREE_TRUNK,) if tree else BARN_BOXES:
-        xs = sorted((placement.x + sx * left, placement.x + sx * right))
-        ys = sorted((placement.y + sy * bottom, placement.y + sy * top))
-        boxes.append((xs[0], ys[0], xs[1], ys[1], depth))
-    return discs, boxes
+# How birds enter a level.
+FLIGHT = np.dtype(
+    [
+        ("lines", "f8", (3, 2)), ("line_count", "i8"),  # lowest and highest place of birds that enter on a flight line
+        ("large", "f8"), ("medium", "f8"),  # shares of large, and of large and medium birds
+        ("slowest", "f8"), ("fastest", "f8"),  # units/s
+        ("pause", "f8"),  # s, mean time until a bird that was shot or has left enters again
+    ]
+)  # fmt: skip
 
 
-def build_obstacles() -> Obstacles:
+def no_obstacles(levels: int, discs: int, boxes: int) -> Obstacles:
+    """Return levels without an obstacle, with room for so many discs and boxes each."""
+    counts = np.zeros((2, levels), np.int64)
+    return Obstacles(np.zeros((levels, discs, 4)), counts[0], np.zeros((levels, boxes, 5)), counts[1])
+
+
+def place(obstacles, level, template_discs, template_boxes, placement):
+    """Add the discs and boxes of a template to a level. placement: x, y, scale_x, scale_y, depth."""
+    x, y, scale_x, scale_y, depth = placement
+    radius_scale = max(abs(scale_x), abs(scale_y))  # as the original engine does, so that discs stay round
+    for j in range(len(template_discs)):
+        disc = obstacles.discs[level, obstacles.disc_count[level]]
+        disc[0], disc[1] = x + scale_x * template_discs[j, 0], y + scale_y * template_discs[j, 1]
+        disc[2], disc[3] = radius_scale * template_discs[j, 2], depth
+        obstacles.disc_count[level] += 1
+    for j in range(len(template_boxes)):
+        box = obstacles.boxes[level, obstacles.box_count[level]]
+        x0, x1 = x + scale_x * template_boxes[j, 0], x + scale_x * template_boxes[j, 2]
+        y0, y1 = y + scale_y * template_boxes[j, 1], y + scale_y * template_boxes[j, 3]
+        box[0], box[1], box[2], box[3], box[4] = min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1), depth
+        obstacles.box_count[level] += 1
+
+
+def placements_of(level: int, screens: int, screen_width: float) -> tuple[Placement, ...]:
+    """Return what stands in a level. On further screens beside it stands what stands in its neighbors."""
+    sides = range(-(screens // 2), screens // 2 + 1)
+    return tuple(
+        replace(placement, x=placement.x + side * screen_width)
+        for side in sides
+        for placement in PLACEMENTS[(level + side) % LEVELS]
+    )
+
+
+def build_obstacles(screens: int = 1, screen_width: float = 0.0) -> Obstacles:
     """Return the obstacles of all seven levels."""
-    placed = [[_place(p) for p in level] for level in PLACEMENTS]
-    discs = [[disc for ds, _ in level for disc in ds] for level in placed]
-    boxes = [[box for _, bs in level for box in bs] for level in placed]
-    disc_count = np.array([len(d) for d in discs])
-    box_count = np.array([len(b) for b in boxes])
-    disc_array = np.zeros((LEVELS, disc_count.max(), 4))
-    box_array = np.zeros((LEVELS, box_count.max(), 5))
+    obstacles = no_obstacles(LEVELS, 25 * screens, 24 * screens)
     for level in range(LEVELS):
-        disc_array[level, : disc_count[level]] = np.reshape(discs[level], (-1, 4))
-        box_array[level, : box_count[level]] = np.reshape(boxes[level], (-1, 5))
-    return Obstacles(disc_array, disc_count, box_array, box_count)
+        for p in placements_of(level, screens, screen_width):
+            place(obstacles, level, DISCS[p.template], BOXES[p.template], (p.x, p.y, p.scale_x, p.scale_y, p.depth))
+    return obstacles
 
 
-OBSTACLES = build_obstacles()
+def build_flights() -> Array:
+    """Return how birds enter the seven levels: alike."""
+    flights = np.zeros(LEVELS, FLIGHT)
+    flights["lines"][:, 0] = SPAWN_LOW, SPAWN_HIGH
+    flights["line_count"], flights["large"], flights["medium"] = 1, 1 / 3, 2 / 3
+    flights["slowest"], flights["fastest"] = SLOWEST, FASTEST
+    return flights.view(np.recarray)
+
+
+OBSTACLES, FLIGHTS = build_obstacles(), build_flights()

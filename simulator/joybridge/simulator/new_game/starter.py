@@ -33,9 +33,14 @@ def write_config(address: str, game: str | None, folder: Path) -> str:
 
 Train it, evaluate the policy and record a video:
 
-{go}  {joybridge} train {shlex.quote(path.name)} --simulator {address} --run {run}
+{go}  {joybridge} train {_argument(path.name)} --simulator {address} --run {run}
   {joybridge} evaluate {run}
-  {joybridge} record {run} {shlex.quote(path.stem)}.mp4"""
+  {joybridge} record {run} {_argument(f"{path.stem}.mp4")}"""
+
+
+def _argument(name: str) -> str:
+    """Return the name of a file as an argument of a command, which no option looks like."""
+    return shlex.quote(f"./{name}" if name.startswith("-") else name)
 
 
 def starter_config(spec: pb.GameSpec) -> str:

@@ -94,6 +94,8 @@ class WorkerGame(BatchedGame):
     def close(self) -> None:
         """End the workers."""
         for process in self.processes:
+            process.let_go()
+        for process in self.processes:
             process.end()
 
     def _distribute(self) -> None:

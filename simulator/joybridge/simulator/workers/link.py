@@ -7,6 +7,7 @@ from time import monotonic  # not by its module: programs may be given another c
 
 HEADER = struct.Struct("<cQ")  # kind and length
 READ_BYTES = 1 << 20  # that are read at once, at most
+CLOSING_SECONDS = 1.0  # for a worker to close its games when the server has let it go
 LOOK_SECONDS = 0.5  # after which a thread that waits may be stopped; see game_thread.py
 
 # To the worker: JSON, but pb.Act for ACT and DISTRIBUTE.
@@ -23,9 +24,9 @@ class Link:
         """Take a connected socket."""
         self._socket = connection
 
-    def send(self, kind: bytes, message: bytes) -> None:
-        """Send a frame. Raises OSError if the other end is closed."""
-        self._socket.settimeout(None)
+    def send(self, kind: bytes, message: bytes, seconds: float | None = None) -> None:
+        """Send a frame. Raises OSError if the other end is closed, TimeoutError if it does not take it in time."""
+        self._socket.settimeout(seconds)
         self._socket.sendall(HEADER.pack(kind, len(message)) + message)
 
     def receive(self, seconds: float = math.inf) -> Frame:

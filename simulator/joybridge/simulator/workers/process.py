@@ -10,10 +10,11 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
+from math import isinf
 from typing import Any
 
 from joybridge.simulator.batched_game import ArenaError, GameError
-from joybridge.simulator.workers.link import FAULT, Link
+from joybridge.simulator.workers.link import CLOSING_SECONDS, FAULT, Link
 
 MODULE = "joybridge.simulator.workers.worker"
 ENDING_SECONDS = 1.0  # to write a stack into the log
@@ -40,16 +41,19 @@ class WorkerProcess:
             # -P and PYTHONPATH: it imports from where this process does.
             folders = {"PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path)}
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-u", "-m", MODULE, place, *map(str, descriptors)], stdin=subprocess.DEVNULL,
+                [sys.executable, "-P", "-u", "-m", MODULE, place, *map(str, descriptors)], stdin=subprocess.PIPE,
                 pass_fds=descriptors, env=os.environ | folders,
                 start_new_session=True,  # Ctrl-C is for the server
             )  # fmt: skip
         self._link = Link(ours)
 
     def send(self, kind: bytes, message: bytes | Mapping[str, Any]) -> None:
-        """Send a frame. Raises GameError if the worker has ended."""
+        """Send a frame. Raises GameError if the worker has ended or does not take it."""
+        data = message if isinstance(message, bytes) else json.dumps(message).encode()
         try:
-            self._link.send(kind, message if isinstance(message, bytes) else json.dumps(message).encode())
+            self._link.send(kind, data, None if isinf(self.seconds) else self.seconds)
+        except TimeoutError:
+            raise self._too_slow() from None
         except OSError as error:
             raise self._ended() from error
 
@@ -67,10 +71,18 @@ class WorkerProcess:
             raise self._error(fault["arena"], text) from WorkerTraceback(fault["traceback"])
         return message
 
-    def end(self) -> None:
-        """End the process, wherever it is."""
+    def let_go(self) -> None:
+        """Let the worker close its games and end."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
         self._link.close()
-        self._process.kill()
+
+    def end(self) -> None:
+        """End the process, wherever it is, and all that its games have started."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(CLOSING_SECONDS)
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
 
     def _error(self, arena: int, text: str) -> GameError:

@@ -6,16 +6,16 @@ PLACE: of the game, as in the catalog. LINK: the file descriptor of the connecti
 of the arena that is played, -1 for none.
 """
 
-import ctypes
 import faulthandler
 import json
 import mmap
 import os
-import signal
 import socket
+import subprocess
 import sys
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, ClassVar
 
 from joybridge.contract.codec import Codec, StepArrays, fill_step, pack
@@ -28,6 +28,7 @@ from joybridge.simulator.game_adapter import GameAdapter
 from joybridge.simulator.memory import keep_memory
 from joybridge.simulator.workers.link import (
     ACT,
+    CLOSING_SECONDS,
     DISTRIBUTE,
     DONE,
     DRAW,
@@ -42,7 +43,9 @@ from joybridge.simulator.workers.link import (
 from joybridge.v1 import bridge_pb2 as pb
 
 NONE = -1  # no arena is played
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
+# A shell that kills this process and all that its games have started, after its standard input has been closed: by the
+# server, or by the system when the server was killed. It does so too if this process hangs in compiled code.
+GUARD = f"read -r nothing; sleep {CLOSING_SECONDS:g}; kill -KILL 0"
 
 
 class MarkedGame(GameAdapter):
@@ -94,6 +97,14 @@ class Worker:
         self._previous = self.game.observe()
         return DONE, b""
 
+    def close(self) -> None:
+        """Close the games of the arenas, if they have begun."""
+        if hasattr(self, "game"):
+            try:
+                self.game.close()
+            except BaseException:  # nobody hears of it any more
+                traceback.print_exc()
+
     def _step(self, steps: list[StepArrays]) -> Frame:
         self._previous = steps
         message = pb.Step()
@@ -103,20 +114,23 @@ class Worker:
 
 
 def work(worker: Callable[[], Worker], link: Link, mark: memoryview) -> None:
-    """Answer the server until it closes the connection."""
+    """Answer the server until it closes the connection; then close the games."""
     made = None
     while True:
         try:
             frame = link.receive()
-        except EOFError:
-            return
+        except (EOFError, OSError):
+            break
         try:
             made = made or worker()
             answer = made.answer(*frame)
         except BaseException as error:  # a game may call exit()
             answer = FAULT, json.dumps(fault(error)).encode()
         mark[0] = NONE
-        link.send(*answer)
+        with suppress(OSError):  # the server has gone
+            link.send(*answer)
+    if made is not None:
+        made.close()
 
 
 def fault(error: BaseException) -> dict[str, Any]:
@@ -127,18 +141,12 @@ def fault(error: BaseException) -> dict[str, Any]:
     return what if isinstance(error, JoybridgeError) else what | {"text": f"{type(error).__name__}: {error}"}
 
 
-def end_with_parent() -> None:
-    """Let the system kill this process when the thread of the session ends, so also when the server is killed."""
-    if sys.platform == "linux":
-        parent = os.getppid()
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:
-            sys.exit()
-
-
 def main() -> None:
     """Run the command line."""
-    end_with_parent()
+    subprocess.Popen(["/bin/sh", "-c", GUARD], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)  # for the games
+    os.close(nothing)
     keep_memory()
     faulthandler.enable()  # the server ends a worker that hangs with SIGABRT
     place, link, mark = sys.argv[1:]

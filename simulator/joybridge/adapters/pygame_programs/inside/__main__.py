@@ -17,6 +17,7 @@ from typing import Any
 from joybridge.adapters.pygame_programs.inside.display import Refused
 from joybridge.adapters.pygame_programs.inside.player import Player
 from joybridge.adapters.pygame_programs.inside.program import ProgramError, find_program
+from joybridge.adapters.pygame_programs.inside.scan import needs_joystick, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage, own_folder
 from joybridge.adapters.pygame_programs.inside.stem import copy_beside
 from joybridge.adapters.pygame_programs.wire import knock
@@ -36,7 +37,8 @@ def main() -> None:
     player = Player(knock(str(base), 0))
     folders = own_folder(base)
     folders.enter(folders.own)
-    os.chdir(folders.own / "work")
+    if not settings["window"]:
+        os.chdir(folders.own / "work")
     player.stage = Stage(settings, folders, player.on_frame)
     _run(player, settings)
 
@@ -44,14 +46,16 @@ def main() -> None:
 def _run(player: Player, settings: Mapping[str, Any]) -> None:
     """Run the program to its end, however it comes."""
     os._exit = sys.exit
-    fences = player.stage.fences
     try:
         player.stage.keep_score()
-        fences.raise_up(settings["memory"])
+        player.stage.raise_fences()
         program = find_program(settings["place"], settings["arguments"])
         player.root = program.root
-        if program.beside is not None:
-            with fences.trusting():
+        player.stage.joysticks.plugged = needs_joystick(scan(program.root), settings["joystick"])
+        if program.beside is not None and settings["window"]:
+            os.chdir(program.beside)
+        elif program.beside is not None:
+            with player.stage.fences.trusting():
                 copy_beside(program.beside, Path.cwd())
         program.run()
     except SystemExit:

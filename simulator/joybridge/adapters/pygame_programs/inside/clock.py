@@ -6,7 +6,7 @@ Time passes where the program waits, and by one frame at each end of a frame bef
 import datetime
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import pygame
 
@@ -14,6 +14,42 @@ EPOCH = 1_704_067_200 * 10**9  # nanoseconds of `time.time` at the start: 2024-0
 MILLISECOND = 10**6  # nanoseconds
 SECOND = 10**9  # nanoseconds
 PATIENCE = 1000  # times that a program may read the clock within a frame before each reading takes a millisecond
+
+
+class Clock(Protocol):
+    """A clock, in nanoseconds."""
+
+    readings: int  # since the last frame
+    watchers: list[Callable[[], None]]  # called whenever time has passed
+
+    @property
+    def now(self) -> int:
+        """Return the time since the start of the program."""
+
+    def forward(self, nanoseconds: int) -> None:
+        """Let time pass."""
+
+
+class RealClock:
+    """The time of the world, for a program in its own window."""
+
+    def __init__(self) -> None:
+        """Take the place of nothing."""
+        self.readings = 0
+        self.watchers: list[Callable[[], None]] = []
+        self._time, self._sleep = time.monotonic_ns, time.sleep
+        self._start = self._time()
+
+    @property
+    def now(self) -> int:
+        """Return the time since the start of the program."""
+        return self._time() - self._start
+
+    def forward(self, nanoseconds: int) -> None:
+        """Wait."""
+        self._sleep(max(nanoseconds, 0) / SECOND)
+        for watcher in self.watchers:
+            watcher()
 
 
 class VirtualClock:

@@ -22,9 +22,11 @@ class Refused(BaseException):
 class Display:
     """The surface that the program draws on."""
 
-    def __init__(self) -> None:
-        """Take the place of set_mode and what changes a window."""
+    def __init__(self, *, window: bool = False) -> None:
+        """Take the place of set_mode and what changes a window. window: leave both as they are."""
         self._set_mode = pygame.display.set_mode
+        if window:
+            return
         pygame.display.set_mode = self.set_mode
         pygame.display.toggle_fullscreen = lambda: 1
         pygame.display.iconify = lambda: False

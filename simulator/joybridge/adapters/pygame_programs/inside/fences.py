@@ -98,7 +98,9 @@ class Fences:
             return
         name = os.fsdecode(path)
         if name not in (os.devnull, ":memory:", "") and not os.path.realpath(name).startswith(self.folder):
-            self._refuse(f"the program may write in its home and its working directory only, not {name}")
+            self._refuse(
+                f"the program may write in its home and its working directory only, not {os.path.realpath(name)}"
+            )
 
     def _refuse(self, text: str, kind: type[Exception] = PermissionError) -> NoReturn:
         self.refused = text

@@ -7,22 +7,29 @@ when it asks for events a second time, as programs do that draw only on change.
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pygame
 
-from joybridge.adapters.pygame_programs.inside.clock import MILLISECOND, SECOND, VirtualClock
+from joybridge.adapters.pygame_programs.inside.clock import MILLISECOND, SECOND, Clock
+from joybridge.adapters.pygame_programs.inside.display import Refused
 
+THREADED = "the program draws in a thread; only programs that draw in their main thread can be run"
 UNASKED_FRAMES = 300  # after which a program counts as ready that has never asked for input
 
 
 class Frames:
     """The ends of frames. `on_frame` is called at each."""
 
-    def __init__(self, clock: VirtualClock, fps: float, on_frame: Callable[[], None]) -> None:
-        """Take the place of the functions that show, wait and ask for events. fps: of a program that never waits."""
-        self.clock, self.on_frame = clock, on_frame
+    def __init__(self, clock: Clock, fps: float, on_frame: Callable[[], None], *, window: bool = False) -> None:
+        """Take the place of the functions that show, wait and ask for events.
+
+        fps: of a program that never waits. window: what the program shows is shown.
+        """
+        self.clock, self.on_frame, self._window = clock, on_frame, window
         self.count = 0
+        self._threaded = False  # whether a thread has drawn
         self.asked = False  # whether the program has asked for input
         self._length = round(SECOND / fps)
         self._ended = 0  # time at the last end
@@ -40,7 +47,10 @@ class Frames:
     def end(self) -> None:
         """End a frame."""
         if threading.current_thread() is not threading.main_thread():
-            raise RuntimeError("the program draws in a thread; only programs that draw in their main thread can be run")
+            self._threaded = True
+            raise RuntimeError(THREADED)  # which ends the thread; the next frame of the main thread ends the program
+        if self._threaded:
+            raise Refused(THREADED)
         if self.clock.now == self._ended:
             self.clock.forward(self._length)
         self._ended = self.clock.now
@@ -49,10 +59,12 @@ class Frames:
         self.count += 1
         self.on_frame()
 
-    def show(self, *_: Any) -> None:
-        """Take the place of flip and update."""
+    def show(self, real: Callable[..., None], *arguments: Any) -> None:
+        """Take the place of flip or update."""
         if pygame.display.get_surface() is None:
             raise pygame.error("video system not initialized")
+        if self._window:
+            real(*arguments)
         self._shown = True
         self.end()
 
@@ -71,13 +83,13 @@ class Frames:
         self._polls.add(how)
 
     def _replace_display(self) -> None:
-        pygame.display.flip = self.show
-        pygame.display.update = self.show
+        pygame.display.flip = partial(self.show, pygame.display.flip)
+        pygame.display.update = partial(self.show, pygame.display.update)
 
     def _replace_waits(self) -> None:
         frames, clock = self, self.clock
 
-        class Clock:
+        class FrameClock:
             """pygame.time.Clock in virtual time."""
 
             def __init__(self) -> None:
@@ -107,7 +119,7 @@ class Frames:
         def sleep(seconds: float) -> None:
             self.wait(round(seconds * SECOND))
 
-        pygame.time.Clock = Clock
+        pygame.time.Clock = FrameClock
         pygame.time.wait = pygame.time.delay = wait
         time.sleep = sleep
 

@@ -1,11 +1,11 @@
 """A virtual pointer and keyboard in the place of the real ones: events and polled states alike."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import pygame
 
-from joybridge.adapters.pygame_programs.inside.clock import MILLISECOND, VirtualClock, post
+from joybridge.adapters.pygame_programs.inside.clock import MILLISECOND, Clock, post
 from joybridge.adapters.pygame_programs.inside.frames import Frames
 
 BUTTONS = {"left": 1, "middle": 2, "right": 3}  # of the mouse, by pygame's numbers
@@ -25,7 +25,7 @@ SCAN_OF_KEY = {  # by the names that pygame gives both
 class Hands:
     """Where the pointer is, and what is pressed."""
 
-    def __init__(self, clock: VirtualClock, frames: Frames) -> None:
+    def __init__(self, clock: Clock, frames: Frames) -> None:
         """Take the place of the functions of pygame.mouse and pygame.key."""
         self.clock, self._frames = clock, frames
         self.position = (0, 0)
@@ -36,6 +36,8 @@ class Hands:
         self._repeat = (0, 0)  # delay and interval of held keys, in nanoseconds
         self._repeats: dict[int, int] = {}  # by key: when it is due
         self._mods = 0
+        self.key_shown: Callable[[int], int] = int  # what events and states show; see watching.py
+        self.states_shown: Callable[[list[bool]], Any] = getattr(pygame.key, "ScancodeWrapper", KeyStates)
         self._replace_mouse()
         self._replace_keys()
         clock.watchers.append(self._repeat_keys)
@@ -97,7 +99,7 @@ class Hands:
         text = chr(key) if 32 <= key < 127 else CONTROLS.get(key, "")
         if self._mods & pygame.KMOD_SHIFT:
             text = text.upper()
-        return {"key": key, "mod": self._mods, "unicode": text, "scancode": SCAN_OF_KEY.get(key, 0)}
+        return {"key": self.key_shown(key), "mod": self._mods, "unicode": text, "scancode": SCAN_OF_KEY.get(key, 0)}
 
     def _post(self, kind: int, **fields: Any) -> None:
         post(pygame.event.Event(kind, **fields, window=None))
@@ -142,14 +144,12 @@ class Hands:
             setattr(mouse, name, lambda *_: None)
 
     def _replace_keys(self) -> None:
-        states = getattr(pygame.key, "ScancodeWrapper", _KeyStates)
-
         def get_pressed() -> Any:
             self._frames.asked = True
             held = [False] * SCANCODES
             for key in self.keys:
                 held[SCAN_OF_KEY.get(key, 0)] = True
-            return states(held)
+            return self.states_shown(held)
 
         def set_repeat(delay: int = 0, interval: int = 0) -> None:
             self._repeat = (int(delay) * MILLISECOND, int(interval or delay) * MILLISECOND)
@@ -165,7 +165,7 @@ class Hands:
         pygame.key.get_repeat = lambda: (self._repeat[0] // MILLISECOND, self._repeat[1] // MILLISECOND)
 
 
-class _KeyStates(tuple[bool, ...]):
+class KeyStates(tuple[bool, ...]):
     """What get_pressed returns, for versions of pygame whose own type cannot be made: indexed by keys."""
 
     def __getitem__(self, key: Any) -> Any:

@@ -11,10 +11,11 @@ import numpy as np
 import pygame
 
 from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
-from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, scale
+from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, hash_of, scale
 from joybridge.adapters.pygame_programs.inside.scan import scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage
-from joybridge.adapters.pygame_programs.inside.stem import fork, leave, serve
+from joybridge.adapters.pygame_programs.inside.stem import fork, leave
+from joybridge.adapters.pygame_programs.inside.watching import Watch
 from joybridge.adapters.pygame_programs.wire import (
     ACT,
     BRANCH,
@@ -26,6 +27,8 @@ from joybridge.adapters.pygame_programs.wire import (
     REPLAY,
     STEP,
     STEP_HEADER,
+    STICK_BUTTONS,
+    WATCHED,
     as_json,
 )
 from joybridge.contract.tensors import Array
@@ -50,6 +53,8 @@ class Player:
         self._place = np.zeros(2)  # of the pointer, as parts of the display
         self._speed = np.zeros(2)  # the same, per frame
         self._seen = b""  # the last observation
+        self._watch: Watch | None = None
+        self._hashes = bytearray()  # of the frames of the decision, if they are wanted
 
     def on_frame(self) -> None:
         """Go on with the decision, or answer and wait for the next one."""
@@ -58,6 +63,8 @@ class Player:
                 self._become_stem(FIRST, as_json(self._first_look()))
             return
         self._frames_left -= 1
+        if self._form["hashes"]:
+            self._hashes += hash_of(self.stage.display.pixels())
         self.stage.score.after_frame()
         if self.stage.score.over:
             self._acts.clear()
@@ -93,18 +100,21 @@ class Player:
         if len(threads := threading.enumerate()) > 1:
             names = ", ".join(thread.name for thread in threads[1:])
             self.fail(f"the program has started threads ({names}), which no copy of it would have")
-        return {"size": self.stage.size(), **self.stage.score.look(), "numbers": KEYS, **scan(self.root)._asdict()}
+        controls, stick = scan(self.root)._asdict(), self.stage.joysticks.plugged
+        return {
+            "size": self.stage.size(), **self.stage.score.look(), "numbers": KEYS, **controls, "joystick": stick,
+        }  # fmt: skip
 
     def _become_stem(self, kind: bytes, message: bytes) -> None:
         """Stand still, and go on as a player in each fork."""
         signal.setitimer(signal.ITIMER_REAL, 0)
         self.link.send(kind, message)
         stage = self.stage
-        self.link, told = serve(self.link, stage.folders, stage.fences)
+        self.link, told = stage.wait_for_episode(self.link)
         if not self.playing:
             self.playing, self._form = True, told["form"]
-            stage.chance.begin(told["seed"])
-            stage.score.begin()
+            stage.begin(told["seed"])
+            self._watch = Watch(stage.hands) if self._form["watch"] else None
             self._place = np.full(2, 0.5)
         self._answer(over=False)
 
@@ -116,7 +126,8 @@ class Player:
             self._seen = self._observe()
         numbers = np.array([*score.take(), *score.metrics()], np.float32)
         header = STEP_HEADER.pack(over, self.stage.clock.now)
-        self.link.send(STEP, header + numbers.tobytes() + self._seen)
+        self.link.send(STEP, header + numbers.tobytes() + self._seen + self._hashes)
+        self._hashes.clear()
         while True:
             try:
                 kind, message = self.link.receive()
@@ -130,6 +141,8 @@ class Player:
                 return self._act(self._acts.pop(0))
             if kind == DRAW:
                 self.link.send(PICTURE, scale(self.stage.display.pixels(), *json.loads(message)).tobytes())
+            if kind == WATCHED:
+                self.link.send(DONE, as_json(self._watch.read() if self._watch else []))
             if kind == BRANCH:
                 own = fork(self.stage.folders, self.stage.fences, json.loads(message))
                 if own is not None:
@@ -149,11 +162,21 @@ class Player:
             else:
                 self._speed = axes * 2 * SPEED
             self._move()
-        choices = np.frombuffer(act, np.int32, offset=8 if form["pointer"] else 0).tolist()
-        buttons, keys = len(form["buttons"]), len(form["keys"])
-        hands.press_buttons([BUTTONS[n] for n, held in zip(form["buttons"], choices, strict=False) if held])
-        hands.press_keys([n for n, held in zip(form["keys"], choices[buttons:], strict=False) if held])
-        if form["wheel"] and (ticks := (0, 1, -1)[choices[buttons + keys]]):
+        axes = 2 * bool(form["pointer"])
+        if form["stick"]:
+            x, y = np.frombuffer(act, np.float32, 2, 4 * axes).tolist()
+            self.stage.joysticks.move(x, -y)
+            axes += 2
+        choices = iter(np.frombuffer(act, np.int32, offset=4 * axes).tolist())
+        hands.press_buttons([BUTTONS[name] for name in form["buttons"] if next(choices)])
+        keys = [key for key in form["keys"] if next(choices)]
+        if self._watch is None:
+            hands.press_keys(keys)
+        else:
+            self._watch.press()
+        if form["stick"]:
+            self.stage.joysticks.press([button for button in range(STICK_BUTTONS) if next(choices)])
+        if form["wheel"] and (ticks := (0, 1, -1)[next(choices)]):
             hands.turn_wheel(ticks)
 
     def _move(self) -> None:

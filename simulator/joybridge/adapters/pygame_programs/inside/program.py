@@ -64,9 +64,15 @@ def _script(place: str, package: str, script: str) -> Program:
             f"there is no file, no module that runs, and no installed package {package!r}; expected FILE, MODULE or "
             "PACKAGE:SCRIPT"
         ) from None
+    if not found:
+        modules = {
+            file.parts[0].removesuffix(".py") for file in distribution(package).files or () if file.suffix == ".py"
+        }
+        names = ", ".join(sorted(modules)) or "none"
+        raise ProgramError(f"the package {package!r} has no script; its modules are {names}: name the one that runs")
     chosen = [point for point in found if not script or point.name == script]
     if len(chosen) != 1:
-        names = ", ".join(point.name for point in found) or "none"
+        names = ", ".join(point.name for point in found)
         raise ProgramError(f"the package {package!r} has the scripts {names}; name one of them as {package}:SCRIPT")
     (point,) = chosen
     sys.argv[0] = point.name
@@ -79,4 +85,4 @@ def _run_entry(point: EntryPoint) -> None:
     """Do what the script does that pip writes for an entry point."""
     sys.modules["__main__"] = import_module(point.module)
     lines = [f"from {point.module} import {point.attr.partition('.')[0]}", "import sys", f"sys.exit({point.attr}())"]
-    exec(compile("\n".join(lines), point.name, "exec"), {"__name__": "__main__"})
+    exec(compile("\n".join(lines), point.name, "exec"), {"__name__": "__main__"})  # noqa: S102

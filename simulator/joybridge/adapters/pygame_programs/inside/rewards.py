@@ -8,6 +8,7 @@ attr:main.score      the difference of a variable of a module, an object in it, 
 import io
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -17,8 +18,6 @@ from typing import Any
 import pygame
 import pygame.freetype
 import pygame.ftfont
-
-from joybridge.adapters.pygame_programs.inside.sounds import Sounds
 
 DEFAULT_SIZE = 20  # of pygame's fonts
 DEFAULT_SCALE = 0.6875  # by which pygame makes its own font smaller
@@ -101,12 +100,12 @@ class Difference:
         return growth
 
 
-def reward_of(source: str, texts: Texts, sounds: Sounds) -> Callable[[], float]:
+def reward_of(source: str, texts: Texts, played: Counter[str]) -> Callable[[], float]:
     """Return a function that returns the reward since its last call. Raises ValueError for a wrong pattern."""
     kind, _, name = source.partition(":")
     difference = Difference()
     if kind == "sound" and name:
-        return lambda: _take(difference, float(sum(n for file, n in sounds.played.items() if _is_sound(file, name))))
+        return lambda: _take(difference, float(sum(n for file, n in played.items() if _is_sound(file, name))))
     if kind == "attr" and name:
         return lambda: _take(difference, look_up(name))
     pattern = _compiled(source)

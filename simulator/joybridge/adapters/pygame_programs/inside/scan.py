@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import pygame
 
-ENDING = {"ESCAPE", "q", "F4", "F10", "F11", "F12", "PRINT", "PRINTSCREEN"}  # keys that end or change the program
-POINTER = {"mouse", "MOUSEMOTION", "MOUSEBUTTONDOWN", "MOUSEBUTTONUP", "FINGERDOWN"}
+from joybridge.adapters.pygame_programs.wire import ENDING
+
+POINTER = {"MOUSEMOTION", "MOUSEBUTTONDOWN", "MOUSEBUTTONUP", "FINGERDOWN"}
+JOYSTICK = {"Joystick", "JOYAXISMOTION", "JOYBUTTONDOWN"}
 BUTTON_NAMES = {"BUTTON_LEFT": 1, "BUTTON_MIDDLE": 2, "BUTTON_RIGHT": 3, "BUTTON_WHEELUP": 4, "BUTTON_WHEELDOWN": 5}
 MAX_FILES = 500  # that are read
 MAX_BYTES = 2_000_000  # of each
@@ -25,6 +27,7 @@ class Controls(NamedTuple):
     pointer: bool
     buttons: list[str]  # of the mouse
     wheel: bool
+    joystick: bool
 
 
 def scan(root: Path) -> Controls:
@@ -35,11 +38,17 @@ def scan(root: Path) -> Controls:
         names |= _names(node)
         numbers |= _buttons(node)
     keys = {name[2:] for name in names if name.startswith("K_") and isinstance(getattr(pygame, name, None), int)}
-    pointer = bool(names & POINTER)
+    pointer = bool(names & POINTER) or ("mouse" in names and bool(names & {"get_pos", "get_rel"}))
     numbers |= {number for name, number in BUTTON_NAMES.items() if name in names}
     buttons = ["left", *(["middle"] if 2 in numbers else []), *(["right"] if 3 in numbers else [])]
     wheel = "MOUSEWHEEL" in names or bool(numbers & {4, 5})
-    return Controls(sorted(keys - ENDING), pointer, buttons if pointer else [], pointer and wheel)
+    joystick = bool(names & JOYSTICK)
+    return Controls(sorted(keys - ENDING), pointer, buttons if pointer else [], pointer and wheel, joystick)
+
+
+def needs_joystick(controls: Controls, wanted: bool | None) -> bool:
+    """Return whether a joystick is plugged in: as it is wanted, or if the program seems to read nothing else."""
+    return controls.joystick and not (controls.keys or controls.pointer) if wanted is None else wanted
 
 
 def _names(node: ast.AST) -> set[str]:

@@ -10,13 +10,13 @@ A hook is a Python file with any of these functions; each is given the program's
 
 import runpy
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from joybridge.adapters.pygame_programs.inside.rewards import Texts, reward_of
-from joybridge.adapters.pygame_programs.inside.sounds import Sounds
 from joybridge.contract.tensors import Array
 
 FUNCTIONS = ("state", "reward", "done", "metrics")
@@ -26,11 +26,11 @@ class Score:
     """The reward channels, sensors and metrics of the program."""
 
     def __init__(
-        self, texts: Texts, sounds: Sounds, rewards: Mapping[str, str], done: Sequence[str], hook: str
+        self, texts: Texts, played: Counter[str], rewards: Mapping[str, str], done: Sequence[str], hook: str
     ) -> None:
         """rewards: by channel, see rewards.py. done: patterns of text. hook: a file, "" for none. Raises ValueError."""
         self.over = False
-        self._sources = {name: reward_of(source, texts, sounds) for name, source in rewards.items()}
+        self._sources = {name: reward_of(source, texts, played) for name, source in rewards.items()}
         for pattern in done:
             texts.search(pattern, lambda match: self._end())
         self._hook: dict[str, Callable[[Any], Any]] = {}

@@ -25,10 +25,9 @@ ENDLESS = 1 << 62  # nanoseconds
 class Sounds:
     """What is played, and what has been."""
 
-    def __init__(self, clock: VirtualClock) -> None:
-        """Take the place of the mixer."""
-        self.clock = clock
-        self.played: Counter[str] = Counter()  # by the name of the file
+    def __init__(self, clock: VirtualClock, played: Counter[str]) -> None:
+        """Take the place of the mixer. played: counts the sounds that begin, by the name of the file."""
+        self.clock, self._played = clock, played
         self.channels = [Channel(self) for _ in range(CHANNELS)]
         self.music = Music(self)
         self._install()
@@ -37,7 +36,7 @@ class Sounds:
     def note(self, name: str) -> None:
         """Count a sound that begins."""
         if name:
-            self.played[name] += 1
+            self._played[name] += 1
 
     def find(self, force: bool = False) -> "Channel | None":
         """Return a channel that is free, as pygame.mixer.find_channel."""

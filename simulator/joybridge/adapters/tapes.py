@@ -1,0 +1,54 @@
+"""Input tapes: regression tests of programs that are written with pygame, without any training.
+
+`replay("tests/opening.tape")` in a test fails at the first frame that is not as it was.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from joybridge.adapters.pygame_programs.rerun import opened, random_acts
+from joybridge.adapters.pygame_programs.tape import Difference, TapeError, compare, read_tape, write_tape
+
+__all__ = ["TapeError", "record", "replay"]
+
+
+def record(program: str, tape: str | Path, *, seed: int = 0, decisions: int = 256, **options: str) -> int:
+    """Write a tape of random play, and return how many frames it has. It ends with the episode.
+
+    program: "PROGRAM KEY=VALUE … -- ARGUMENTS", as after --pygame. seed: of the program and of what is pressed.
+    options: of the game. Raises TapeError, and AdapterError for a program that cannot be run.
+    """
+    with opened(program, options) as (rerun, _):
+        return write_tape(Path(tape), rerun, seed, random_acts(rerun, seed, decisions))
+
+
+def replay(tape: str | Path, program: str = "", pictures: str | Path | None = None) -> int:
+    """Play a tape again, and return how many frames it has. Raises TapeError at the first frame that differs.
+
+    program: another than that of the tape, for example in another folder. pictures: the folder for what was expected
+    and what came, side by side, if a frame differs; default: that of the tape.
+    """
+    tape = Path(tape)
+    read = read_tape(tape)
+    with opened(program or read.note["program"], read.note["options"]) as (rerun, _):
+        try:
+            return compare(read, rerun)
+        except Difference as found:
+            shown = Path(pictures or tape.parent) / f"{tape.stem}-frame-{found.frame}.png"
+            expected = read.picture(found.decision)
+            raise TapeError(f"{found}: {_beside(expected, found.picture, shown)}") from None
+
+
+def _beside(expected: Any, came: Any, path: Path) -> str:
+    """Write two pictures beside each other, and return what is said about them. Raises TapeError."""
+    height = max(len(expected), len(came))
+    parts = [np.pad(one, ((0, height - len(one)), (0, 4), (0, 0)), constant_values=255) for one in (expected, came)]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(np.concatenate(parts, axis=1)).save(path)
+    except OSError as error:
+        raise TapeError(f"cannot write {path}: {error.strerror or error}") from error
+    return f"{path} has the expected picture on the left and the one that came on the right"

@@ -1,0 +1,103 @@
+"""Write what the training of a pygame program begins with: a hook, and a configuration that names both."""
+
+import json
+import os
+import re
+import shlex
+from pathlib import Path
+
+from joybridge.contract.places import PYGAME, program_name
+from joybridge.simulator.catalog import load_game, specs
+from joybridge.simulator.new_game.write import NewGameError, check_new, command, write_new
+from joybridge.simulator.program_options import split_arguments
+from joybridge.v1 import bridge_pb2 as pb
+
+ARENAS = 32  # processes, at most
+HOOK = '''\
+"""What {name} shows and pays. Each function is given the program's main module; delete what you do not need."""
+
+
+def state(program):  # numbers for the sensor "state", always as many, as in [program.player.x, program.player.y]
+    return []
+
+
+def reward(program):  # after each frame: a number, or one for each channel, as in {{"coins": 1.0, "hits": -0.1}}
+    return 0.0
+
+
+def done(program):  # after each frame: whether the episode is over, as in program.lives == 0
+    return False
+
+
+def metrics(program):  # at the end of an episode: what `evaluate` reports, as in {{"level": program.level}}
+    return {{}}
+'''
+WITHOUT_REWARD = re.sub(r"def reward.*?\n\n\n", "", HOOK, flags=re.DOTALL)
+
+
+def write_program(text: str, folder: Path) -> str:
+    """Write NAME_hook.py and NAME.yaml for "PROGRAM KEY=VALUE … -- ARGUMENTS"; return the commands to type next.
+
+    The program is run to see what it reads and shows. Settings become keys; with `hook` among them no hook is written.
+    Raises NewGameError and CatalogError.
+    """
+    try:
+        name, keys = program_name(text), _keys(text, folder)
+    except ValueError as error:
+        raise NewGameError(f"got {text!r}: {error}") from error
+    stem = re.sub(r"[^\w.-]", "_", name)
+    config, hook = folder / f"{stem}.yaml", folder / f"{stem}_hook.py"
+    texts = {}
+    if "hook" not in keys:
+        texts[hook] = (WITHOUT_REWARD if "reward" in keys else HOOK).format(name=name)
+        keys["hook"] = [hook.name]
+    check_new([config, *texts])
+    game = load_game(PYGAME + text)
+    write_new({**texts, config: _config(next(specs(game)), keys)})
+    joybridge = shlex.quote(command(folder))
+    go = "" if folder.resolve() == Path.cwd() else f"  {shlex.join(['cd', str(folder)])}\n"
+    return f"""Created {" and ".join(map(str, [*texts, config]))}.
+
+Say in the hook or by the key `reward` what pays, then train, evaluate the policy and record a video:
+
+{go}  {joybridge} train {shlex.quote(config.name)} --run runs/{shlex.quote(stem)}
+  {joybridge} evaluate runs/{shlex.quote(stem)}
+  {joybridge} record runs/{shlex.quote(stem)} {shlex.quote(stem)}.mp4"""
+
+
+def _keys(text: str, folder: Path) -> dict[str, list[str]]:
+    """Return the program and its settings as keys of a configuration in a folder. Raises ValueError."""
+    words = shlex.split(text)
+    words, own = split_arguments(words)
+    place = os.path.relpath(words[0], folder) if Path(words[0]).is_file() else words[0]
+    keys: dict[str, list[str]] = {"pygame": [place]}
+    for word in words[1:]:
+        key, _, value = word.partition("=")
+        keys.setdefault(key, []).append(value)
+    return keys | ({"arguments": own} if own else {})
+
+
+def _config(spec: pb.GameSpec, keys: dict[str, list[str]]) -> str:
+    """Return the text of a configuration; what is written as JSON is YAML, too."""
+    shown = {key: values[0] if len(values) == 1 and key != "arguments" else values for key, values in keys.items()}
+    game = "\n".join(f"  {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in shown.items())
+    return f"""\
+# A start for {json.dumps(spec.name, ensure_ascii=False)}. `joybridge keys` lists all keys.
+game:
+{game}
+layout: bucket-7          # how the policy controls axes and buttons; others: hybrid, multiagent
+arenas: {min(ARENAS, spec.max_arenas):<18}# processes of the program
+total_timesteps: 1000000  # more if the reward still rises at the end
+log_interval: 20000       # timesteps between two rows of metrics
+policy:
+  frame_stack: 2          # pictures that it sees at once; more if things move that two do not show
+  hidden_sizes: [128, 128]
+  rollout_steps: 64       # decisions of every arena between two updates
+  time_horizon: 64        # decisions after which the return is bootstrapped from the value
+  gamma: 0.97             # discount per decision; closer to 1 if rewards come late
+  scale_rewards: true
+  minibatch_size: 512
+  epochs: 3               # how often an update goes through its rollout; fewer if the reward breaks down
+  learning_rate: 1.0e-3   # lower if the reward fluctuates
+  entropy_coef: 0.01      # higher for more exploration; lower if the policy does not converge
+"""

@@ -1,0 +1,61 @@
+"""A comparison on all tasks of a suite: real runs of every game, and one page about them."""
+
+import json
+
+import pytest
+
+from joybridge.compare.compare import parse
+from joybridge.compare.suite import SUITES, write_suite
+from joybridge.config.config_files import config_names
+from joybridge.config.errors import ConfigError
+from tests.support.command_line import joybridge
+
+TINY = ("arenas=2", "total_timesteps=64", "log_interval=32", "policy.rollout_steps=16", "policy.time_horizon=16",
+        "policy.minibatch_size=16", "policy.epochs=1")  # fmt: skip
+
+
+def test_the_suite_has_all_installed_configurations_of_its_folder():
+    assert {task.config for task in SUITES["hybrid"].values()} == {
+        name for name in config_names() if name.startswith("hybrid_suite/")
+    }
+
+
+def test_tasks_are_trained_and_are_on_one_page(tmp_path, simulator, monkeypatch):
+    chosen = {name: SUITES["hybrid"][name] for name in ("catch_point", "hard_move-6")}
+    monkeypatch.setitem(SUITES, "hybrid", chosen)
+    words = "compare", "--suite", "hybrid", "--seeds", "1", "--output", str(tmp_path), "--simulator", simulator
+    status, output, errors = joybridge(*words, *TINY)
+    assert status == 0, errors
+    page = (tmp_path / "page.md").read_text()
+    assert all(f"| {name} | 64 |" in page for name in chosen) and "missing" not in page
+    assert "only_with=true" in page and "options.actuators=6" in (tmp_path / "hard_move-6" / "page.md").read_text()
+    assert f"{tmp_path / 'page.html'}" in output
+    assert (tmp_path / "catch_point" / "page.html").exists()
+
+
+def test_a_page_shows_variants_side_by_side_and_says_what_is_missing(tmp_path):
+    def variant(label, *scores):
+        iqm = {"value": scores[0], "low": 0.0, "high": 1.0}
+        return {"label": label, "scores": scores, "iqm": iqm, "curve": {"timesteps": [10, 200000]}}
+
+    for name, variants in (("platform", [variant("a", 0.5, 0.75), variant("b", 0.25)]), ("goal", [variant("b", 1.0)])):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "compare.json").write_text(json.dumps({"variants": variants}))
+    write_suite("hybrid", tmp_path, "joybridge compare --suite hybrid", {"moving": "it does not fit"})
+    page = (tmp_path / "page.md").read_text()
+    assert (
+        "| platform | 200,000 | **0.500** [0.000, 1.000]<br>0.500, 0.750 | **0.250** [0.000, 1.000]<br>0.250 |" in page
+    )
+    assert "| goal | 200,000 | – | **1.000** [0.000, 1.000]<br>1.000 |" in page and "- moving: it does not fit" in page
+    (tmp_path / "goal" / "compare.json").write_text("{")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        write_suite("hybrid", tmp_path, "", {})
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["archer/hybrid", "--suite", "hybrid"], ["--suite", "hybrid", "--also", "a"], ["--suite", "nothing"]]
+)
+def test_a_suite_or_a_configuration_is_named(words, capsys):
+    with pytest.raises(SystemExit):
+        parse(["compare", *words, "--output", "x"], "joybridge")
+    assert "error: " in capsys.readouterr().err

@@ -1,0 +1,96 @@
+"""Input tapes: a program plays as on a tape, or the frame is named where it does not."""
+
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from joybridge.adapters.tapes import TapeError, record, replay
+from joybridge.contract.codec import ActArrays
+from joybridge.contract.spec import choose_options
+from joybridge.simulator.catalog import load_game
+from tests.support.command_line import joybridge
+from tests.support.servers import ROOT
+
+CATCHING = ROOT / "tests/support/pygame_programs/catch.py"
+DECISIONS = 30
+
+
+@pytest.fixture(scope="module")
+def tape(tmp_path_factory):
+    """Yield a tape, and a copy of the program that it is of."""
+    folder = tmp_path_factory.mktemp("tapes")
+    program = folder / "catch.py"
+    program.write_text(CATCHING.read_text())
+    assert record(str(program), folder / "catch.tape", seed=3, decisions=DECISIONS) == 4 * DECISIONS
+    return folder / "catch.tape", program
+
+
+def changed(tape, tmp_path, old, new):
+    """Return the path of a copy of the program in which a text is replaced."""
+    source = tape[1].read_text()
+    assert old in source
+    path = tmp_path / "catch.py"
+    path.write_text(source.replace(old, new))
+    return str(path)
+
+
+def test_a_program_that_has_not_changed_plays_as_on_the_tape(tape):
+    done = joybridge("tape", "replay", str(tape[0]))
+    assert done == (0, f"{4 * DECISIONS} frames are as on the tape\n", "")
+
+
+def test_a_frame_that_differs_is_named_and_shown_beside_what_was_expected(tape, tmp_path):
+    program = changed(
+        tape, tmp_path, "        screen.fill((20, 20, 40))", "        screen.fill((20, 20, n // 50 + 40))"
+    )
+    source = (tmp_path / "catch.py").read_text().replace("    while lives", "    n = 0\n    while lives")
+    (tmp_path / "catch.py").write_text(source.replace("        screen.fill", "        n += 1\n        screen.fill"))
+    with pytest.raises(TapeError, match=r"frame 48 is not as on the tape: .*catch-frame-48.png has") as found:
+        replay(tape[0], program, tmp_path)
+    assert str(tmp_path) in str(found.value)
+    both = np.asarray(Image.open(tmp_path / "catch-frame-48.png"))
+    expected, came = both[:, :320], both[:, 324:644]
+    assert expected[0, 0].tolist() == [20, 20, 40] and came[0, 0].tolist() == [20, 20, 41]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("while lives > 0", "while lives > 19", "the episode ends earlier or later than on the tape|is over"),
+        ("score += 10", "score += 1 / 0", "after frame .* the program has failed: ZeroDivisionError"),
+        ("pygame.K_LEFT", "pygame.K_UP", "the program is played with .* key_UP, the tape with .* key_LEFT"),
+    ],
+)
+def test_a_program_that_ends_fails_or_reads_other_keys_is_not_as_on_the_tape(tape, tmp_path, old, new, what):
+    with pytest.raises(TapeError, match=what):
+        replay(tape[0], changed(tape, tmp_path, old, new))
+
+
+def test_whatever_is_played_is_on_tapes_if_they_are_wanted(tmp_path):
+    game: Any = load_game(f"pygame:{CATCHING} tapes={tmp_path} max_decisions=5")
+    options = choose_options(game.options, {"decision_interval": "2"}, game.name)
+    with closing(game(options, {}, 1, 0, 7)) as playing:
+        for choice in (0, 1) * 4:
+            act = ActArrays(np.full((1, 2), choice / 2, np.float32), np.full((1, 3), choice, np.int32))
+            (step,) = playing.step([act])
+        assert not step.truncated[0]
+    game.processes.end()
+    assert sorted(replay(path) for path in tmp_path.glob("catch-*.tape")) == [6, 10]
+
+
+def test_a_file_that_is_no_tape_is_refused(tmp_path):
+    (tmp_path / "wrong.tape").write_text("nothing")
+    done = joybridge("tape", "replay", str(tmp_path / "wrong.tape"))
+    assert done.status == 1 and "is not a tape" in done.errors
+    with pytest.raises(TapeError, match=r"cannot read .*No such file"):
+        replay(tmp_path / "none.tape")
+
+
+def test_a_command_records_a_tape(tmp_path):
+    path = tmp_path / "catch.tape"
+    done = joybridge("tape", "record", str(CATCHING), str(path), "keys=LEFT", "--decisions", "3")
+    assert done.output == f"{path}: 12 frames\nnext: joybridge tape replay {path}\n"
+    assert replay(path) == 12

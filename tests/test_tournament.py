@@ -1,0 +1,300 @@
+"""Seats and tournaments: who plays where, which results matches have, and what `joybridge rate` makes of them."""
+
+import json
+import shutil
+from collections import Counter
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from joybridge.client.client import describe
+from joybridge.commands.__main__ import main
+from joybridge.compare import rate as rating_command
+from joybridge.compare import rating_page
+from joybridge.compare.matches import read_matches
+from joybridge.compare.rate import places_beside
+from joybridge.compare.rating import rate
+from joybridge.config.config import Config, PolicyConfig
+from joybridge.contract.codec import StepArrays
+from joybridge.contract.parts import rows_of
+from joybridge.layouts import make_acts
+from joybridge.play.tournament import deal, play_tournament
+from joybridge.policy.actor import Actor, make_actors
+from joybridge.policy.seats import Seats
+from joybridge.policy.table import Table
+from joybridge.run.pool import thinned
+from joybridge.run.train import train
+from joybridge.simulator import Game, behavior, button, channel, sensor, spec
+from tests.support.command_line import joybridge
+
+pytestmark = pytest.mark.usefixtures("signals")
+
+SMALL = PolicyConfig(frame_stack=2, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=64)
+NOUGHTS = Config(
+    game="noughts", arenas=4, total_timesteps=512, log_interval=512, checkpoint_interval=128, keep=9, policy=SMALL
+)
+
+
+@pytest.fixture(scope="module")
+def run(simulator, tmp_path_factory):
+    """Return a run with four checkpoints."""
+    folder = tmp_path_factory.mktemp("tournament") / "run"
+    train(NOUGHTS, folder, [simulator], resume=False, report=lambda *_: None)
+    return folder
+
+
+class Chase(Game):
+    name = "chase"
+    description = "Catch it."
+
+
+def match_spec(*, place: bool = False):
+    """Return the spec of a game of two hunters and a prey."""
+    hunter, prey = (
+        behavior(
+            name, sensors=[sensor("sight", [1])], branches=[button("go")], agents=agents,
+            channels=[channel("catch", 0.5), channel("trace", 0.0)], metrics=["speed", *(["place"] if place else [])],
+        )
+        for name, agents in (("hunter", 2), ("prey", 1))
+    )  # fmt: skip
+    return spec(Chase, [hunter, prey])
+
+
+def step(rewards: list[float], ended: list[int] = [], metrics: list[list[float]] | None = None) -> StepArrays:  # noqa: B006
+    """Return a step with these rewards of the lanes, in which some of their episodes ended."""
+    lanes = len(rewards)
+    ends = np.isin(np.arange(lanes), ended)
+    both = np.stack([np.array(rewards, np.float32), np.full(lanes, 7, np.float32)], axis=1)
+    return StepArrays(
+        [np.zeros((lanes, 1), np.float32)], both, ends, np.zeros(lanes, bool), ended=np.array(ended, np.int32),
+        metrics=None if metrics is None else np.array(metrics, np.float32),
+    )  # fmt: skip
+
+
+def test_the_rewards_of_a_whole_episode_decide_a_match_over_all_behaviors():
+    seats = Seats(match_spec(), 2)
+    assert seats.count == 3
+    seats.begin(1, [4, 5, 6])
+    assert seats.holders(0).tolist() == [0, 0, 4, 5] and seats.holders(1).tolist() == [0, 6]
+    assert seats.finish([step([9, 9, 1, 0]), step([9, 2])]) == []
+    (result,) = seats.finish([step([0, 0, 1, 4], [2, 3]), step([0, 0], [1])])
+    assert (result.arena, result.holders.tolist(), result.places.tolist()) == (1, [4, 5, 6], [2.5, 1, 2.5])
+    (result,) = seats.finish([step([0, 0, 1, 2], [2, 3]), step([0, 0], [1])])
+    assert result.places.tolist() == [2, 1, 3]  # the rewards of the first match do not count in the second
+
+
+def test_a_game_says_with_the_metric_place_who_was_first():
+    seats = Seats(match_spec(place=True), 1)
+    ended = [step([9, 0], [0, 1], [[5, 3], [5, 1.5]]), step([0], [0], [[5, 1.5]])]
+    (result,) = seats.finish(ended)
+    assert result.places.tolist() == [3, 1.5, 1.5]
+
+
+def test_who_was_dealt_in_sits_down_when_the_episode_of_the_seat_ends():
+    seats = Seats(match_spec(), 1)
+    seats.begin(0, [1, 2, 3])
+    early = [step([5, 0], [0]), step([0])]
+    assert seats.finish(early) == []  # others still play
+    seats.sit(early)
+    assert seats.holders(0).tolist() == [1, 2] and seats.present == {1, 2, 3}
+    late = [step([-9, 1], [1]), step([0], [0])]  # the first has begun another episode, which is not of this match
+    (result,) = seats.finish(late)
+    assert result.holders.tolist() == [1, 2, 3] and result.places.tolist() == [1, 2, 3]
+    seats.deal(result.arena, [7, 8, 9])
+    seats.sit(late)
+    assert seats.holders(0).tolist() == [1, 8] and seats.holders(1).tolist() == [9]
+    assert seats.present == {1, 7, 8, 9}
+    seats.sit([step([0, 0], [0]), step([0])])
+    assert seats.holders(0).tolist() == [7, 8]
+
+
+def test_seats_continue_from_their_state():
+    seats, other = Seats(match_spec(), 1), Seats(match_spec(), 1)
+    seats.begin(0, [1, 2, 3])
+    seats.finish([step([5, 0], [0]), step([0])])
+    other.load(seats.state())
+    (result,) = other.finish([step([0, 9], [1]), step([8], [0])])
+    assert result.holders.tolist() == [1, 2, 3] and result.places.tolist() == [3, 1, 2]
+
+
+def test_rows_of_a_step_are_those_of_its_lanes():
+    whole = step([1, 2, 3, 4], [1, 3], [[10, 1], [30, 3]])
+    whole.final_observations = [np.array([[1.0], [3.0]], np.float32)]
+    part = rows_of(whole, np.array([0, 3]))
+    assert part.rewards[:, 0].tolist() == [1, 4] and part.ended.tolist() == [1] and part.terminated.tolist() == [0, 1]
+    assert part.final_observations is not None and part.final_observations[0].tolist() == [[3]]
+    assert part.metrics is not None and part.metrics.tolist() == [[30, 3]]
+
+
+def test_every_player_is_dealt_in_equally_often_and_in_every_seat():
+    dealt = [deal(5, 3, 7, arena, match) for arena in range(20) for match in range(50)]
+    assert all(len(set(seats.tolist())) == 3 for seats in dealt)
+    counts = Counter((int(player), seat) for seats in dealt for seat, player in enumerate(seats))
+    assert len(counts) == 15 and min(counts.values()) > 150 and max(counts.values()) < 250  # 200 each
+    pairs = Counter(tuple(sorted(pair)) for seats in dealt for pair in combinations(seats.tolist(), 2))
+    assert len(pairs) == 10 and min(pairs.values()) > 250  # 300 each
+    assert sorted(deal(2, 5, 7, 0, 0).tolist()) in ([0, 0, 0, 1, 1], [0, 0, 1, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("numbers", "limit", "kept"),
+    [
+        ([10, 20, 30], 3, [10, 20, 30]),
+        ([0, 10, 11, 20, 30], 4, [0, 10, 20, 30]),
+        ([0, 10, 20, 21, 40], 3, [0, 21, 40]),
+        ([3, 1, 2], 1, [3]),
+        ([0, 5, 9], 2, [0, 9]),
+    ],
+)
+def test_what_is_kept_of_a_run_is_spread_evenly(numbers, limit, kept):
+    assert thinned(numbers, limit) == kept
+
+
+def test_each_policy_acts_once_per_decision_and_only_where_it_holds_a_seat_that_decides(simulator, monkeypatch):
+    game, batches, whole = describe(simulator, "noughts", {}), [], Actor.act
+
+    def act(self, observations, *rest, **more):
+        batches.append(len(observations.numbers))
+        return whole(self, observations, *rest, **more)
+
+    monkeypatch.setattr(Actor, "act", act)
+    players = {name: make_actors(NOUGHTS.model_copy(update={"seed": seed}), game) for seed, name in enumerate("abc")}
+    results = play_tournament(players, NOUGHTS, address=simulator, matches=6, seed=3, say=print)
+    assert len(results) == 6 and {int(holder) for result in results for holder in result.holders} == {0, 1, 2}
+    assert max(batches) <= 6 and len(batches) <= 3 * 9 * 2  # an agent of each arena decides, in at most nine decisions
+
+
+def test_a_player_plays_in_some_lanes_as_it_does_in_all_of_them(simulator):
+    """The likeliest action in a lane depends on nothing but what the lane has seen."""
+    from joybridge.client.client import Session
+
+    config = NOUGHTS.model_copy(update={"policy": SMALL.model_copy(update={"frame_stack": 3})})
+    with Session(simulator, "noughts", arenas=3, seed=5, options={}) as session:
+        tables = [Table(session.spec, 3, 1) for _ in range(2)]
+        for table, holders in zip(tables, ([1, 1], [1, 2]), strict=True):
+            for holder in (1, 2):
+                table.join(holder, make_actors(config, session.spec))
+                for player in table.players[holder]:
+                    player.deterministic = True
+            for arena in range(3):
+                table.seats.begin(arena, holders)
+            table.begin(session.steps)
+        for number in range(30):
+            acts = [make_acts(session.spec, 3) for _ in tables]
+            for table, own in zip(tables, acts, strict=True):
+                table.act(session.steps, own)
+            deciding = session.steps[0].deciding
+            assert (acts[0][0].choices[deciding] == acts[1][0].choices[deciding]).all()
+            steps = session.step(acts[0])
+            for table, swapped in zip(tables, ([1, 1], [2, 1] if number % 2 else [1, 2]), strict=True):
+                for result in table.seats.finish(steps):
+                    table.seats.deal(result.arena, swapped)
+                table.sit(steps)
+
+
+def test_a_run_is_evaluated_with_another_one_in_all_seats_but_its_own(run, simulator, tmp_path, capsys):
+    def evaluated(*more):
+        command = ["evaluate", str(run), "--episodes", "40", "--json", "--simulator", simulator, *more]
+        assert main(command) == 0
+        return json.loads(capsys.readouterr().out.splitlines()[-1])["player"]
+
+    alone, against = evaluated(), evaluated("--others", str(run))
+    assert alone["episodes"] == 80 and alone["means"]["reward"] == 0  # both agents of a match, and one wins
+    assert against["episodes"] == 40 and against["means"]["reward"] != 0
+    video = ["record", str(run), str(tmp_path / "play.mp4"), "--seconds", "1", "--others", str(run)]
+    assert main([*video, "--simulator", simulator]) == 0
+
+
+def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, capsys):
+    archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
+    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    for played, message in (
+        (tmp_path / "archer", "--others: archer has one agent, which plays alone; leave the option out"),
+        (run, f"opponents: {tmp_path / 'archer'} plays archer, expected noughts; name a run of this game"),
+    ):
+        assert main(["evaluate", str(played), "--others", str(tmp_path / "archer"), "--simulator", simulator]) == 1
+        assert message in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["evaluate", str(run), "--others", str(run), "--inputs"])
+    assert "--inputs measures all agents" in capsys.readouterr().err
+
+
+def rated(simulator, *arguments, draw=False):
+    """Rate runs in a small tournament. draw: also draw the pictures, which takes seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rating_command, "rate", partial(rate, resamples=10))
+        if not draw:
+            patch.setattr(rating_page, "draw_themes", lambda *_: None)
+        done = joybridge("rate", *map(str, arguments), "--matches", "40", "--simulator", simulator)
+    assert done.status == 0, done.errors
+    return done
+
+
+def test_policies_of_a_run_are_rated_and_the_same_seed_gives_the_same_page(run, simulator, tmp_path):
+    done = rated(simulator, run, "--output", tmp_path / "one", "--policies", 3, draw=True)
+    log = read_matches(tmp_path / "one")
+    assert {player for match in log for player in match.players} == {"run@128", "run@384", "run@512"}
+    assert len(log) == 40 and all(len(set(match.players)) == 2 for match in log)
+    numbers = json.loads((tmp_path / "one" / "rating.json").read_text())
+    assert numbers["ratings"]["run@128"] == {"value": 0, "low": 0, "high": 0} and numbers["anchor"] == "run@128"
+    assert "| run@128 | 0 [0, 0] |" in done.output and "## Over training" in (tmp_path / "one" / "page.md").read_text()
+    html = (tmp_path / "one" / "page.html").read_text()
+    assert html.count("data:image/png") == 6  # three pictures, for light and for dark pages
+    rated(simulator, run, "--output", tmp_path / "two", "--policies", 3)
+    for name in ("matches.jsonl", "rating.json"):
+        assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+
+
+def test_another_seed_adds_matches_and_the_same_one_replaces_its_own(run, simulator, tmp_path):
+    shutil.copytree(run, tmp_path / "run")
+    other = tmp_path / "other" / "run"
+    shutil.copytree(run, other)
+    more = [other, "--policies", 1]
+    for seed, players, matches in ((1, more, 40), (2, more, 80), (2, [*more, "--anchor", f"{other}@512"], 80)):
+        done = rated(simulator, tmp_path / "run", *players, "--seed", seed)
+        assert len(read_matches(tmp_path / "run" / "rating")) == matches
+    assert f"{tmp_path / 'run'}@512" in done.output.replace("\\", "")  # folders of one name go by their paths
+    assert "| 0 [0, 0] |" in next(line for line in done.output.splitlines() if "other" in line)
+
+
+@pytest.mark.slow
+def test_scripts_of_a_game_are_players_and_can_be_the_anchor(simulator, tmp_path):
+    quick = {"players": "3", "lives": "0", "pauses": "short", "locomotion": "axes"}
+    config = NOUGHTS.model_copy(update={"game": "beastly_rivals_full", "options": quick, "total_timesteps": 192})
+    train(config, tmp_path / "run", [simulator], resume=False, report=lambda *_: None)
+    scripts = ["--script", "options.rivals=flee", "--script", "options.rivals=at_once"]
+    rated(simulator, tmp_path / "run", *scripts, "--policies", 1, "--anchor", "options.rivals=flee")
+    log = read_matches(tmp_path / "run" / "rating")
+    assert len(log) == 40 and {match.players[1:] for match in log} == {(script,) * 2 for script in scripts[1::2]}
+    assert all(sum(match.places) == 6 for match in log) and len({match.places[0] for match in log}) > 1
+    numbers = json.loads((tmp_path / "run" / "rating" / "rating.json").read_text())
+    assert numbers["ratings"]["options.rivals=flee"]["value"] == 0 and numbers["seats"] == []
+
+
+@pytest.mark.parametrize(
+    ("place", "places"), [(1.0, (1, 2, 3, 4)), (4.0, (4, 1, 2, 3)), (1.5, (1.5, 1.5, 3, 4)), (3.5, (3.5, 3.5, 1, 2))]
+)
+def test_places_beside_a_script_are_those_that_are_left(place, places):
+    assert places_beside(place, 4) == places
+
+
+def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
+    def refused(*arguments):
+        done = joybridge("rate", *map(str, arguments), "--simulator", simulator)
+        assert done.status == 1
+        return done.errors
+
+    archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
+    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    assert "archer has one agent, and a match needs two" in refused(tmp_path / "archer")
+    assert f"{tmp_path / 'archer'} plays archer, expected noughts as {run}" in refused(run, tmp_path / "archer")
+    assert "has one checkpoint, and a tournament needs two players" in refused(run, "--policies", 1)
+    assert "--anchor got 'perfect', expected one of run@128, run@256" in refused(run, "--anchor", "perfect")
+    script = ["--script", "parameters.beast_speed=1"]
+    assert "parameters.beast_speed" in refused(run, *script)
+    shutil.copytree(run, tmp_path / "damaged")
+    (tmp_path / "damaged" / "rating").mkdir()
+    (tmp_path / "damaged" / "rating" / "matches.jsonl").write_text("{}\n")
+    assert "matches.jsonl, line 1, is no match: players: Field required; delete it" in refused(tmp_path / "damaged")

@@ -1,0 +1,117 @@
+"""Tournaments: frozen policies of one or several runs hold the seats of many matches."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from joybridge.client.sharded_session import open_session
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import drawn, fixed
+from joybridge.contract.tensors import Array
+from joybridge.layouts import make_acts
+from joybridge.policy.actor import Actor, make_actors, trained_actors
+from joybridge.policy.config_fit import fitting_spec
+from joybridge.policy.hand import make_hands
+from joybridge.policy.seats import Result
+from joybridge.policy.table import Table
+from joybridge.ppo.threads import use_one_thread
+from joybridge.run.checkpoint import checkpoints, read_checkpoint
+from joybridge.run.pool import load_pooled, pooled, thinned
+from joybridge.v1 import bridge_pb2 as pb
+
+MAX_ARENAS = 64
+DEALS = 2**61  # plus the number of an arena: the second word of the key of who plays its matches
+
+
+class Trained(NamedTuple):
+    """What a run had learned after so many timesteps: what takes part in a tournament."""
+
+    run: Path
+    timesteps: int
+    checkpoint: Path  # its folder
+    number: int | None = None  # in its pool of opponents; None: it is what the checkpoint has learned
+
+
+def find_trained(run: Path, limit: int) -> list[Trained]:
+    """Return at most `limit` policies of a run, evenly chosen from its checkpoints and its pool of opponents.
+
+    The last checkpoint is among them. Raises CheckpointError, and ConfigError if there is none.
+    """
+    folders = checkpoints(run)
+    if not folders:
+        raise ConfigError(f"{run} holds no checkpoint; train it first, or name another run")
+    past = pooled(read_checkpoint(folders[-1])[0])
+    found = {timesteps: Trained(run, timesteps, folders[-1], number) for number, timesteps in past.items()}
+    found |= {int(folder.name): Trained(run, int(folder.name), folder) for folder in folders}
+    return [found[timesteps] for timesteps in thinned([*found], limit)]
+
+
+def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Actor]:
+    """Return the actors of what was learned, of the run with this configuration.
+
+    Raises CheckpointError and ConfigError.
+    """
+    arrays, _ = read_checkpoint(trained.checkpoint)
+    if trained.number is None:
+        return trained_actors(config, spec, arrays)
+    actors = make_actors(config, spec)
+    load_pooled(actors, arrays, trained.number)
+    return actors
+
+
+def play_tournament(
+    players: Mapping[str, Sequence[Actor]], config: Config, *, address: str, matches: int, seed: int,
+    say: Callable[[str], None],
+) -> list[Result]:  # fmt: skip
+    """Play at least so many matches; in the results, holders are indices of `players`.
+
+    config: the game, its options and the limits of all hands. Every arena plays as many matches, so long ones count as
+    often as short ones. `seed` fixes games, seats and samples. Raises SimulatorError and ConfigError.
+    """
+    use_one_thread()
+    arenas = min(MAX_ARENAS, matches, fitting_spec(address, config).max_arenas)
+    session = open_session(
+        [address], config.game, arenas=arenas, seed=seed, options=[config.options],
+        parameters=fixed(config.parameters), distributions=drawn(config.parameters), timeout=config.timeout_seconds,
+        transport=config.transport,
+    )  # fmt: skip
+    with closing(session):
+        spec, acts = session.spec, make_acts(session.spec, arenas)
+        hands = make_hands(config, spec, 0, arenas, seed)
+        table = Table(spec, arenas, seed)
+        for holder, actors in enumerate(players.values()):
+            table.join(holder, actors)
+        for arena in range(arenas):
+            table.seats.begin(arena, deal(len(players), table.seats.count, seed, arena, 0))
+        table.begin(session.steps)
+        rounds, played = -(-matches // arenas), [0] * arenas
+        results: list[Result] = []
+        while min(played) < rounds:
+            table.act(session.steps, acts)
+            for hand, now, act in zip(hands, session.steps, acts, strict=False):  # there may be no hands
+                hand.apply(now, act)
+            steps = session.step(acts)
+            for hand, ended in zip(hands, steps, strict=False):
+                hand.store(ended)
+            before = len(results)
+            for result in table.seats.finish(steps):
+                arena = result.arena
+                if played[arena] < rounds:
+                    results.append(result)
+                played[arena] += 1
+                table.seats.deal(arena, deal(len(players), table.seats.count, seed, arena, played[arena]))
+            table.sit(steps)
+            if len(results) // 500 > before // 500:
+                say(f"{len(results):,} of {rounds * arenas:,} matches")
+    return results
+
+
+def deal(players: int, seats: int, seed: int, arena: int, match: int) -> Array:
+    """Return who holds which seat of a match, [seats]: all players equally often, no one twice if there are enough."""
+    rng = np.random.Generator(np.random.Philox(key=[seed, DEALS + arena], counter=[0, 0, 0, match]))
+    decks = [rng.permutation(players) for _ in range(-(-seats // players))]
+    return rng.permutation(np.concatenate(decks)[:seats])

@@ -1,0 +1,78 @@
+"""The players of some arenas, each in the seats that it holds: one batch per policy in every decision."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from joybridge.config.arrays import select
+from joybridge.contract.codec import ActArrays, StepArrays, lane_count
+from joybridge.contract.tensors import Array
+from joybridge.policy.actor import Actor
+from joybridge.policy.player import Player
+from joybridge.policy.seats import Seats
+from joybridge.v1 import bridge_pb2 as pb
+
+SAMPLES = 2**62  # plus the number of the table: the second word of the key of what its players draw
+
+
+class Table:
+    """Seats, and the frozen policies that hold some of them: those who have joined under a number."""
+
+    def __init__(self, spec: pb.GameSpec, arenas: int, seed: int, number: int = 0) -> None:
+        """Begin without players. number: of the table, among those with the same seed."""
+        self.arenas, self.seats = arenas, Seats(spec, arenas)
+        self.players: dict[int, list[Player]] = {}  # by the number of a holder: a player per policy
+        self._lanes = [lane_count(behavior, arenas) for behavior in spec.behaviors]
+        self._key, self._decisions = [seed, SAMPLES + number], 0
+
+    def join(self, holder: int, actors: Sequence[Actor]) -> None:
+        """Let the actors of all behaviors play where a holder has a seat; they see nothing before the next match."""
+        self.players[holder] = [Player(a, self._lanes[a.behavior], 0, deterministic=False) for a in actors]
+
+    def begin(self, steps: Sequence[StepArrays]) -> None:
+        """Take the first steps of a session; entries are behaviors."""
+        for _, player in self._seated():
+            player.begin(steps[player.actor.behavior])
+
+    def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays]) -> None:
+        """Write what the players do into their lanes of `acts`. Samples depend on the seed and the decision alone."""
+        for holder, player in self._seated():
+            behavior, held = player.actor.behavior, self._held(holder, player)
+            if (deciding := steps[behavior].deciding) is not None:
+                held = held[deciding[held]]
+            if len(held):
+                counter = [0, player.actor.seed, holder, self._decisions]
+                player.rng = np.random.Generator(np.random.Philox(key=self._key, counter=counter))
+                player.act(steps[behavior], acts[behavior], held)
+        self._decisions += 1
+
+    def sit(self, steps: Sequence[StepArrays]) -> None:
+        """Change seats where episodes ended in a step, and let all players see what they hold now."""
+        self.seats.sit(steps)
+        for holder, player in self._seated():
+            held = self._held(holder, player)
+            if len(held):
+                player.store(steps[player.actor.behavior], held)
+
+    def _held(self, holder: int, player: Player) -> Array:
+        """Return the numbers of the lanes that a player of a holder has now."""
+        return np.flatnonzero(self.seats.holders(player.actor.behavior) == holder)
+
+    def _seated(self) -> list[tuple[int, Player]]:
+        return [(holder, player) for holder, players in self.players.items() for player in players]
+
+    def state(self) -> dict[str, Array]:
+        """Return copies of everything but the policies, for a checkpoint."""
+        arrays = {f"seats.{name}": array for name, array in self.seats.state().items()}
+        for holder, player in self._seated():
+            remembered = player.state(self._held(holder, player))
+            arrays |= {f"players.{holder}.{player.actor.name}.{name}": array for name, array in remembered.items()}
+        return arrays | {"decisions": np.array(self._decisions)}
+
+    def load(self, state: dict[str, Array]) -> None:
+        """Take back what `state` returned, with the same players."""
+        self.seats.load(select(state, "seats."))
+        self._decisions = int(state["decisions"])
+        for holder, player in self._seated():
+            remembered = select(state, f"players.{holder}.{player.actor.name}.")
+            player.load(remembered, self._held(holder, player))
