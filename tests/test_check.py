@@ -151,6 +151,7 @@ def test_a_broken_server_fails_exactly_the_right_checks_of_their_families(name):
 
 def test_a_protected_server_passes_with_its_token_and_is_not_checked_without(tmp_path, capsys):
     (tmp_path / "token").write_text(PROTECTED.credentials.token)
+    (tmp_path / "token").chmod(0o600)
     arguments = ["--token-file", str(tmp_path / "token"), "--family", "security", "--family", "health_and_reflection"]
     with serving(PROTECTED) as address:
         status, report, _ = run(capsys, address, *arguments)

@@ -114,7 +114,7 @@ def test_what_it_writes_learns_and_can_be_watched(written):
     run("joybridge export runs/my_pond policy.json", folder)
     shutil.copy(ROOT / "proto/examples/python/policy.py", folder)
     page = (ROOT / "docs/exported-policies.md").read_text()
-    program = page.split("```python\n")[1].split("```")[0].replace("my_game", "my_pond").replace("MyGame", "MyPond")
+    program = page.split("```python\n")[2].split("```")[0].replace("my_game", "my_pond").replace("MyGame", "MyPond")
     (folder / "product.py").write_text(program)
     assert json.loads(shell("python product.py", folder).replace("'", '"'))["caught"] > 10
 

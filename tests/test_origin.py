@@ -1,6 +1,7 @@
 """A run says with what it was made, in its folder and in its checkpoints; tables show all runs of a folder."""
 
 import json
+import shlex
 import shutil
 import sys
 from importlib.metadata import version
@@ -40,7 +41,7 @@ def test_a_run_and_its_checkpoints_say_with_what_they_were_made(runs):
     assert origin.packages["torch"] == version("torch") and origin.joybridge == version("joybridge")
     assert origin.python == sys.version.split()[0] and origin.cores > 0 and origin.processor
     assert len(origin.commit.removesuffix("-dirty")) == (40 if (ROOT / ".git").exists() else 0)
-    assert "pytest" in origin.command
+    assert origin.command == shlex.join(sys.argv)
 
 
 def test_a_training_that_continues_is_noted_once(runs, tmp_path, monkeypatch):

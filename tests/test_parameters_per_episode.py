@@ -114,7 +114,7 @@ def play(name, arenas, first_arena=0, decisions=150):
         (step,) = playing.step([ActArrays(axes, np.zeros((arenas, len(device.branches)), np.int32))])
         if len(step.ended):
             reported |= {
-                (int(lane) + first_arena, number, float(*values))
+                (int(lane) + first_arena, number, float(values[0]))
                 for lane, values in zip(step.ended, step.parameters, strict=True)
             }
         columns = [*step.observations, step.rewards]

@@ -56,10 +56,14 @@ GUARDED = {  # where another function has made sure
     "simulator/joybridge/adapters/pygame_programs/processes.py": {"socket.AF_UNIX"},
     "simulator/joybridge/adapters/pygame_programs/wire.py": {"/proc/self/fd/", "socket.AF_UNIX"},
     "simulator/joybridge/simulator/local_socket.py": {"socket.AF_UNIX"},  # `offer` returns None before
-    "simulator/joybridge/simulator/workers/process.py": {"subprocess.pass_fds"},  # `load_games` refuses workers
-    "simulator/joybridge/simulator/workers/worker.py": {"signal.SIGKILL"},  # on Linux only
+    "simulator/joybridge/simulator/workers/process.py": {
+        "os.killpg",
+        "signal.SIGKILL",
+        "subprocess.pass_fds",
+    },  # `load_games` refuses workers
     "simulator/joybridge/simulator/server.py": {"socket.AF_UNIX"},  # `address`, as above
     "trainer/joybridge/client/own_runs.py": {"os.geteuid"},  # Windows is asked for before
+    "trainer/joybridge/run/origin.py": {"/proc/cpuinfo"},  # a file that is not there is an empty answer
     "trainer/joybridge/config/files.py": {"os.fsync"},  # of files everywhere; `sync_folder` ends on Windows before
 }
 SOURCES = [

@@ -31,10 +31,10 @@ from tests.support.measured import measured
 from tests.support.servers import ROOT, end, games, refuses_to_start, server
 from tests.support.wire import SAVE, SECONDS, Player, Stream, act, describe, refused, reset, start
 
-OWN = ["hybrid", "duel", "ends", "kick", "raises", "faulty", "batch"]
+OWN = ["hybrid", "duel", "ends", "kick", "gallery", "raises", "faulty", "batch"]
 PAPER = ["beastly_rivals", "beastly_rivals_full", "shooting_birds"]  # built-in games that draw and save themselves
 LISTED = [*BUILT_IN, *OWN]
-GOOD = ["hybrid", "duel", "ends", "kick", *BUILT_IN]
+GOOD = ["hybrid", "duel", "ends", "kick", "gallery", *BUILT_IN]
 LARGEST_SEED = 2**64 - 1
 
 

@@ -37,6 +37,7 @@ PAGES = [path for path in PATHS if path.name not in {"tutorial.md", *OF_THE_PAST
 SHOWN = {"text", "bibtex", "cpp", "{raw}", "{toctree}"}  # they are not for the reader to run
 PROGRAMS = {
     "apt-get",
+    "chmod",
     "cmake",
     "mlagents-learn",
     "node",

@@ -50,7 +50,10 @@ def evaluate(
         run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
         checkpoint=checkpoint, others=others,
     ) as play:  # fmt: skip
-        say(play.heading())
+        actions = (
+            "the most probable actions" if deterministic else "sampled actions (--deterministic: the most probable)"
+        )
+        say(play.heading(actions))
         if demos:
             say(f"recorded in {demos}")
             for session in single_sessions(play.session):

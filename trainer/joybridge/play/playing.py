@@ -125,15 +125,13 @@ class Play:
         self.spec = session.spec
         self.arenas, self.held = arenas, held
 
-    def heading(self) -> str:
-        """Return what plays, and what differs from its training."""
+    def heading(self, actions: str = "") -> str:
+        """Return what plays, and what differs from its training. actions: how they are chosen."""
         changed = [
             f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
             for key, change in self.changed.items()
         ]
-        likeliest = self.players[0].deterministic
-        actions = "the most probable actions" if likeliest else "sampled actions (--deterministic: the most probable)"
-        return "; ".join([f"policy after {self.timesteps:,} timesteps, {actions}", *changed])
+        return "; ".join([f"policy after {self.timesteps:,} timesteps{actions and f', {actions}'}", *changed])
 
     def view(self) -> PolicyView:
         """Return what draws the images that the policies see."""

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from joybridge.conformance.client import Stream
@@ -99,9 +99,9 @@ def parameter_at_low_or_high_is_accepted(subject: Subject) -> None:
 
 @check("Parameter")
 def parameters_have_an_effect(subject: Subject) -> None:
-    """A parameter is a number of the game: a session with its low value differs from one with its high value."""
+    """A parameter is a number of the game: with some options, its low and its high value give different sessions."""
     for p in parts_of(subject.spec, "parameters"):
-        if p.low < p.high and (same := _same_steps(subject, p)):
+        if p.low < p.high and all(same := _same_steps(each, p) for each in _with_each_choice(subject)):
             raise Suspicion(f"the same {same} steps with {p.name!r} {p.low:g} and {p.high:g}", "different episodes")
 
 
@@ -128,6 +128,15 @@ def parameter_omitted_by_reset_keeps_its_value(subject: Subject) -> None:
     other = subject.other_parameters()
     got = subject.record_reset(reset_request(SEED), parameters=other)
     expect_same_recording(got, subject.record(parameters=other), f"after Start with {other} and Reset without it")
+
+
+def _with_each_choice(subject: Subject) -> Iterator[Subject]:
+    """Yield the game as it is, then with each other choice of one option."""
+    yield subject
+    for option in subject.spec.options:
+        for choice in option.choices:
+            if choice != subject.options.get(option.name, option.default_choice):
+                yield Subject(subject.client, subject.game, subject.options | {option.name: choice})
 
 
 def _same_steps(subject: Subject, parameter: pb.Parameter) -> int:
