@@ -18,14 +18,12 @@ from joybridge.client.sharded_session import ShardedSession, open_session
 from joybridge.config.config import Config, play_settings
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import Value, drawn, fixed, value_text
-from joybridge.contract.codec import ActArrays, StepArrays, lane_count
+from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
-from joybridge.layouts import make_acts
 from joybridge.play.policy_view import PolicyView
 from joybridge.policy.actor import trained_actors
 from joybridge.policy.config_fit import fitting_spec
-from joybridge.policy.hand import make_hands
-from joybridge.policy.player import Player
+from joybridge.policy.players import Players
 from joybridge.policy.stratify import balanced_options
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
@@ -54,11 +52,8 @@ class Played:
     pictures: list[Array]  # uint8 [height, width, 3] of the first arena, where it was drawn
 
 
-class Policies:
-    """The policies of a run, with their hands, in all lanes of a number of arenas.
-
-    timesteps: how long they have trained.
-    """
+class Policies(Players):
+    """The policies of a run in all lanes of a number of arenas. timesteps: how long they have trained."""
 
     def __init__(
         self, run: Path, config: Config, spec: pb.GameSpec, arenas: int, seed: int, *, deterministic: bool = False,
@@ -68,44 +63,8 @@ class Policies:
         use_one_thread()
         state = load_state(run, checkpoint)
         self.timesteps = state.timesteps
-        self.players = []
-        for actor in trained_actors(config, spec, state.arrays):
-            lanes = lane_count(spec.behaviors[actor.behavior], arenas)
-            self.players.append(Player(actor, lanes, seed, deterministic=deterministic))
-        self._hands = make_hands(config, spec, 0, arenas, seed)
-        self._others: Table | None = None
-        self._acts = make_acts(spec, arenas)
-
-    def seat(self, others: Table) -> None:
-        """Let others hold the seats of all holders but 0. Call this before the first decision."""
-        self._others = others
-
-    def begin(self, steps: Sequence[StepArrays]) -> None:
-        """Take the first steps of a session; entries are behaviors."""
-        if self._others:
-            self._others.begin(steps)
-        for player in self.players:
-            player.begin(steps[player.actor.behavior])
-
-    def act(self, steps: Sequence[StepArrays]) -> list[ActArrays]:
-        """Return what the devices get for the present steps; overwritten by the next call."""
-        for player in self.players:
-            behavior = player.actor.behavior
-            player.act(steps[behavior], self._acts[behavior])
-        if self._others:
-            self._others.act(steps, self._acts)
-        for hand, step, act in zip(self._hands, steps, self._acts, strict=False):  # there may be no hands
-            hand.apply(step, act)
-        return self._acts
-
-    def store(self, steps: Sequence[StepArrays]) -> list[Array]:
-        """Take the steps that followed the acts; return the rewards [lanes] of each policy."""
-        rewards = [player.store(steps[player.actor.behavior]) for player in self.players]
-        if self._others:
-            self._others.sit(steps)
-        for hand, step in zip(self._hands, steps, strict=False):
-            hand.store(step)
-        return rewards
+        actors = trained_actors(config, spec, state.arrays)
+        super().__init__(actors, config, spec, arenas, seed, deterministic=deterministic)
 
 
 class Play:

@@ -12,10 +12,9 @@ from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.tensors import Array
-from joybridge.layouts import make_acts
 from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
-from joybridge.policy.hand import make_hands
+from joybridge.policy.players import Players
 from joybridge.policy.seats import Result
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
@@ -80,23 +79,18 @@ def play_tournament(
         transport=config.transport,
     )  # fmt: skip
     with closing(session):
-        spec, acts = session.spec, make_acts(session.spec, arenas)
-        hands = make_hands(config, spec, 0, arenas, seed)
-        table = Table(spec, arenas, seed)
+        spec = session.spec
+        seated, table = Players([], config, spec, arenas, seed), Table(spec, arenas, seed)
+        seated.seat(table)
         for holder, actors in enumerate(players.values()):
             table.join(holder, actors)
         for arena in range(arenas):
             table.seats.begin(arena, deal(len(players), table.seats.count, seed, arena, 0))
-        table.begin(session.steps)
+        seated.begin(session.steps)
         rounds, played = -(-matches // arenas), [0] * arenas
         results: list[Result] = []
         while min(played) < rounds:
-            table.act(session.steps, acts)
-            for hand, now, act in zip(hands, session.steps, acts, strict=False):  # there may be no hands
-                hand.apply(now, act)
-            steps = session.step(acts)
-            for hand, ended in zip(hands, steps, strict=False):
-                hand.store(ended)
+            steps = session.step(seated.act(session.steps))
             before = len(results)
             for result in table.seats.finish(steps):
                 arena = result.arena
@@ -104,7 +98,7 @@ def play_tournament(
                     results.append(result)
                 played[arena] += 1
                 table.seats.deal(arena, deal(len(players), table.seats.count, seed, arena, played[arena]))
-            table.sit(steps)
+            seated.store(steps)
             if len(results) // 500 > before // 500:
                 say(f"{len(results):,} of {rounds * arenas:,} matches")
     return results

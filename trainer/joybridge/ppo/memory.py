@@ -65,8 +65,7 @@ class Memory(nn.Module):
     def forward(self, features: Tensor, recall: Recall) -> tuple[Tensor, Tensor]:
         """Return the features that are remembered, [rows, size], and the states after each sequence.
 
-        features [rows, inputs]. States are those after the longest sequence where sequences differ in length; they are
-        used only while a policy acts, in sequences of one row.
+        features [rows, inputs]. The states after a sequence that is shorter than others mean nothing.
         """
         states, lengths = recall
         longest = int(lengths.max())

@@ -11,13 +11,10 @@ from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_drawn, distribution_of, drawn, fixed
 from joybridge.config.metrics import HELD_OUT, Row
-from joybridge.contract.codec import lane_count
-from joybridge.layouts import make_acts
 from joybridge.policy.actor import Actor
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.episodes import Episodes, equal_shares
-from joybridge.policy.hand import make_hands
-from joybridge.policy.player import Player
+from joybridge.policy.players import Players
 from joybridge.v1 import bridge_pb2 as pb
 
 MOST_ARENAS = 64
@@ -67,10 +64,8 @@ class HeldOut:
         config, spec, due = self._config, self._spec, self._due
         assert due is not None
         arenas, seed = min(due.episodes, spec.max_arenas, MOST_ARENAS), config.seed ^ OTHER_SEED
-        lanes = [lane_count(spec.behaviors[actor.behavior], arenas) for actor in actors]
-        players = [Player(actor, n, seed, deterministic=False) for actor, n in zip(actors, lanes, strict=True)]
-        tables = [Episodes(n, actor.metrics) for actor, n in zip(actors, lanes, strict=True)]
-        hands, acts = make_hands(config, spec, 0, arenas, seed), make_acts(spec, arenas)
+        players = Players(actors, config, spec, arenas, seed)
+        tables = [Episodes(player.lanes, player.actor.metrics) for player in players.players]
         shares = equal_shares(due.episodes, arenas)
         with closing(
             Session(
@@ -79,18 +74,11 @@ class HeldOut:
                 timeout=config.timeout_seconds, transport=config.transport,
             )
         ) as session:  # fmt: skip
-            for player in players:
-                player.begin(session.steps[player.actor.behavior])
+            players.begin(session.steps)
             while not all(table.has(shares) for table in tables):
-                for player in players:
-                    player.act(session.steps[player.actor.behavior], acts[player.actor.behavior])
-                for hand, step, act in zip(hands, session.steps, acts, strict=False):  # there may be no hands
-                    hand.apply(step, act)
-                steps = session.step(acts)
-                for player, table in zip(players, tables, strict=True):
-                    table.add(steps[player.actor.behavior], player.store(steps[player.actor.behavior]))
-                for hand, step in zip(hands, steps, strict=False):
-                    hand.store(step)
+                steps = session.step(players.act(session.steps))
+                for actor, table, rewards in zip(actors, tables, players.store(steps), strict=True):
+                    table.add(steps[actor.behavior], rewards)
         for table in tables:
             table.keep(shares)
         return tables

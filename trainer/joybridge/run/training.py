@@ -157,7 +157,7 @@ def open_training(
 ) -> Iterator[Training]:
     """Open sessions that continue a run from a state; they are closed on leaving. See `train` for errors."""
     spec = fitting_spec(addresses[0], config)
-    balanced_options(config, spec)  # only evaluation needs them, but an error then would come too late
+    balanced_options(config, spec)  # here and below: an error where it is needed would come too late
     policies = [
         Policy(actor, spec.behaviors[actor.behavior], group_bounds(config), drawn_parameters(config, spec))
         for actor in make_actors(config, spec, config.accelerator)
