@@ -1,4 +1,4 @@
-"""`joybridge drive`: the policy of a run plays a pygame program in its own window, in real time."""
+"""`joybridge drive`: the policy of a run plays a pygame program in its own window, by the real clock."""
 
 import argparse
 import shlex
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     """Run the command line, the command first, and return its exit status."""
     parser = argparse.ArgumentParser(prog=prog)
     drive = parser.add_subparsers(dest="command", required=True).add_parser(
-        "drive", help="let the policy of a run play a pygame program in its own window, in real time"
+        "drive", help="let the policy of a run play a pygame program in its own window, by the real clock"
     )
     drive.add_argument(
         "program", metavar="PROGRAM",
