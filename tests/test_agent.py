@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config, HandConfig, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import TensorError
 from joybridge.play.agent import load
@@ -40,7 +40,7 @@ def trained(simulator, tmp_path_factory):
     "settings",
     [
         {"game": "hybrid"},
-        {"game": "hybrid", "layout": "multiagent", "hand_delay": 2, "hand_change": 0.2, "hand_noise": 0.1},
+        {"game": "hybrid", "layout": "multiagent", "hand": HandConfig(delay=2, change=0.2, noise=0.1)},
         {"game": "duel", "layout": "bucket-5"},
     ],
     ids=["one policy", "two policies and a hand", "two behaviors"],

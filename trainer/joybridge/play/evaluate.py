@@ -25,7 +25,7 @@ class Evaluation:
     means: Row
     half_widths: Row
     returns: list[float]  # of every episode, lane by lane
-    by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
+    by_choice: dict[str, float]  # mean reward under each choice of the option `stratify_by`
     changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
     behavior: str  # which the policy plays, or a part of
     inputs: Inputs | None  # what the agents of this behavior did with their devices; None: not measured
@@ -42,7 +42,7 @@ def evaluate(
     its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
     with their devices. others: a run whose policies hold all seats but one of each arena; only this one counts.
 
-    Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
+    Where the configuration names an option in `stratify_by`, every choice of it but the default is played equally
     often. How many episodes of an arena count is fixed beforehand, so short ones count no more often than long ones.
     Each agent of an arena has its own episodes. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
     """
@@ -58,7 +58,7 @@ def evaluate(
             say(f"recorded in {demos}")
             for session in single_sessions(play.session):
                 session.record_demonstration(demos)
-        balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
+        balanced = f", as many for each {play.config.stratify_by}" if len(play.choices) > 1 else ""
         say(f"{episodes} episodes in {play.arenas} arenas{balanced}")
         spec, behaviors = play.spec, {player.actor.behavior: player.lanes for player in play.players}
         seconds = spec.tick_seconds * spec.decision_interval

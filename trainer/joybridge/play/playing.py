@@ -99,7 +99,7 @@ class Play:
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.
 
-        A session over several choices of `evaluate_over` cannot be drawn. Raises SimulatorError.
+        A session over several choices of `stratify_by` cannot be drawn. Raises SimulatorError.
         """
         session, number = self.session, 0
         while True:
@@ -124,7 +124,7 @@ def open_play(
 
     checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
     game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
-    so many episodes at once, at most `arenas_limit` per choice of the option `evaluate_over`; arenas of the same choice
+    so many episodes at once, at most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice
     are side by side. others: a run whose policies hold all seats but one of each arena.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
@@ -156,7 +156,7 @@ def open_play(
 
 
 def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:
-    """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand_delay"."""
+    """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand.delay"."""
     defaults: dict[str, str | Value] = {f"options.{option.name}": option.default_choice for option in spec.options}
     defaults |= {f"parameters.{parameter.name}": parameter.default_value for parameter in spec.parameters}
     before, now = defaults | play_settings(trained), defaults | play_settings(played)
