@@ -37,6 +37,7 @@ from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
 from joybridge.config.config import load_config
 from joybridge.contract.codec import ActArrays
+from joybridge.contract.memory import keep_memory
 from joybridge.contract.spec import choose_options
 from joybridge.games.pointer_game import PointerGame
 from joybridge.gym import BridgeEnv
@@ -244,6 +245,7 @@ def _two_sessions(name: str, first: str, second: str, how: str) -> Figures:
 def bench_learner() -> Figures:
     """Sample passes per second of an update of Shooting Birds bucket-11, batch 256, and of its matrix products."""
     use_one_thread()
+    keep_memory()
     rows, minibatch, inputs, hidden = 4425, 256, 132, 100
     figures: Figures = {}
     layout = make_layouts("bucket-11", _device())[""]

@@ -119,6 +119,10 @@ class PolicyConfig(Checked):
     learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
     entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
     entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
+    entropy: Literal["sum", "mean"] = Field(
+        "mean", description="of a decision, over its continuous actions; over branches it is always the sum. With sum, "
+        "one `entropy_coef` means the same for axes and branches"
+    )  # fmt: skip
     clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
     clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
     normalize_advantage: Literal["rollout", "minibatch", "none"] = Field(
