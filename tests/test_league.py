@@ -135,10 +135,11 @@ def test_results_count_every_meeting_of_the_learner_and_fade(simulator):
 
 
 REMEMBERS = {"policy": {**SMALL.model_dump(), "memory": {"kind": "gru", "size": 4}}, "total_timesteps": 900}
+SCRIPTED = {"opponents": {**PAST.model_dump(), "shares": {"past": 1, "script:patient": 1, "script:flee": 1}}}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", [{}, {"layout": "multiagent", "total_timesteps": 2400}, REMEMBERS])
+@pytest.mark.parametrize("changes", [{}, {"layout": "multiagent", "total_timesteps": 2400}, REMEMBERS, SCRIPTED])
 def test_a_league_resumes_to_the_same_bits(changes, simulator, tmp_path):
     config = make_config({**MATCH.model_dump(), **changes})
     whole, _ = trained(config, tmp_path / "whole", simulator)
@@ -172,6 +173,17 @@ def test_a_policy_of_another_run_with_another_layout_and_other_sensors_plays(sim
     assert len(arrays["league/pool"]) == 0 and arrays["league/results"][0, 2] > 0
 
 
+def test_a_script_plays_its_seats_and_the_learner_learns_from_the_others(simulator, tmp_path):
+    opponents = OpponentsConfig(shares={"script:perfect": 1})
+    arrays, _ = trained(NOUGHTS, tmp_path / "run", simulator, opponents=opponents)
+    seats = arrays["league/tables.0.seats.holders"] if "league/tables.0.seats.holders" in arrays else np.zeros(0)
+    assert set(seats.ravel().tolist()) <= {0, 1} and not any(
+        "policies." in name for name in arrays if "league/" in name
+    )
+    rows = read_rows(tmp_path / "run" / "metrics-player.csv")
+    assert all(row["ahead"] <= 0.5 and row["reward"] <= 0 for row in rows)  # nobody beats it
+
+
 def test_past_policies_of_a_run_are_rated_beside_its_checkpoints(simulator, tmp_path):
     arrays, manifest = trained(NOUGHTS, tmp_path / "run", simulator)
     players = find_trained(tmp_path / "run", 9)
@@ -191,6 +203,9 @@ def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):
 
     assert "opponents.shares: archer has one agent, which plays alone" in refused(game="archer")
     assert "is not the folder of a run" in refused(opponents={"shares": {"gone": 1}})
+    assert "script:fool: noughts has no such script for player, which has perfect, random" in refused(
+        opponents={"shares": {"script:fool": 1}}
+    )
     assert "opponents.shares.past: got -1" in refused(opponents={"shares": {"past": -1}})
     assert "opponents.shares: got {'past': 0}; expected a share above 0" in refused(opponents={"shares": {"past": 0}})
     ferry = NOUGHTS.model_copy(update={"game": "ferry", "total_timesteps": 96, "opponents": OpponentsConfig()})
