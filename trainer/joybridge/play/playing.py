@@ -124,7 +124,7 @@ def open_play(
 
     checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
     game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
-    for so many episodes at once, at most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice
+    so many episodes at once, at most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice
     are side by side. others: who hold all seats but one of each arena, in turn, see `load_other`.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
