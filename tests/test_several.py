@@ -44,9 +44,9 @@ def test_pictures_get_one_size_and_one_color_and_numbers_one_length():
 
 def test_arenas_are_divided_by_the_shares_with_one_for_each_game_at_least():
     games = {"a": {"share": 2.0}, "b": {}, "c": {"share": 0.01}}
-    config = make_config({"games": games, "arenas": 9, "groups": 1})
+    config = make_config({"games": games, "arenas": 9, "pipeline_groups": 1})
     assert arenas_by_game(config) == [[5, 3, 1]]
-    config = make_config({"games": {"a": {"share": 2.0}, "b": {}}, "arenas": 9, "groups": 2})
+    config = make_config({"games": {"a": {"share": 2.0}, "b": {}}, "arenas": 9, "pipeline_groups": 2})
     assert arenas_by_game(config) == [[3, 2], [3, 1]]
     assert kinds_of([[3, 2], [3, 1]]).tolist() == [0, 0, 0, 1, 1, 0, 0, 0, 1]
 
@@ -145,7 +145,7 @@ def test_rewards_are_scaled_and_episodes_summed_up_for_each_game():
 @pytest.fixture(scope="module")
 def run(simulator, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("several") / "run"
-    small = ["arenas=8", "stop=1000", "log_interval=960"]  # both games end an episode
+    small = ["arenas=8", "stop_at=1000", "log_interval=960"]  # both games end an episode
     done = joybridge("train", str(TWO), "--run", str(folder), *small, "--simulator", simulator)
     assert done.status == 0, done.errors
     assert "x = marble: tilt_x, archer: turn" in done.output
@@ -193,11 +193,11 @@ def test_a_run_of_games_with_snapshots_resumes_to_the_same_bits(simulator, tmp_p
         "policy.rollout_steps=20", "policy.minibatch_size=40", "log_interval=480", "tell_game=true", "layout=bucket-5",
         "hand_delay=1", "--simulator", simulator,
     ]  # fmt: skip
-    for stop in ("stop=960", "stop=480"):
+    for stop in ("stop_at=960", "stop_at=480"):
         assert joybridge("train", str(TWO), "--run", str(tmp_path / stop), *small, stop).status == 0
-    again = joybridge("train", str(TWO), "--run", str(tmp_path / "stop=480"), *small, "stop=960", "--resume")
+    again = joybridge("train", str(TWO), "--run", str(tmp_path / "stop_at=480"), *small, "stop_at=960", "--resume")
     assert again.status == 0, again.errors
-    whole, resumed = (load_checkpoint(tmp_path / stop)[0] for stop in ("stop=960", "stop=480"))
+    whole, resumed = (load_checkpoint(tmp_path / stop)[0] for stop in ("stop_at=960", "stop_at=480"))
     assert whole.keys() == resumed.keys()
     assert any(name.startswith("simulator/") for name in whole)
     for name, array in whole.items():

@@ -46,7 +46,7 @@ def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.N
     exact = bool(spec.snapshot_bytes_per_arena)
     return Job(
         variant.name, seed, variant.config.end, options.output / "configs", options.output / "runs",
-        overrides=() if exact else ("restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
+        overrides=() if exact else ("max_restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
         exact=exact,
     )  # fmt: skip
 
@@ -78,6 +78,7 @@ def repetition(options: argparse.Namespace) -> str:
     words += [word for config in options.also for word in ("--also", config)]
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
+    words += ["--change", *options.change] if options.change else []
     words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
     words += ["--seeds", f"{options.seeds}"] if not options.search else []
     words += ["--metric", options.metric] if options.metric != "reward" else []

@@ -65,6 +65,7 @@ def again(options: argparse.Namespace) -> str:
     words = ["joybridge", "compare", "--suite", options.suite]
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
+    words += ["--change", *options.change] if options.change else []
     return shlex.join([*words, "--seeds", f"{options.seeds}", "--output", options.output.name, *options.overrides])
 
 

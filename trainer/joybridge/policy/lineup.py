@@ -193,7 +193,7 @@ def arenas_by_game(config: Config) -> list[list[int]]:
         counts[np.argmax(exact - counts)] += 1
     while counts.sum() > config.arenas:
         counts[np.argmax(np.where(counts > 1, counts - exact, -np.inf))] -= 1
-    bounds = [split(int(count), min(config.groups, int(counts.min()))) for count in counts]
+    bounds = [split(int(count), min(config.pipeline_groups, int(counts.min()))) for count in counts]
     sizes = [[end - first for first, end in pairwise(each)] for each in bounds]
     return [list(group) for group in zip(*sizes, strict=True)]
 

@@ -97,7 +97,7 @@ def group_bounds(config: Config) -> list[int]:
     """Return the first arena of each group and, last, their number; there are no more groups than arenas."""
     if config.games:
         return [0, *np.cumsum([sum(games) for games in arenas_by_game(config)]).tolist()]
-    return split(config.arenas, min(config.groups, config.arenas))
+    return split(config.arenas, min(config.pipeline_groups, config.arenas))
 
 
 def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
