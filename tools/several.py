@@ -1,8 +1,8 @@
 """Compare one policy for three games with a policy for each: `python -m tools.several --seeds 0,1,2`.
 
-Both learn from as many timesteps together, in `configs/several/three.yaml`: the joint policy all games in as many arenas
-as the single ones have together, so each game has the same arenas, updates and timesteps. Runs in `runs/several` that are
-complete are not repeated. Writes `results/several/README.md` and the returns behind it, `returns.json`.
+Both learn from as many timesteps together, in `configs/several/three.yaml`: the joint policy has as many arenas as the
+single ones together, so each game has the same arenas, updates and timesteps. Runs in `runs/several` that are complete
+are not repeated. Writes `results/several/README.md` and the returns behind it, `returns.json`.
 """
 
 import argparse
@@ -105,9 +105,9 @@ def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mappi
         "# One policy for three games, and one for each",
         "",
         f"Made by `python -m tools.several --seeds {','.join(seeds)}`: {CONFIG}, {TIMESTEPS:,} timesteps of each game,",
-        f"seeds {', '.join(seeds)}, for *told* and *unscaled* {others or 'none'}. A number is the mean over the seeds of",
-        f"the interquartile mean of {EPISODES} returns; beside it the share of the single policies' mean, with the 95 %",
-        "interval of a bootstrap over the seeds in pairs (with so few seeds, it is narrower than it should be).",
+        f"seeds {', '.join(seeds)}, for *told* and *unscaled* {others or 'none'}. A number is the mean over the seeds",
+        f"of the interquartile mean of {EPISODES} returns; beside it the share of the single policies' mean, with the",
+        "95 % interval of a bootstrap over the seeds in pairs, which so few seeds make narrower than it should be.",
         "",
         "| game | a policy for each | joint | joint, told the game | joint, rewards not scaled |",
         "| --- | --- | --- | --- | --- |",

@@ -55,9 +55,7 @@ class Archer(Game):
     version = "1"
     in_event_loop = True
     options = (
-        option(
-            "observation", list(SENSORS), description="what the archer observes: numbers, or an image without speed"
-        ),
+        option("observation", list(SENSORS), description="what the archer sees: numbers, or an image without speed"),
     )
 
     @classmethod

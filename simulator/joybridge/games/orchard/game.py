@@ -38,7 +38,7 @@ SENSORS = {
             [2],
             -1,
             1,
-            "columns from the basket to the lower and to the higher one, as a fraction of the width",
+            "columns from the basket to the lower and the higher one, as a fraction of the width",
         ),
         sensor("fallen", [1], 0, 1, "fraction of its fall that the lower one has completed"),
         sensor("wasp", [1], 0, 1, "1 if a wasp attacks in the next decision"),
