@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from joybridge.play.playing import open_play
-from joybridge.play.policy_document import encode
+from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player
 from tests.test_export import EXAMPLES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run
 
