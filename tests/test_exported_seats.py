@@ -45,7 +45,7 @@ def test_an_exported_policy_plays_in_its_seats_as_the_run_does(run, suffix, simu
         actors = trained_actors(NOUGHTS, session.spec, load_checkpoint(run)[0])
         tables = [Table(session.spec, 5, 1) for _ in range(2)]
         tables[0].join(1, actors)
-        tables[1].join(1, load_other(str(run.parent / f"policy.{suffix}"), NOUGHTS, session.spec))
+        tables[1].join(1, load_other(str(run.parent / f"policy.{suffix}"), "noughts", session.spec))
         tables[0].players[1][0].deterministic = True  # type: ignore[attr-defined]
         for table in tables:
             for arena in range(5):
@@ -132,7 +132,7 @@ def test_a_model_with_parts_of_its_own_is_refused(run, simulator, tmp_path):
 def test_a_file_cannot_hold_the_seats_of_several_behaviors(run, simulator):
     spec = describe(simulator, "ferry", {})
     with pytest.raises(ConfigError, match="plays one behavior, and who holds seats plays all"):
-        load_other(str(run.parent / "policy.json"), NOUGHTS, spec)
+        load_other(str(run.parent / "policy.json"), "ferry", spec)
 
 
 def test_a_policy_that_does_what_nobody_may_is_damaged(run, simulator):

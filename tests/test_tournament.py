@@ -214,7 +214,7 @@ def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, cap
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
     train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
     for played, message in (
-        (tmp_path / "archer", "--others: archer has one agent, which plays alone; leave the option out"),
+        (tmp_path / "archer", "others: archer has one agent, which plays alone; leave them out"),
         (run, f"opponents: {tmp_path / 'archer'} plays archer, expected noughts; name a run of this game"),
     ):
         assert main(["evaluate", str(played), "--others", str(tmp_path / "archer"), "--simulator", simulator]) == 1

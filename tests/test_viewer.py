@@ -19,6 +19,7 @@ from websockets.sync.client import connect
 
 from joybridge.cli import main
 from joybridge.client.client import Session
+from joybridge.compare.matches import read_matches
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays
 from joybridge.play.playing import open_play
@@ -309,16 +310,16 @@ def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
     run = begun(simulator, tmp_path / "run", "ferry", {})
     pressed = ([[0.5], []], [[], [1]])
     with (
-        website(Simulator(simulator, ()), "ferry", others=partial(load_others, [str(run)], "ferry")) as url,
+        website(Simulator(simulator, ()), "ferry", others=partial(load_others, [str(run)], "ferry", "")) as url,
         Session(simulator, "ferry", arenas=1, seed=3) as session,
     ):
-        page, policies = Page(url), load_others([str(run)], "ferry", session.spec, SETTINGS)
+        page, policies = Page(url), load_others([str(run)], "ferry", "", session.spec, SETTINGS)
         assert page.begin()[0]["seat"] == 0
         policies.begin(session.steps)
         for number in range(30):
             seat = number // 10  # the person takes another one
             turn = page.act(*pressed, seat=seat)["behaviors"]
-            acts = policies.act(session.steps)
+            acts = policies.act(session.steps, seat)
             if seat == 0:
                 acts[0].axes[0] = 0.5
             else:
@@ -328,6 +329,29 @@ def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
             assert [one["choices"] for one in turn] == [act.choices.tolist() for act in acts]
             assert [one["channels"] for one in turn] == [step.rewards.tolist() for step in session.steps]
         page.close()
+
+
+def test_matches_of_a_person_with_one_seat_go_to_the_log_that_rate_reads(simulator, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    others = partial(load_others, ["script:perfect"], "noughts", "Ada")
+    with website(Simulator(simulator, ()), "noughts", others=others) as url:
+        page, ends = Page(url), 0
+        page.begin()
+        for _ in range(30):
+            ends += bool(page.act([[]], [[0]], seat=1)["ended"])
+        for number in range(30):  # in each match it takes another seat
+            page.act([[]], [[0]], seat=number % 2)
+        page.close()
+    matches = read_matches(tmp_path / "rating")
+    assert ends > 2 and len(matches) in (ends, ends + 1)  # one may end with its first decision
+    assert all(match.players == ("script:perfect", "Ada") and match.places[0] <= match.places[1] for match in matches)
+
+
+@pytest.mark.usefixtures("signals")
+def test_who_wants_to_be_rated_names_others(capsys):
+    with pytest.raises(SystemExit):
+        main(["play", "noughts", "--rate", "Ada"])
+    assert "--rate needs others to play against" in capsys.readouterr().err
 
 
 def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):

@@ -94,7 +94,7 @@ def rate_runs(options: argparse.Namespace) -> None:
                 f"{first} has one checkpoint, and a tournament needs two players; set keep, or add a run or --others"
             )
         players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
-        players |= {name: load_other(name, config, spec) for name in options.others}
+        players |= {name: load_other(name, config.game, spec) for name in options.others}
         names = list(players)
         anchor = options.anchor or next(iter(trained))
         if anchor not in (known := {*names, *(player for match in log for player in match.players)}):

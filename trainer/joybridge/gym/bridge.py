@@ -1,7 +1,7 @@
 """What all environments share: the session with a simulator, and the players in it."""
 
 import weakref
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -17,7 +17,8 @@ from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
 from joybridge.gym.player import FORBIDDEN, Player
-from joybridge.layouts import list_roles, make_acts
+from joybridge.layouts import Role, list_roles, make_acts
+from joybridge.plugins import load
 
 TURN_BASED_FPS = 5.0  # frames per second of games without a clock
 
@@ -44,11 +45,13 @@ class Bridge:
         render_mode: str | None,
         single: bool,
         split: bool,
+        others: Sequence[str] = (),
     ) -> None:
         """Open the session; the arguments are those of BridgeVectorEnv, which also describes the errors.
 
         single: only one player is allowed, and `sensors` and `reward_weights` are its; otherwise they are by player.
-        split: one player per agent of the game, not one in all lanes of a behavior.
+        split: one player per agent of the game, not one in all lanes of a behavior. others: who hold all seats but the
+        first.
         """
         if not isinstance(arenas, int) or arenas < 1:
             raise ConfigError(f"arenas is {arenas!r}, expected an integer of at least 1")
@@ -66,6 +69,9 @@ class Bridge:
                 Session(address, name, arenas=arenas, seed=seed, options=options, parameters=parameters)
             )
             self.spec = self.session.spec
+            self._others = (
+                load("joybridge.opponents", "table")(others, name, self.spec, arenas, seed) if others else None
+            )
             self.players = self._make_players(
                 layout, sensors, reward_weights or {}, single=single, split=split,
                 frame_stack=frame_stack, flatten=flatten, forbidden=forbidden,
@@ -89,15 +95,17 @@ class Bridge:
         **settings: Any,
     ) -> dict[str, Player]:
         """Return the players by name; `settings` are the same for all of them. Raises ConfigError."""
-        seats = {}
+        seats: dict[str, tuple[Role, int | None]] = {}
         for role in list_roles(layout, self.spec):
             agents = self.spec.behaviors[role.behavior].agents_per_arena if split else 1
-            for agent in range(agents):
+            if self._others is not None and role.behavior == 0:
+                seats[role.name] = (role, 0)
+            for agent in range(agents if self._others is None else 0):
                 seats[f"{role.name}_{agent}" if agents > 1 else role.name] = (role, agent if agents > 1 else None)
         if single and len(seats) > 1:
             raise ConfigError(
                 f"{self.spec.name} with layout {layout!r} has {len(seats)} agents ({', '.join(seats)}), and this "
-                "environment is for one; use joybridge.gym.BridgeParallelEnv"
+                "environment is for one; use joybridge.gym.BridgeParallelEnv, or let `others` hold all seats but one"
             )
         if single:
             (only,) = seats
@@ -140,6 +148,8 @@ class Bridge:
             self.session.reset(seed, chosen)
             self._pictures = []
         self.fresh, self.playing, self._drawing = False, True, False
+        if self._others:
+            self._others.begin(self.session.steps)
         for player in self.players.values():
             player.begin(self.session.steps[player.index])
         return seed
@@ -155,7 +165,11 @@ class Bridge:
                 act.choices[:, column] = mask.argmax(axis=1)  # the first choice that is allowed
         for player, actions in moves:
             player.write(actions, acts[player.index])
+        if self._others:
+            self._others.act(self.session.steps, acts)
         steps, self._pictures = self.session.step_and_draw(acts, self._drawable if self._drawing else ())
+        if self._others:
+            self._others.sit(steps)
         for player in self.players.values():
             player.push(steps[player.index])
         self.fresh = all((step.terminated | step.truncated).all() for step in steps)

@@ -36,6 +36,7 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         sensors: Mapping[str, Sequence[str]] | None = None,
         reward_weights: Mapping[str, Mapping[str, float]] | None = None,
         forbidden: str = "error",
+        others: Sequence[str] = (),
         games: Games = (),
         simulator: str | None = None,
         render_mode: str | None = None,
@@ -47,7 +48,7 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         self._bridge = Bridge(
             game, arenas=1, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
             parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
-            simulator=simulator, render_mode=render_mode, single=False, split=True,
+            simulator=simulator, render_mode=render_mode, single=False, others=others, split=True,
         )  # fmt: skip
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)

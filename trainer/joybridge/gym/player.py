@@ -52,13 +52,14 @@ class Player:
         """Make the spaces.
 
         name: of the actions in errors begins with it, unless it is empty. lanes: number of lanes of the behavior.
-        lane: the one to play in; None: all. forbidden: one of FORBIDDEN. Raises ConfigError for an unknown sensor or
-        reward channel, and for images that are to be flattened.
+        lane: the number of the agent to play in each arena; None: all. forbidden: one of FORBIDDEN. Raises ConfigError
+        for an unknown sensor or reward channel, and for images that are to be flattened.
         """
         self.index, self.layout, self.behavior, self._lane = role.behavior, role.layout, behavior, lane
         self._where = f"actions[{name!r}]" if name else "actions"
-        self._rows = slice(None) if lane is None else slice(lane, lane + 1)
-        self.lanes = lanes if lane is None else 1
+        self._rows = slice(None) if lane is None else slice(lane, None, behavior.agents_per_arena)
+        self._own = np.arange(lanes)[self._rows]
+        self.lanes = len(self._own)
         if sensors is not None and not sensors:
             raise ConfigError(f"{name or role.name}: sensors is empty, expected at least one; leave it out to use all")
         self._encoder = ObservationEncoder(name or role.name, behavior, sensors, reward_weights)
@@ -78,12 +79,12 @@ class Player:
 
     def begin(self, step: StepArrays) -> None:
         """Take the first timestep of new episodes, of all lanes of the behavior."""
-        self.step = step if self._lane is None else rows_of(step, np.array([self._lane]))
+        self.step = step if self._lane is None else rows_of(step, self._own)
         self._observer.begin(self.step)
 
     def push(self, step: StepArrays) -> None:
         """Take the timestep that followed a decision, of all lanes of the behavior."""
-        self.step = step if self._lane is None else rows_of(step, np.array([self._lane]))
+        self.step = step if self._lane is None else rows_of(step, self._own)
         self.final = self._observer.push(self.step)
 
     def observations(self) -> Any:
@@ -131,7 +132,7 @@ class Player:
                 column[forbidden] = mask[forbidden].argmax(axis=1)
             elif forbidden.any():
                 row = int(forbidden.argmax())
-                lane = row + (self._lane or 0)
+                lane = self._own[row]
                 raise ActionError(
                     f"{self._where}: branch {branch.name!r} got {branch.choices[column[row]]!r} in lane {lane}, which "
                     "its mask forbids in this step; choose what info['action_mask'] allows, or make the environment "

@@ -29,6 +29,7 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
         sensors: Sequence[str] | None = None,
         reward_weights: Mapping[str, float] | None = None,
         forbidden: str = "error",
+        others: Sequence[str] = (),
         games: Games = (),
         simulator: str | None = None,
         render_mode: str | None = None,
@@ -37,7 +38,7 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
         self._bridge = Bridge(
             game, arenas=1, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
             parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
-            simulator=simulator, render_mode=render_mode, single=True, split=True,
+            simulator=simulator, render_mode=render_mode, single=True, others=others, split=True,
         )  # fmt: skip
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)

@@ -16,7 +16,6 @@ import numpy as np
 from joybridge.client.client import Session
 from joybridge.client.sharded_session import ShardedSession, open_session
 from joybridge.config.config import Config, play_settings
-from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import Value, drawn, fixed, value_text
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
@@ -28,7 +27,7 @@ from joybridge.policy.stratify import balanced_options
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import SPEC, play_config, run_spec
-from joybridge.run.others import load_other
+from joybridge.run.others import seat_others
 from joybridge.run.run_state import load_state
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -141,13 +140,9 @@ def open_play(
     with closing(session):
         table = Table(spec, arenas, seed)
         if others:
-            if table.seats.count < 2:
-                raise ConfigError(f"--others: {spec.name} has one agent, which plays alone; leave the option out")
-            for number, other in enumerate(others, 1):
-                table.join(number, load_other(other, config, spec))
-            for arena in range(arenas):
-                holders = 1 + np.arange(table.seats.count) % len(others)
-                table.seats.begin(arena, np.roll([0, *holders[:-1]], arena))
+            table = seat_others(others, config.game, spec, arenas, seed)
+            for arena, dealt in enumerate(table.seats.dealt.tolist()):
+                table.seats.begin(arena, np.roll(dealt, arena))
             policies.seat(table)
         held = [table.seats.holders(behavior) == 0 for behavior in range(len(spec.behaviors))]
         policies.begin(session.steps)

@@ -92,7 +92,7 @@ class League:
         for name in self._keys.shares:
             if name not in (LEARNER, PAST):
                 self._others[name] = number = len(self._actors) + 1
-                self._join(number, load_other(name, config, spec))
+                self._join(number, load_other(name, config.game, spec))
         self._next = len(self._actors) + 1
         self._roster: list[int] = []  # who of the pool plays in the matches that begin before the next update
         self._updates = -1  # of the learner when that was drawn

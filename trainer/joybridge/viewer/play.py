@@ -21,7 +21,7 @@ from joybridge.contract.errors import JoybridgeError
 
 if TYPE_CHECKING:
     from joybridge.viewer.arena import Settings
-    from joybridge.viewer.tab import Against, Others
+    from joybridge.viewer.tab import Against, LoadOthers
 
 # What serves the page is imported by the command that needs it: help and errors need no further package.
 
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
         game, games = choose_game(options.what, options.game, place)
         with Simulator(place, games) as simulator:
-            against, others, settings = _policies(options.against, options.others, game, settings)
+            against, others, settings = _policies(options.against, options.others, options.rate, game, settings)
             spec = describe(simulator.reach(), game, settings.options)
             check_settings(settings.options, settings.parameters, spec)
             if others and sum(lane_count(behavior, 1) for behavior in spec.behaviors) < 2:
@@ -104,6 +104,11 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "policy.json; given several times, they take seats in turn; without it these seats play random decisions",
     )  # fmt: skip
     play.add_argument(
+        "--rate", default="", metavar="NAME",
+        help="with --others: add your matches under this name to the log in the folder rating of their first run, or "
+        "of the current folder, for `joybridge rate`; only those count in which you hold one seat all the time",
+    )  # fmt: skip
+    play.add_argument(
         "--demos", type=Path, metavar="DIR",
         help="record what you play in new files of this folder, as demonstrations for `joybridge train --demos`",
     )  # fmt: skip
@@ -114,6 +119,8 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         play.error(f"argument --seed: got {options.seed}, expected 0..2^64-1")
     if options.port is not None and not 0 <= options.port < 2**16:
         play.error(f"argument --port: got {options.port}, expected 0..65535")
+    if options.rate and not options.others:
+        play.error("--rate needs others to play against; name them with --others")
     if not 0 < options.timeout < float("inf"):
         play.error(f"argument --timeout: got {options.timeout:g}, expected a positive number of seconds")
     if (options.tls_ca or options.token_file) and not options.simulator:
@@ -122,8 +129,8 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
 
 def _policies(
-    against: Path | None, others: Sequence[str], game: str, settings: "Settings"
-) -> "tuple[Against | None, Others | None, Settings]":
+    against: Path | None, others: Sequence[str], person: str, game: str, settings: "Settings"
+) -> "tuple[Against | None, LoadOthers | None, Settings]":
     """Return what opens the rival, what loads the other seats, and the settings to begin with. Raises ConfigError."""
     given = {"--against": [str(against)] if against else [], "--others": others}
     if not any(given.values()):
@@ -140,4 +147,4 @@ def _policies(
         for run in filter(is_run, names):
             settings = run_settings(argument, Path(run), game, settings)
     rival = partial(open_rival, against) if against else None
-    return rival, partial(load_others, others, game) if others else None, settings
+    return rival, partial(load_others, others, game, person) if others else None, settings

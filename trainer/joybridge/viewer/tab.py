@@ -25,11 +25,10 @@ from joybridge.viewer.messages import (
 from joybridge.viewer.simulator import Simulator
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.policy.players import Players
-    from joybridge.viewer.rival import Rival
+    from joybridge.viewer.rival import Others, Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
-Others = Callable[[pb.GameSpec, Settings], "Players"]
+LoadOthers = Callable[[pb.GameSpec, Settings], "Others"]
 
 LATE = 2  # decisions that are made up for, after a delay
 RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
@@ -37,7 +36,7 @@ RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
 
 def play(
     page: ServerConnection, simulator: Simulator, game: str, settings: Settings, timeout: float,
-    against: Against | None = None, demos: Path | None = None, others: Others | None = None,
+    against: Against | None = None, demos: Path | None = None, others: LoadOthers | None = None,
 ) -> None:  # fmt: skip
     """Play a game with a page until the page goes away, which raises ConnectionClosed.
 
