@@ -93,8 +93,19 @@ class Play:
         return "; ".join([f"policy after {self.timesteps:,} timesteps{actions and f', {actions}'}", *changed])
 
     def view(self) -> PolicyView:
-        """Return what draws the images that the policies see."""
-        return PolicyView(self.spec, [(player.actor.behavior, player.actor.encoder) for player in self.players])
+        """Return what draws the images that the policies see, and what they remember."""
+        encoders = [(player.actor.behavior, player.actor.encoder) for player in self.players]
+        return PolicyView(self.spec, encoders, [len(states) for states in self.remembered()])
+
+    def remembered(self) -> list[Array]:
+        """Return what each policy with memory remembers in the first arena to act on, [agents, numbers]."""
+        states = []
+        for player in self.players:
+            memory, state = player.actor.network.actor.memory, player.observations.memory
+            if memory is not None and state is not None:
+                agents = self.spec.behaviors[player.actor.behavior].agents_per_arena
+                states.append(state[:agents, : memory.state_size])  # what follows is the critic's
+        return states
 
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.

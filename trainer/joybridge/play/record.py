@@ -26,10 +26,10 @@ def record(
 ) -> int:  # fmt: skip
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
-    The picture is the simulator's, score included; images that the policy sees are beside it. overrides: "key=value"
-    each, options and parameters of the game that differ from the training. checkpoint: "best", its timesteps, or "" for
-    the newest. inputs: below the picture, draw what is pressed. others: who hold all seats but the first.
-    Raises SimulatorError, CheckpointError or ConfigError.
+    The picture is the simulator's, score included; images that the policy sees are beside it, and what it remembers is
+    below. overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint:
+    "best", its timesteps, or "" for the newest. inputs: below the picture, draw what is pressed. others: who hold all
+    seats but the first. Raises SimulatorError, CheckpointError or ConfigError.
     """
     form = video_format(output)
     with open_play(
@@ -53,7 +53,7 @@ def record(
             palettes = _Palettes(stream.width, stream.height, rate) if form.pixels == "pal8" else None
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
-                    seen = view.beside(picture, decision.after)
+                    seen = view.beside(picture, decision.after, play.remembered())
                     shown = overlay.below(seen, decision.acts) if overlay else seen
                     even = np.ascontiguousarray(shown[: stream.height, : stream.width])
                     frame = av.VideoFrame.from_ndarray(even, "rgb24")
