@@ -7,7 +7,7 @@ A guess that a person can change in the page. Keys are named as in `KeyboardEven
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from joybridge.play.device_names import pair_axes, rest_choice, words
+from joybridge.layouts.device_names import pair_axes, rest_choice, words
 from joybridge.v1 import bridge_pb2 as pb
 
 # Words in the names of branches.
