@@ -149,8 +149,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     for with_others in (evaluates, records):
         with_others.add_argument(
             "--others", action="append", default=[], metavar="WHO",
-            help="who holds all seats but one of each arena, in a game of several agents: the folder of a run, or "
-            "script:NAME, a script of the game's author; given several times, they take seats in turn",
+            help="who holds all seats but one of each arena, in a game of several agents: the folder of a run, "
+            "script:NAME, a script of the game's author, or an exported policy.json; given several times, they take "
+            "seats in turn",
         )  # fmt: skip
     for plays_run in (evaluates, records, exports):
         add_overrides(
