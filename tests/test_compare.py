@@ -38,7 +38,7 @@ pytestmark = pytest.mark.usefixtures("signals")
 SMALL = """
 game: archer
 arenas: 8
-groups: 1
+pipeline_groups: 1
 total_timesteps: 1280
 log_interval: 320
 policy: {frame_stack: 1, hidden_sizes: [16], rollout_steps: 20, time_horizon: 20, minibatch_size: 80}
@@ -163,7 +163,7 @@ def test_runs_that_are_too_short_for_a_row_of_metrics_are_named_with_the_reason(
 
 def test_a_comparison_of_another_configuration_is_refused_by_name(copied):
     before = page(copied)
-    done = run_in(copied, "127.0.0.1:1", "policy.epochs=3", "stop=640")
+    done = run_in(copied, "127.0.0.1:1", "policy.epochs=3", "stop_at=640")
     assert done.status == 1
     assert done.errors == (
         "error: out holds another comparison: of 'hybrid', policy.epochs was 4 and is now 3; repeat the command as it "
@@ -320,7 +320,7 @@ def test_only_runs_of_games_with_snapshots_are_resumed_and_go_on_after_a_loss(wh
     assert spec is not None
     options = command.parse(["compare", "archer/hybrid", "--output", "out", "--game", "a:B"], "joybridge")
     job = make_job(variant, spec, 3, options)
-    assert (job.exact, job.overrides, job.arguments) == (False, ("restarts=0",), ("--game", "a:B"))
+    assert (job.exact, job.overrides, job.arguments) == (False, ("max_restarts=0",), ("--game", "a:B"))
     spec.snapshot_bytes_per_arena = 8
     job = make_job(variant, spec, 3, options)
     assert (job.exact, job.overrides, job.timesteps) == (True, (), 150_000)

@@ -350,7 +350,7 @@ def bench_train(timesteps: int = 1_500_000) -> Figures:
     for experiment in ("shooting_birds/bucket-11", "beastly_rivals/bucket-3"):
         rates: list[float] = []
         shares: list[dict[str, float]] = []
-        config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop={timesteps}", "log_interval=150000"])
+        config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop_at={timesteps}", "log_interval=150000"])
         with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
 
             def report(
@@ -409,7 +409,7 @@ def bench_start(timesteps: int = 1_500_000) -> Figures:
     figures["first update of a run, s"] = {
         "median": statistics.median(updates), "low": min(updates), "high": max(updates)
     }  # fmt: skip
-    config = load_config(experiment, [f"stop={timesteps}", "log_interval=150000"])
+    config = load_config(experiment, [f"stop_at={timesteps}", "log_interval=150000"])
     with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
         simulator, *_ = children()
         held: dict[str, list[float]] = {"trainer": [], "simulator": []}

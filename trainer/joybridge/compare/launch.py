@@ -46,7 +46,7 @@ def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.N
     exact = bool(spec.snapshot_bytes_per_arena)
     return Job(
         variant.name, seed, variant.config.end, options.output / "configs", options.output / "runs",
-        overrides=() if exact else ("restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
+        overrides=() if exact else ("max_restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
         exact=exact,
     )  # fmt: skip
 

@@ -47,7 +47,7 @@ def train(
     state = load_state(run) if has_checkpoint(run) else RunState()
     saver = Saver(run, config, state)
     proceed = partial(play_and_learn, config, run, Audience(report, say), record_faults)
-    states = recovering(proceed, state, addresses, revive, config.restarts)
+    states = recovering(proceed, state, addresses, revive, config.max_restarts)
     try:
         with closing(states):
             for state in states:
