@@ -220,6 +220,7 @@ def _train(options: argparse.Namespace) -> None:
         for place in addresses if options.ray else ():
             wait_for(place, options.wait, say)  # a firewall may be in the way
         with leaving_on_signals():
+            from joybridge.ppo.fast.announce import announcing
             from joybridge.run.progress import Display
             from joybridge.run.train import train
 
@@ -229,7 +230,7 @@ def _train(options: argparse.Namespace) -> None:
         remember(run, simulators, say)
         sign_code(run, config, say)
         try:
-            with Display(heading, config.layout, config.end, begin) as display:
+            with Display(heading, config.layout, config.end, begin) as display, announcing(display.say):
                 train(
                     config,
                     run,
