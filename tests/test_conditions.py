@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace, JointTable, make_acts, make_layouts
@@ -176,7 +176,9 @@ def test_with_memory_the_old_policy_is_that_of_whole_sequences():
 
 
 def test_training_notes_what_all_policies_chose_before_a_hand_acts(simulator):
-    config = small("hybrid", autograd=False, game="moving").model_copy(update={"hand_delay": 3, "groups": 1})
+    config = small("hybrid", autograd=False, game="moving").model_copy(
+        update={"hand": HandConfig(delay=3), "pipeline_groups": 1}
+    )
     (group,) = groups = open_groups(config, [simulator], None, {}, {})
     with closing(group.session):
         (actor,) = make_actors(config, group.session.spec)

@@ -238,7 +238,7 @@ def test_a_run_that_clones_and_is_resumed_ends_in_the_same_bits(tmp_path):
             given = config(tmp_path / "demos", cloning=cloning, layout="bucket-5")
             go_on = partial(train, report=lambda *_: None, say=remarks.append)
             go_on(given, whole, [address], resume=False)
-            go_on(given.model_copy(update={"stop": 128}), parts, [address], resume=False)
+            go_on(given.model_copy(update={"stop_at": 128}), parts, [address], resume=False)
             record(tmp_path / "demos", address, "gauntlet", 3)
             go_on(given, parts, [address], resume=True)
             (one, _), (other, _) = load_checkpoint(whole), load_checkpoint(parts)

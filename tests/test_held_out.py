@@ -60,7 +60,7 @@ def test_measuring_changes_nothing_that_is_learned(measured, simulator, tmp_path
 def test_a_resumed_run_measures_when_one_does_that_never_stopped(measured, simulator, tmp_path):
     _, whole = measured
     during = {"every": 128, "episodes": 10, "parameters": {"drift": 0.0}}
-    short(simulator, tmp_path / "run", evaluate_during=during, stop=192)
+    short(simulator, tmp_path / "run", evaluate_during=during, stop_at=192)
     rows = short(simulator, tmp_path / "run", evaluate_during=during, resume=True)
     measured_at = [[row["timesteps"] for row in one["player"] if "held_out_reward" in row] for one in (whole, rows)]
     assert measured_at[0] == measured_at[1]

@@ -34,10 +34,11 @@ def test_the_preset_sb3_is_what_ppo_does_there_by_default():
     assert kwargs["log_std_init"] == pytest.approx(math.log(2), abs=1e-3)
 
 
-def test_entropy_is_the_mean_over_axes_here_and_the_sum_there():
-    config = load_config(find_config("classic/lunarlander_continuous"))
+@pytest.mark.parametrize(("entropy", "coefficient"), [("sum", 0.01), ("mean", 0.005)])
+def test_entropy_is_the_sum_over_axes_there(entropy, coefficient):
+    config = load_config(find_config("classic/lunarlander_continuous"), [f"policy.entropy={entropy}"])
     two_axes = SimpleNamespace(action_space=Box(-1.0, 1.0, (2,)))
-    assert arguments_of(config, two_axes)["ent_coef"] == 0.01  # as in RL Zoo
+    assert arguments_of(config, two_axes)["ent_coef"] == coefficient
 
 
 @pytest.mark.parametrize("keys", [{"frame_stack": 3}, {"clip_vloss": True}, {"memory": {"kind": "gru"}}])

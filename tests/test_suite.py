@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from joybridge.compare import launch
 from joybridge.compare.compare import parse
 from joybridge.compare.suite import SUITES, write_suite
 from joybridge.compare.table import read_table
@@ -11,6 +12,7 @@ from joybridge.config.config import Config
 from joybridge.config.config_files import config_names
 from joybridge.config.errors import ConfigError
 from tests.support.command_line import joybridge
+from tests.support.jobs import train_here
 
 TINY = (
     "arenas=2", "total_timesteps=64", "log_interval=32", "evaluate_during.episodes=2", "policy.rollout_steps=16",
@@ -25,7 +27,8 @@ def test_a_suite_has_all_installed_configurations_of_its_folder(suite, folder):
     }
 
 
-def test_tasks_are_trained_and_are_on_one_page(tmp_path, simulator):
+def test_tasks_are_trained_and_are_on_one_page(tmp_path, simulator, monkeypatch):
+    monkeypatch.setattr(launch, "start", train_here)
     chosen = "catch_point", "hard_move-6"
     words = (
         "compare",
@@ -44,7 +47,11 @@ def test_tasks_are_trained_and_are_on_one_page(tmp_path, simulator):
     assert status == 0, errors
     page = (tmp_path / "page.md").read_text()
     assert all(f"| {name} | 64 |" in page for name in chosen) and "missing" not in page
-    assert "only_with=true" in page and "options.actuators=6" in (tmp_path / "hard_move-6" / "page.md").read_text()
+    assert (
+        "unchanged" in page
+        and "bucket-16" in page
+        and "options.actuators=6" in (tmp_path / "hard_move-6" / "page.md").read_text()
+    )
     assert f"{tmp_path / 'page.html'}" in output
     assert (tmp_path / "catch_point" / "page.html").exists()
 
@@ -78,10 +85,10 @@ def test_ours_and_another_trainer_are_side_by_side(tmp_path):
     page = (tmp_path / "page.md").read_text()
     assert "| task | timesteps | hybrid | hybrid, Stable-Baselines3 |" in page and "| cartpole | 64 |" in page
     assert (tmp_path / "pictures" / "seconds-light.png").stat().st_size > 4000
-    status, _, errors = joybridge(*words, *TINY)
-    assert status == 0 and "2 of them already finished" not in errors
-    rows = read_table(tmp_path / "cartpole")
-    assert [name.run.experiment for name in rows] == ["hybrid", "hybrid-Stable-Baselines3"]
+    models = [path.stat().st_mtime_ns for path in tmp_path.rglob("model.zip")]
+    assert joybridge(*words, *TINY).status == 0  # what is finished is not trained again
+    assert models == [path.stat().st_mtime_ns for path in tmp_path.rglob("model.zip")] != []
+    assert {name.run.experiment for name in read_table(tmp_path / "cartpole")} == {"hybrid", "hybrid-Stable-Baselines3"}
 
 
 @pytest.mark.parametrize(

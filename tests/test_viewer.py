@@ -309,10 +309,10 @@ def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
     run = begun(simulator, tmp_path / "run", "ferry", {})
     pressed = ([[0.5], []], [[], [1]])
     with (
-        website(Simulator(simulator, ()), "ferry", others=partial(load_others, run)) as url,
+        website(Simulator(simulator, ()), "ferry", others=partial(load_others, [str(run)], "ferry")) as url,
         Session(simulator, "ferry", arenas=1, seed=3) as session,
     ):
-        page, policies = Page(url), load_others(run, session.spec, SETTINGS)
+        page, policies = Page(url), load_others([str(run)], "ferry", session.spec, SETTINGS)
         assert page.begin()[0]["seat"] == 0
         policies.begin(session.steps)
         for number in range(30):

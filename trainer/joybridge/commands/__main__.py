@@ -145,8 +145,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
     for with_others in (evaluates, records):
         with_others.add_argument(
-            "--others", type=Path, metavar="RUN",
-            help="let the policies of a run hold all seats but one of each arena, in a game of several agents",
+            "--others", action="append", default=[], metavar="WHO",
+            help="who holds all seats but one of each arena, in a game of several agents: the folder of a run, or "
+            "script:NAME, a script of the game's author; given several times, they take seats in turn",
         )  # fmt: skip
     for plays_run in (evaluates, records, exports):
         add_overrides(
@@ -160,7 +161,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     if options.command == "evaluate" and options.others and options.inputs:
-        parser.error("--inputs measures all agents, --others those of another run, too; give one of the two")
+        parser.error("--inputs measures all agents, also those of --others; give one of the two")
     if options.command == "train" and options.ray and options.simulator:
         parser.error("--ray starts simulators, --simulator names running ones; give one of the two")
     if options.command == "train" and options.simulators and not options.ray:

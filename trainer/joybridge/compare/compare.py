@@ -38,6 +38,7 @@ from joybridge.compare.variants import (
     check_unchanged,
     kept_spec,
     make_variants,
+    read_change,
     read_values,
 )
 from joybridge.config.config import load_config
@@ -78,6 +79,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     compares.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE,VALUE,…",
         help="any other key that varies, as in policy.learning_rate=1e-3,3e-3; all combinations are trained",
+    )  # fmt: skip
+    compares.add_argument(
+        "--change", nargs="+", action="extend", default=[], metavar="KEY=VALUE",
+        help="one change at a time: each is compared with the configuration as it is; quoted, several keys are one "
+        "change, as in 'policy.gamma=0.9 policy.epochs=8'",
     )  # fmt: skip
     compares.add_argument(
         "--also", action="append", default=[], metavar="CONFIG",
@@ -130,7 +136,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     options.search = [word for word in options.search if word not in fixed]
     options.overrides += fixed
     if options.search:
-        for name in ("layouts", "set", "also", "seeds", "score"):
+        for name in ("layouts", "set", "change", "also", "seeds", "score"):
             if getattr(options, name) not in ([], None):
                 parser.error(f"--{name} is not for a search; write what varies as --search KEY=VALUE,VALUE")
     elif options.trials:
@@ -159,7 +165,10 @@ def compare(options: argparse.Namespace) -> int:
     add_own_game(options, [options.config, *options.also])
     grid = [("layout", options.layouts)] if options.layouts else []
     variants = make_variants(
-        [options.config, *options.also], options.overrides, [*grid, *map(read_values, options.set)]
+        [options.config, *options.also],
+        options.overrides,
+        [*grid, *map(read_values, options.set)],
+        [*map(read_change, options.change)],
     )
     if options.beside:
         variants += beside(variants, options.beside)

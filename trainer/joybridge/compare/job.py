@@ -92,7 +92,7 @@ class Job:
 
     def settings(self) -> list[str]:
         """Return everything that differs from the configuration, each KEY=VALUE."""
-        return [*self.overrides, f"seed={self.seed}", f"stop={self.timesteps}"]
+        return [*self.overrides, f"seed={self.seed}", f"stop_at={self.timesteps}"]
 
     def command(self, config: Path, run: Path) -> list[str]:
         """Return the command that starts the run in the folder `run`, or resumes it.

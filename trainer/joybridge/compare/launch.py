@@ -48,7 +48,7 @@ def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.N
         return PeerJob(*place, arguments=("--ppo", options.ppo), exact=False)
     exact = bool(spec.snapshot_bytes_per_arena)
     return Job(
-        *place, overrides=() if exact else ("restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
+        *place, overrides=() if exact else ("max_restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
         exact=exact,
     )  # fmt: skip
 
@@ -80,6 +80,7 @@ def repetition(options: argparse.Namespace) -> str:
     words += [word for config in options.also for word in ("--also", config)]
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
+    words += ["--change", *options.change] if options.change else []
     words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
     words += ["--seeds", f"{options.seeds}"] if not options.search else []
     words += ["--metric", options.metric] if options.metric != "reward" else []

@@ -93,7 +93,8 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         assert isinstance(policy.log_std_init, float)
         half = float((env.action_space.high - env.action_space.low).max()) / 2
         kwargs["log_std_init"] = policy.log_std_init + math.log(half / 3)  # there in units of the action
-        entropy_coef /= math.prod(env.action_space.shape)  # there of the sum over axes, here of their mean
+        if policy.entropy == "mean":  # there it is always the sum over axes
+            entropy_coef /= math.prod(env.action_space.shape)
     return {
         "n_steps": policy.rollout_steps, "batch_size": policy.minibatch_size, "n_epochs": policy.epochs,
         "learning_rate": _schedule(policy.learning_rate, policy.learning_rate_schedule),

@@ -22,10 +22,11 @@ from joybridge.config.metrics import HELD_OUT, numbers
 from joybridge.contract.files import read_file
 
 MAX_BYTES = 2**26  # of the numbers of a comparison
-COUNTING = ("policy.only_with=true,false",)  # for tasks whose choices have parameters of their own
+ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own
 STATE_DEPENDENT = '{"use_sde": true, "sde_sample_freq": 4}'  # exploration of Stable-Baselines3 that we have not
 # Keys that say what is trained, how long and how it is watched, not how.
-NO_SETTINGS = {"game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best"}
+NO_SETTINGS = {"game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best_metric",
+               "pipeline_groups"}  # fmt: skip
 TIMES = "seconds"  # the picture of scores over them
 
 
@@ -34,7 +35,8 @@ class Task(NamedTuple):
 
     config: str  # the name of an installed configuration
     overrides: tuple[str, ...] = ()
-    grid: tuple[str, ...] = ()  # what else varies, KEY=VALUE,VALUE each
+    changes: tuple[str, ...] = ()  # of the configuration, one at a time, KEY=VALUE each
+    layouts: tuple[str, ...] = ()
     metric: str = "reward"  # of the episodes at the end, with the most probable actions
     aim: str = ""  # what is good, for people
     gym: str = ""  # the environment, if the game is one
@@ -49,23 +51,24 @@ class Suite(NamedTuple):
     aims: str = ""  # head of their column; "": there are none
 
 
-def _hybrid(name: str, aim: str, metric: str = "success") -> Task:
-    return Task(f"hybrid_suite/{name}", grid=COUNTING, metric=metric, aim=aim)
+def _hybrid(name: str, aim: str, layout: str, metric: str = "success") -> Task:
+    return Task(f"hybrid_suite/{name}", (), (ALL_IN_THE_LOSS, f"layout={layout}"), metric=metric, aim=aim)
 
 
 def _hard_move(actuators: int, stretch: str) -> Task:
-    return Task("hybrid_suite/hard_move", (f"options.actuators={actuators}",), (), "success", f"0.85 / {stretch}")
+    layouts, aim = ("hybrid", "hybrid, power=bucket-5"), f"0.85 / {stretch}"
+    return Task("hybrid_suite/hard_move", (f"options.actuators={actuators}",), (), layouts, "success", aim)
 
 
 SUITES = {
     "hybrid": Suite(
         {
-            "platform": _hybrid("platform", "0.90 / 0.98", "reward"),
-            "goal": _hybrid("goal", "0.50 / 0.78"),
-            "hard_goal": _hybrid("hard_goal", "0.40 / 0.60"),
-            "catch_point": _hybrid("catch_point", "0.85 / 0.93"),
-            "moving": _hybrid("moving", "0.90 / 0.98"),
-            "sliding": _hybrid("sliding", "0.80 / 0.95"),
+            "platform": _hybrid("platform", "0.90 / 0.98", "bucket-11", "reward"),
+            "goal": _hybrid("goal", "0.50 / 0.78", "bucket-11"),
+            "hard_goal": _hybrid("hard_goal", "0.40 / 0.60", "bucket-11"),
+            "catch_point": _hybrid("catch_point", "0.85 / 0.93", "bucket-16"),
+            "moving": _hybrid("moving", "0.90 / 0.98", "bucket-11"),
+            "sliding": _hybrid("sliding", "0.80 / 0.95", "bucket-11"),
             **{f"hard_move-{n}": _hard_move(n, "0.94" if n == 4 else "0.95") for n in (4, 6, 8, 10)},
         },
         aims="pass / stretch",
@@ -95,7 +98,9 @@ def compare_suite(options: argparse.Namespace, compare: Callable[[Namespace], in
         say(f"{options.suite}: {name}")
         given = Namespace(**vars(options))
         given.config, given.output = task.config, options.output / name
-        given.overrides, given.set = [*task.overrides, *options.overrides], [*task.grid, *options.set]
+        given.overrides = [*task.overrides, *options.overrides]
+        if not (options.layouts or options.set or options.change):  # then these are what varies
+            given.layouts, given.change = [*task.layouts], [*task.changes]
         given.metric, given.beside, given.ppo = f"{HELD_OUT}{task.metric}", suite.beside, task.ppo
         if task.gym and not options.simulator:
             given.game = [f"gym:{task.gym}"]
@@ -117,6 +122,7 @@ def again(options: argparse.Namespace) -> str:
     words += ["--tasks", *options.tasks] if options.tasks else []
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
+    words += ["--change", *options.change] if options.change else []
     return shlex.join([*words, "--seeds", f"{options.seeds}", "--output", options.output.name, *options.overrides])
 
 

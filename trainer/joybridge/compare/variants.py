@@ -81,27 +81,48 @@ def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
     return key, values
 
 
+def read_change(text: str) -> list[tuple[str, str]]:
+    """Return the keys and values of a change, which are set together: KEY=VALUE, with spaces between several.
+
+    Raises ConfigError.
+    """
+    pairs = [read_values(part, "--change") for part in text.split()]
+    if not pairs or any(len(values) > 1 for _, values in pairs):
+        raise ConfigError(
+            f"--change got {text!r}, expected KEY=VALUE, or several that are set together, as in "
+            "'policy.gamma=0.9 policy.epochs=8'; write a change for each value"
+        )
+    return [(key, value) for key, (value,) in pairs]
+
+
 def make_variants(
-    configs: Sequence[str], overrides: Sequence[str], grid: Sequence[tuple[str, Sequence[str]]]
+    configs: Sequence[str],
+    overrides: Sequence[str],
+    grid: Sequence[tuple[str, Sequence[str]]],
+    changes: Sequence[Sequence[tuple[str, str]]] = (),
 ) -> list[Variant]:
-    """Return a variant for each configuration and combination of values.
+    """Return a variant for each configuration and combination of values, unchanged and with each change alone.
 
     configs: files or names of installed configurations, all of one game. overrides: what all variants share, KEY=VALUE
-    each. grid: keys and their values. Raises ConfigError.
+    each. grid: keys and their values. changes: the keys and values of each. Raises ConfigError.
     """
     shared = {override.partition("=")[0] for override in overrides}
+    varied = {key for key, _ in grid}
+    if twice := sorted({key for change in changes for key, _ in change} & (shared | varied)):
+        raise ConfigError(f"--change {twice[0]}=…: {twice[0]} is set twice; set it once")
     for index, (key, _) in enumerate(grid):
         if key in shared or key in dict(grid[:index]):
             raise ConfigError(f"{key} is set twice; set it once, with all of its values")
     if "seed" in shared:
         raise ConfigError("seed=…: seeds are counted from 0; use --seeds for their number")
     paths, variants = [find_config(config) for config in configs], []
-    for path, values in itertools.product(paths, itertools.product(*(values for _, values in grid))):
-        pairs = [(key, value) for (key, _), value in zip(grid, values, strict=True)]
+    combinations = itertools.product(*(values for _, values in grid))
+    for path, values, change in itertools.product(paths, combinations, [(), *changes]):
+        pairs = [*((key, value) for (key, _), value in zip(grid, values, strict=True)), *change]
         made = load_config(path, [*overrides, *(f"{key}={value}" for key, value in pairs)])
         parts = [path.stem] if len(paths) > 1 else []
         parts += [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in pairs]
-        variants.append(Variant(", ".join(parts) or made.layout, made))
+        variants.append(Variant(", ".join(parts) or ("unchanged" if changes else made.layout), made))
     if len(games := {variant.config.game for variant in variants}) > 1:
         raise ConfigError(f"the configurations are of {' and '.join(sorted(games))}; compare those of one game")
     for one, other in itertools.combinations(variants, 2):

@@ -16,18 +16,16 @@ from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
-    "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
-    "log_interval", "log_to", "evaluate_over",
+    "stop_at", "checkpoint_interval", "checkpoint_seconds", "keep_checkpoints", "timeout_seconds", "transport",
+    "max_restarts", "log_interval", "log_to", "stratify_by",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
-OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
-MAY_DIFFER = (  # from the training, when a trained policy plays
-    *OF_THE_GAME, *OF_THE_HAND, "timeout_seconds", "transport",
-)  # fmt: skip
+MAY_DIFFER = (*OF_THE_GAME, "hand", "timeout_seconds", "transport")  # from the training, when a trained policy plays
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
-    "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
+    "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "hand": "hand.KEY=VALUE",
+    "memory": "policy.memory.KEY=VALUE", "opponents": "opponents.KEY=VALUE", "policy": "policy.KEY=VALUE",
     "policies": "policies.NAME.KEY=VALUE", "shares": "opponents.shares.NAME=SHARE",
     "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
@@ -35,7 +33,7 @@ FORMS = {
 CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
 MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
 
-# Names of other libraries, with the key to use instead.
+# Names of other libraries, and short ones, with the key to use instead.
 OTHER_NAMES = {
     "num_envs": "arenas", "n_envs": "arenas", "num_agents": "arenas", "max_steps": "total_timesteps",
     "total_steps": "total_timesteps", "num_timesteps": "total_timesteps", "summary_freq": "log_interval",
@@ -57,7 +55,8 @@ OTHER_NAMES = {
     "value_coef": "policy.vf_coef", "vf_loss_coeff": "policy.vf_coef", "clip_range_vf": "policy.clip_vloss",
     "clip_value_loss": "policy.clip_vloss", "norm_adv": "policy.normalize_advantage",
     "orthogonal_init": "policy.ortho_init", "log_std": "policy.log_std_init",
-    "adam_epsilon": "policy.adam_eps",
+    "adam_epsilon": "policy.adam_eps", "keep": "keep_checkpoints", "stop": "stop_at", "best": "best_metric",
+    "groups": "pipeline_groups", "restarts": "max_restarts",
 }  # fmt: skip
 
 Schedule = Literal["linear", "constant"]
@@ -120,6 +119,10 @@ class PolicyConfig(Checked):
     learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
     entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
     entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
+    entropy: Literal["sum", "mean"] = Field(
+        "mean", description="of a decision, over its continuous actions; over branches it is always the sum. With sum, "
+        "one `entropy_coef` means the same for axes and branches"
+    )  # fmt: skip
     clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
     clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
     normalize_advantage: Literal["rollout", "minibatch", "none"] = Field(
@@ -154,8 +157,8 @@ class OpponentsConfig(Checked):
     """Who plays beside the learner in a game of several agents."""
 
     shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
-        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, or the folder of "
-        "another run; one seat of a match is always the learner's; none: it holds all"
+        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, the folder of "
+        "another run, or `script:NAME` of the game; one seat of a match is always the learner's; none: it holds all"
     )  # fmt: skip
     sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
         "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
@@ -173,6 +176,24 @@ class OpponentsConfig(Checked):
         if shares and not sum(shares.values()):
             raise ValueError("expected a share above 0")
         return shares
+
+
+class HandConfig(Checked):
+    """What a person's hand can do. The defaults change nothing."""
+
+    delay: int = Field(
+        0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
+    )
+    hold: int = Field(
+        1, ge=1, description="minimum decisions between changes of a branch; 3 allows one press every 6 decisions"
+    )
+    reach: float = Field(
+        1.0, gt=0, le=1, description="the farthest an axis goes, as a share of the way from rest to its end"
+    )
+    change: float = Field(
+        1.0, gt=0, le=1, description="the most that an axis changes in a decision, as a share of its range"
+    )
+    noise: float = Field(0.0, ge=0, description="standard deviation of an axis, as a share of its distance from rest")
 
 
 class Config(Checked):
@@ -198,7 +219,7 @@ class Config(Checked):
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
     arenas: int = Field(75, ge=1, le=2**20, description="copies of the game that are played at once")
-    groups: int = Field(
+    pipeline_groups: int = Field(
         2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
     )
     accelerator: Literal["cpu", "cuda"] = Field(
@@ -206,7 +227,7 @@ class Config(Checked):
     )
     seed: int = Field(0, ge=0, lt=2**64, description="of the game, the networks and the samples")
     total_timesteps: int = Field(30_000_000, ge=1, description="length of the run, and of its schedules")
-    stop: int | None = Field(
+    stop_at: int | None = Field(
         None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
     )
     log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
@@ -215,7 +236,7 @@ class Config(Checked):
     )
     checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
-    keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
+    keep_checkpoints: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
     timeout_seconds: float = Field(
         30.0,
         gt=0,
@@ -225,8 +246,8 @@ class Config(Checked):
     transport: Literal["auto", "local", "grpc"] = Field(
         "auto", description="of a session's messages; local: a Unix socket, auto: that if the simulator offers it"
     )
-    restarts: int = Field(10, ge=0, description="how often training goes on after a simulator was lost")
-    best: str = Field(
+    max_restarts: int = Field(10, ge=0, description="maximum number of recoveries from a lost simulator")
+    best_metric: str = Field(
         "reward", description="metric whose highest value marks the best checkpoint; -length: the lowest of length"
     )
     weights_from: str | None = Field(
@@ -243,27 +264,11 @@ class Config(Checked):
         None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
         "and `parameters` that differ, see Held-out settings in docs/training.md"
     )  # fmt: skip
-    evaluate_over: str | None = Field(
+    stratify_by: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
     opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
-    hand_delay: int = Field(
-        0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
-    )
-    hand_hold: int = Field(
-        1,
-        ge=1,
-        description="least decisions between two changes of a branch; a button is pressed once in twice as many",
-    )
-    hand_reach: float = Field(
-        1.0, gt=0, le=1, description="the farthest an axis goes, as a share of the way from rest to its end"
-    )
-    hand_change: float = Field(
-        1.0, gt=0, le=1, description="the most that an axis changes in a decision, as a share of its range"
-    )
-    hand_noise: float = Field(
-        0.0, ge=0, description="standard deviation of an axis, as a share of its distance from rest"
-    )
+    hand: HandConfig = Field(HandConfig(), description="limits of a person's hand, between policies and the game")
     policy: PolicyConfig = Field(PolicyConfig(), description="what all policies share")
     policies: dict[str, dict[str, Any]] = Field(
         {}, description="what differs for one policy: its name, then a key as those of policy"
@@ -283,7 +288,7 @@ class Config(Checked):
     @property
     def end(self) -> int:
         """Return the number of timesteps after which the run stops."""
-        return min(self.total_timesteps, self.stop or self.total_timesteps)
+        return min(self.total_timesteps, self.stop_at or self.total_timesteps)
 
 
 def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -> Config:
@@ -318,7 +323,7 @@ def dump_config(config: Config) -> str:
 def play_settings(config: Config) -> dict[str, Any]:
     """Return the options, parameters and limits of the hand that are set, by key: {"parameters.size": 0.5}."""
     of_game = {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
-    return of_game | {key: getattr(config, key) for key in OF_THE_HAND}
+    return of_game | {f"hand.{key}": value for key, value in config.hand}
 
 
 def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:

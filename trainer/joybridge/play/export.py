@@ -55,28 +55,31 @@ class Exported:
         self.inputs = {value.name: value.shape[1:] for value in self._session.get_inputs()}
         self._outputs = [value.name for value in self._session.get_outputs()]
         self._behavior, self._lanes = behavior, lanes
-        self._state = np.zeros((lanes, *self.inputs.get("state", [0])), np.float32)
+        self._state, self._memory = (
+            np.zeros((lanes, *self.inputs.get(name, [0])), np.float32) for name in ("state", "memory")
+        )
         self._begins = np.ones(lanes, bool)
 
     def act(self, step: StepArrays, normal: Array, uniform: Array) -> ActArrays:
-        """Return the actions for a step and keep the state of lanes that decide or begin an episode."""
+        """Return the actions for a step; keep `state` of lanes that decide or begin, `memory` of those that decide."""
         device = self._behavior.device
         sensors = [f"sensor.{sensor.name}" for sensor in self._behavior.sensors]
         feeds = dict(zip(sensors, step.observations, strict=True))
         feeds |= {f"mask.{branch.name}": mask for branch, mask in zip(device.branches, self.masks(step), strict=True)}
-        feeds |= {"state": self._state, "normal": normal, "uniform": uniform}
+        feeds |= {"state": self._state, "memory": self._memory, "normal": normal, "uniform": uniform}
         given = {name: feeds[name] for name in self.inputs}
         result = dict(zip(self._outputs, self._session.run(None, given), strict=True))
-        if "next_state" in result:
-            seen = slice(None) if step.deciding is None else self._begins | step.deciding
-            self._state[seen] = result["next_state"][seen]
+        deciding = np.ones(self._lanes, bool) if step.deciding is None else step.deciding
+        for name, kept, lanes in (("state", self._state, self._begins | deciding), ("memory", self._memory, deciding)):
+            if f"next_{name}" in result:
+                kept[lanes] = result[f"next_{name}"][lanes]
         empty = np.zeros((self._lanes, 0))
         return ActArrays(result.get("axes", empty.astype(np.float32)), result.get("choices", empty.astype(np.int32)))
 
     def store(self, after: StepArrays) -> None:
         """Take what followed: episodes that end begin anew."""
         self._begins = after.terminated | after.truncated
-        self._state[self._begins] = 0.0
+        self._state[self._begins] = self._memory[self._begins] = 0.0
 
     def masks(self, step: StepArrays) -> list[Array]:
         """Return the masks of a step, bool [lanes, choices] per branch."""

@@ -28,7 +28,7 @@ from joybridge.policy.stratify import balanced_options
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import SPEC, play_config, run_spec
-from joybridge.run.league import load_run
+from joybridge.run.others import load_other
 from joybridge.run.run_state import load_state
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -99,7 +99,7 @@ class Play:
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.
 
-        A session over several choices of `evaluate_over` cannot be drawn. Raises SimulatorError.
+        A session over several choices of `stratify_by` cannot be drawn. Raises SimulatorError.
         """
         session, number = self.session, 0
         while True:
@@ -118,14 +118,14 @@ class Play:
 @contextmanager
 def open_play(
     run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False,
-    overrides: Sequence[str] = (), checkpoint: str = "", others: Path | None = None,
+    overrides: Sequence[str] = (), checkpoint: str = "", others: Sequence[str] = (),
 ) -> Iterator[Play]:  # fmt: skip
     """Load a checkpoint of a run and open a session at a simulator; the session is closed on leaving.
 
     checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
     game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
-    so many episodes at once, at most `arenas_limit` per choice of the option `evaluate_over`; arenas of the same choice
-    are side by side. others: a run whose policies hold all seats but one of each arena.
+    for so many episodes at once, at most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice
+    are side by side. others: who hold all seats but one of each arena, in turn, see `load_other`.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
     config = play_config(run, overrides)
@@ -143,9 +143,11 @@ def open_play(
         if others:
             if table.seats.count < 2:
                 raise ConfigError(f"--others: {spec.name} has one agent, which plays alone; leave the option out")
-            table.join(1, load_run(others, config, spec))
+            for number, other in enumerate(others, 1):
+                table.join(number, load_other(other, config, spec))
             for arena in range(arenas):
-                table.seats.begin(arena, np.arange(table.seats.count) != arena % table.seats.count)
+                holders = 1 + np.arange(table.seats.count) % len(others)
+                table.seats.begin(arena, np.roll([0, *holders[:-1]], arena))
             policies.seat(table)
         held = [table.seats.holders(behavior) == 0 for behavior in range(len(spec.behaviors))]
         policies.begin(session.steps)
@@ -156,7 +158,7 @@ def open_play(
 
 
 def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:
-    """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand_delay"."""
+    """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand.delay"."""
     defaults: dict[str, str | Value] = {f"options.{option.name}": option.default_choice for option in spec.options}
     defaults |= {f"parameters.{parameter.name}": parameter.default_value for parameter in spec.parameters}
     before, now = defaults | play_settings(trained), defaults | play_settings(played)

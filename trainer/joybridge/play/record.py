@@ -22,13 +22,13 @@ SLOWEST = 5.0  # for turn-based games
 def record(
     run: Path, address: str, output: Path, *, seconds: float, seed: int, deterministic: bool,
     say: Callable[[str], None], overrides: Sequence[str] = (), checkpoint: str = "", inputs: bool = False,
-    others: Path | None = None,
+    others: Sequence[str] = (),
 ) -> int:  # fmt: skip
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
     The picture is the simulator's, score included; images that the policy sees are beside it. overrides: "key=value"
     each, options and parameters of the game that differ from the training. checkpoint: "best", its timesteps, or "" for
-    the newest. inputs: below the picture, draw what is pressed. others: a run that holds all seats but the first.
+    the newest. inputs: below the picture, draw what is pressed. others: who hold all seats but the first.
     Raises SimulatorError, CheckpointError or ConfigError.
     """
     form = video_format(output)

@@ -1,4 +1,4 @@
-"""Tournaments: frozen policies of one or several runs hold the seats of many matches."""
+"""Tournaments: frozen policies of one or several runs, and scripts, hold the seats of many matches."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
@@ -15,6 +15,7 @@ from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.players import Players
+from joybridge.policy.scripted import Script
 from joybridge.policy.seats import Result
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
@@ -63,7 +64,7 @@ def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Act
 
 
 def play_tournament(
-    players: Mapping[str, Sequence[Actor]], config: Config, *, address: str, matches: int, seed: int,
+    players: Mapping[str, Sequence[Actor | Script]], config: Config, *, address: str, matches: int, seed: int,
     say: Callable[[str], None],
 ) -> list[Result]:  # fmt: skip
     """Play at least so many matches; in the results, holders are indices of `players`.

@@ -9,6 +9,7 @@ from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
 from joybridge.policy.player import Player
+from joybridge.policy.scripted import Script
 from joybridge.policy.seats import Seats
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -16,32 +17,40 @@ SAMPLES = 2**62  # plus the number of the table: the second word of the key of w
 
 
 class Table:
-    """Seats, and the frozen policies that hold some of them: those who have joined under a number."""
+    """Seats, and the frozen policies and scripts that hold some of them: those who have joined under a number."""
 
     def __init__(self, spec: pb.GameSpec, arenas: int, seed: int, number: int = 0) -> None:
         """Begin without players. number: of the table, among those with the same seed."""
         self.arenas, self.seats = arenas, Seats(spec, arenas)
-        self.players: dict[int, list[Player]] = {}  # by the number of a holder: a player per policy
+        self.players: dict[int, list[Player | Script]] = {}  # by the number of a holder: a player per policy
         self._lanes = [lane_count(behavior, arenas) for behavior in spec.behaviors]
         self._key, self._decisions = [seed, SAMPLES + number], 0
 
-    def join(self, holder: int, actors: Sequence[Actor]) -> None:
-        """Let the actors of all behaviors play where a holder has a seat; they see nothing before the next match."""
-        self.players[holder] = [Player(a, self._lanes[a.behavior], 0, deterministic=False) for a in actors]
+    def join(self, holder: int, parts: Sequence[Actor | Script]) -> None:
+        """Let actors or scripts of all behaviors play where a holder has a seat.
+
+        They see nothing before the next match.
+        """
+        self.players[holder] = [
+            Player(one, self._lanes[one.behavior], 0, deterministic=False) if isinstance(one, Actor) else one
+            for one in parts
+        ]
 
     def begin(self, steps: Sequence[StepArrays]) -> None:
         """Take the first steps of a session; entries are behaviors."""
         for _, player in self._seated():
-            player.begin(steps[player.actor.behavior])
+            player.begin(steps[player.behavior])
 
     def act(self, steps: Sequence[StepArrays], acts: Sequence[ActArrays]) -> None:
         """Write what the players do into their lanes of `acts`. Samples depend on the seed and the decision alone."""
+        for act in acts:
+            act.scripts = None  # those who had them may have left their seats
         for holder, player in self._seated():
-            behavior, held = player.actor.behavior, self._held(holder, player)
+            behavior, held = player.behavior, self._held(holder, player)
             if (deciding := steps[behavior].deciding) is not None:
                 held = held[deciding[held]]
             if len(held):
-                counter = [0, player.actor.seed, holder, self._decisions]
+                counter = [0, player.seed, holder, self._decisions]
                 player.rng = np.random.Generator(np.random.Philox(key=self._key, counter=counter))
                 player.act(steps[behavior], acts[behavior], held)
         self._decisions += 1
@@ -52,13 +61,13 @@ class Table:
         for holder, player in self._seated():
             held = self._held(holder, player)
             if len(held):
-                player.store(steps[player.actor.behavior], held)
+                player.store(steps[player.behavior], held)
 
-    def _held(self, holder: int, player: Player) -> Array:
+    def _held(self, holder: int, player: Player | Script) -> Array:
         """Return the numbers of the lanes that a player of a holder has now."""
-        return np.flatnonzero(self.seats.holders(player.actor.behavior) == holder)
+        return np.flatnonzero(self.seats.holders(player.behavior) == holder)
 
-    def _seated(self) -> list[tuple[int, Player]]:
+    def _seated(self) -> list[tuple[int, Player | Script]]:
         return [(holder, player) for holder, players in self.players.items() for player in players]
 
     def state(self) -> dict[str, Array]:
@@ -66,7 +75,7 @@ class Table:
         arrays = {f"seats.{name}": array for name, array in self.seats.state().items()}
         for holder, player in self._seated():
             remembered = player.state(self._held(holder, player))
-            arrays |= {f"players.{holder}.{player.actor.name}.{name}": array for name, array in remembered.items()}
+            arrays |= {f"players.{holder}.{player.name}.{name}": array for name, array in remembered.items()}
         return arrays | {"decisions": np.array(self._decisions)}
 
     def load(self, state: dict[str, Array]) -> None:
@@ -74,5 +83,5 @@ class Table:
         self.seats.load(select(state, "seats."))
         self._decisions = int(state["decisions"])
         for holder, player in self._seated():
-            remembered = select(state, f"players.{holder}.{player.actor.name}.")
+            remembered = select(state, f"players.{holder}.{player.name}.")
             player.load(remembered, self._held(holder, player))

@@ -88,7 +88,7 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
 
 def group_bounds(config: Config) -> list[int]:
     """Return the first arena of each group and, last, their number; there are no more groups than arenas."""
-    return split(config.arenas, min(config.groups, config.arenas))
+    return split(config.arenas, min(config.pipeline_groups, config.arenas))
 
 
 def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:

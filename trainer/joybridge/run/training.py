@@ -209,11 +209,11 @@ def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
 
     It is one of the rows of `policy`. Raises ConfigError.
     """
-    metric = config.best.removeprefix("-")
+    metric = config.best_metric.removeprefix("-")
     known = ["reward", "length", *policy.episodes.metrics]
     if metric not in known and not is_trainers(metric):
-        raise ConfigError(f"best: there is no metric {metric!r}; {policy.actor.name} has {', '.join(known)}")
-    return metric, -1 if config.best.startswith("-") else 1
+        raise ConfigError(f"best_metric: there is no metric {metric!r}; {policy.actor.name} has {', '.join(known)}")
+    return metric, -1 if config.best_metric.startswith("-") else 1
 
 
 def drawn_parameters(config: Config, spec: pb.GameSpec) -> dict[int, str]:

@@ -98,9 +98,10 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         help="let the policy of a run play beside you, on the same seed; its options and parameters are the defaults",
     )  # fmt: skip
     play.add_argument(
-        "--others", type=Path, metavar="RUN",
-        help="let the policies of a run hold the seats that you do not hold, in a game of several agents; its options "
-        "and parameters are the defaults; without it these seats play random decisions",
+        "--others", action="append", default=[], metavar="WHO",
+        help="who holds the seats that you do not hold, in a game of several agents: the folder of a run, whose "
+        "options and parameters are the defaults, or script:NAME, a script of the game's author; given several times, "
+        "they take seats in turn; without it these seats play random decisions",
     )  # fmt: skip
     play.add_argument(
         "--demos", type=Path, metavar="DIR",
@@ -121,19 +122,22 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
 
 def _policies(
-    against: Path | None, others: Path | None, game: str, settings: "Settings"
+    against: Path | None, others: Sequence[str], game: str, settings: "Settings"
 ) -> "tuple[Against | None, Others | None, Settings]":
     """Return what opens the rival, what loads the other seats, and the settings to begin with. Raises ConfigError."""
-    runs = {argument: run for argument, run in (("--against", against), ("--others", others)) if run}
-    if not runs:
+    given = {"--against": [str(against)] if against else [], "--others": others}
+    if not any(given.values()):
         return None, None, settings
     try:
+        from joybridge.run.others import SCRIPT
         from joybridge.viewer.rival import load_others, open_rival, run_settings
     except ModuleNotFoundError as error:
+        used = " and ".join(argument for argument, names in given.items() if names)
         raise ConfigError(
-            f"{' and '.join(runs)}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
+            f"{used}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
         ) from None
-    for argument, run in runs.items():
-        settings = run_settings(argument, run, game, settings)
+    for argument, names in given.items():
+        for run in (name for name in names if not name.startswith(SCRIPT)):
+            settings = run_settings(argument, Path(run), game, settings)
     rival = partial(open_rival, against) if against else None
-    return rival, partial(load_others, others) if others else None, settings
+    return rival, partial(load_others, others, game) if others else None, settings

@@ -1,14 +1,20 @@
-"""Policies of a run that play beside the person, in an arena of their own, or in the person's. Needs torch."""
+"""Who plays beside the person: policies of a run in an arena of their own, or others in its own. Needs torch."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
+from joybridge.config.config import make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import fixed
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import Play, Policies, open_play
+from joybridge.play.playing import Play, open_play
+from joybridge.policy.players import Players
+from joybridge.policy.table import Table
 from joybridge.run.folder import play_config
+from joybridge.run.others import SCRIPT, load_other
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.scores import Scores
@@ -41,12 +47,21 @@ def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
         yield Rival(play)
 
 
-def load_others(run: Path, spec: pb.GameSpec, settings: Settings) -> Policies:
-    """Return the policies of a run, for the seats that the person does not hold.
+def load_others(names: Sequence[str], game: str, spec: pb.GameSpec, settings: Settings) -> Players:
+    """Return who holds the seats that the person does not, in turn.
 
-    spec: of the game under these settings. Raises CheckpointError and ConfigError.
+    names: see `load_other`; the first run among them says what limits their hands. spec: of the game under these
+    settings. Raises CheckpointError and ConfigError.
     """
-    return Policies(run, play_config(run, _overrides(settings)), spec, 1, settings.seed)
+    runs = [Path(name) for name in names if not name.startswith(SCRIPT)]
+    settled = {"game": game, "options": settings.options, "parameters": settings.parameters}
+    config = play_config(runs[0], _overrides(settings)) if runs else make_config(settled)
+    players, table = Players([], config, spec, 1, settings.seed), Table(spec, 1, settings.seed)
+    for number, name in enumerate(names):
+        table.join(number, load_other(name, config, spec))
+    table.seats.begin(0, np.arange(table.seats.count) % len(names))
+    players.seat(table)
+    return players
 
 
 def run_settings(argument: str, run: Path, game: str, settings: Settings) -> Settings:

@@ -25,11 +25,11 @@ from joybridge.viewer.messages import (
 from joybridge.viewer.simulator import Simulator
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.play.playing import Policies
+    from joybridge.policy.players import Players
     from joybridge.viewer.rival import Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
-Others = Callable[[pb.GameSpec, Settings], "Policies"]
+Others = Callable[[pb.GameSpec, Settings], "Players"]
 
 LATE = 2  # decisions that are made up for, after a delay
 RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
@@ -43,7 +43,7 @@ def play(
 
     Begin under `settings`, and again with those that the page asks for. A simulator that is lost is tried again until
     it answers. timeout: seconds to wait for an answer of the simulator. against: opens the rival of each session.
-    demos: the folder in which each session is recorded. others: loads the policies that hold the other seats.
+    demos: the folder in which each session is recorded. others: loads who hold the other seats.
     """
     while True:
         try:
