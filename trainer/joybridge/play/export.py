@@ -66,7 +66,7 @@ def export(
             if actor.config.network:
                 raise ExportError(
                     f"{actor.name} has a network of its own, {actor.config.network}, which no exported file can hold; "
-                    "export a policy without `network`, or play it with joybridge.play"
+                    "play its run with `joybridge.play.agent.load`, or train without policy.network"
                 )
         about = {
             "game": play.spec.name, "options": play.config.options, "layout": play.config.layout,
