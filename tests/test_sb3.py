@@ -3,6 +3,7 @@
 import inspect
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from gymnasium.spaces import Box
@@ -37,7 +38,7 @@ def test_the_preset_sb3_is_what_ppo_does_there_by_default():
 @pytest.mark.parametrize(("entropy", "coefficient"), [("sum", 0.01), ("mean", 0.005)])
 def test_entropy_is_the_sum_over_axes_there(entropy, coefficient):
     config = load_config(find_config("classic/lunarlander_continuous"), [f"policy.entropy={entropy}"])
-    two_axes = SimpleNamespace(action_space=Box(-1.0, 1.0, (2,)))
+    two_axes: Any = SimpleNamespace(action_space=Box(-1.0, 1.0, (2,)))
     assert arguments_of(config, two_axes)["ent_coef"] == coefficient
 
 
