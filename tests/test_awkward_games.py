@@ -42,7 +42,7 @@ def awkward() -> Iterator[str]:
 
 def config(game: str, stop: int, **policy: object) -> Config:
     intervals = {"log_interval": 60, "checkpoint_interval": 36}
-    return Config.model_validate({"game": game, "arenas": 3, "stop": stop, "policy": SMALL | policy, **intervals})
+    return Config.model_validate({"game": game, "arenas": 3, "stop_at": stop, "policy": SMALL | policy, **intervals})
 
 
 @pytest.fixture(scope="module")
@@ -141,12 +141,12 @@ def test_simulators_that_play_different_games_are_refused(simulator):
 
 
 def test_what_evaluation_cannot_balance_is_refused_before_training(simulator, tmp_path):
-    chosen = config("hybrid", 60).model_copy(update={"evaluate_over": "levle"})
-    with pytest.raises(ConfigError, match="evaluate_over: hybrid has no option 'levle'"):
+    chosen = config("hybrid", 60).model_copy(update={"stratify_by": "levle"})
+    with pytest.raises(ConfigError, match="stratify_by: hybrid has no option 'levle'"):
         train(chosen, tmp_path, [simulator], resume=False, report=lambda *_: None)
 
 
 def test_an_option_without_alternatives_cannot_be_balanced():
     spec = pb.GameSpec(name="one", options=[pb.Option(name="rules", choices=["all"], default_choice="all")])
     with pytest.raises(ConfigError, match="option 'rules' of one has no choice but its default"):
-        balanced_options(config("one", 60).model_copy(update={"evaluate_over": "rules"}), spec)
+        balanced_options(config("one", 60).model_copy(update={"stratify_by": "rules"}), spec)

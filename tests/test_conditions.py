@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace, JointTable, make_acts, make_layouts
@@ -131,7 +131,7 @@ def test_an_update_moves_nothing_of_a_part_that_never_counted(layout, autograd):
             policy.store(shown())
     for policy in policies:
         before = policy.actor.state()
-        counts = policy.conditions.counts(CHOICES[:1])[0] if policy.conditions else np.ones(0, bool)
+        counts = policy.conditions[0].counts(CHOICES[:1])[0] if policy.conditions else np.ones(0, bool)
         learn(policy, 0.1)
         moved = {name: (array != before[name]) for name, array in policy.actor.state().items()}
         network, branches = policy.actor.network, len(policy.actor.branches)
@@ -176,7 +176,9 @@ def test_with_memory_the_old_policy_is_that_of_whole_sequences():
 
 
 def test_training_notes_what_all_policies_chose_before_a_hand_acts(simulator):
-    config = small("hybrid", autograd=False, game="moving").model_copy(update={"hand_delay": 3, "groups": 1})
+    config = small("hybrid", autograd=False, game="moving").model_copy(
+        update={"hand": HandConfig(delay=3), "pipeline_groups": 1}
+    )
     (group,) = groups = open_groups(config, [simulator], None, {}, {})
     with closing(group.session):
         (actor,) = make_actors(config, group.session.spec)

@@ -9,6 +9,7 @@ from joybridge.config.metrics import read_rows
 from joybridge.contract.errors import JoybridgeError
 from joybridge.play.evaluate import evaluate
 from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.held_out import OTHER_SEED
 from joybridge.run.train import train
 
 SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
@@ -36,6 +37,19 @@ def test_held_out_settings_have_columns_of_their_own_every_so_often(measured):
     assert last["held_out_length"] > last["length"]  # without drift nobody leaves
 
 
+def test_without_every_the_last_row_is_measured_and_the_most_probable_actions_are_those_of_evaluate(
+    simulator, tmp_path
+):
+    during = {"episodes": 10, "deterministic": True}
+    rows = short(simulator, tmp_path / "run", total_timesteps=500, evaluate_during=during)["player"]
+    assert [row["timesteps"] for row in rows if "held_out_reward" in row] == [448]
+    rows = short(simulator, tmp_path / "whole", evaluate_during=during)["player"]
+    found = evaluate(
+        tmp_path / "whole", simulator, episodes=10, seed=OTHER_SEED, deterministic=True, say=lambda text: None
+    )["player"]
+    assert rows[-1]["held_out_reward"] == pytest.approx(found.means["reward"], rel=1e-5)
+
+
 def test_measuring_changes_nothing_that_is_learned(measured, simulator, tmp_path):
     run, _ = measured
     short(simulator, tmp_path / "plain")
@@ -46,7 +60,7 @@ def test_measuring_changes_nothing_that_is_learned(measured, simulator, tmp_path
 def test_a_resumed_run_measures_when_one_does_that_never_stopped(measured, simulator, tmp_path):
     _, whole = measured
     during = {"every": 128, "episodes": 10, "parameters": {"drift": 0.0}}
-    short(simulator, tmp_path / "run", evaluate_during=during, stop=192)
+    short(simulator, tmp_path / "run", evaluate_during=during, stop_at=192)
     rows = short(simulator, tmp_path / "run", evaluate_during=during, resume=True)
     measured_at = [[row["timesteps"] for row in one["player"] if "held_out_reward" in row] for one in (whole, rows)]
     assert measured_at[0] == measured_at[1]

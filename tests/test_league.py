@@ -146,7 +146,7 @@ def test_a_league_resumes_to_the_same_bits(changes, simulator, tmp_path):
     assert len(whole["league/pool"]) == 3 and whole["league/matches"].max() > 1
     assert len({*whole["league/tables.0.seats.holders"].ravel().tolist()}) > 2
     for stop in (1, config.total_timesteps // 2):
-        trained(config, tmp_path / "parts", simulator, resume=stop > 1, stop=stop)
+        trained(config, tmp_path / "parts", simulator, resume=stop > 1, stop_at=stop)
     parts, _ = trained(config, tmp_path / "parts", simulator, resume=True)
     assert parts.keys() == whole.keys()
     assert [name for name in whole if not np.array_equal(parts[name], whole[name])] == []
@@ -154,7 +154,7 @@ def test_a_league_resumes_to_the_same_bits(changes, simulator, tmp_path):
 
 def test_a_league_of_two_behaviors_in_a_game_without_snapshots_goes_on(simulator, tmp_path):
     ferry = NOUGHTS.model_copy(update={"game": "ferry", "total_timesteps": 1200})
-    trained(ferry, tmp_path / "run", simulator, stop=600)
+    trained(ferry, tmp_path / "run", simulator, stop_at=600)
     arrays, manifest = trained(ferry, tmp_path / "run", simulator, resume=True)
     assert manifest.snapshots is None and manifest.timesteps >= 1200 and len(arrays["league/pool"]) == 3
     for name in ("helmsman", "lookout"):

@@ -192,11 +192,11 @@ def test_demonstrations_are_cloned_with_what_the_network_remembers_of_their_epis
 
 def test_a_run_with_memory_that_is_cut_off_and_resumed_ends_in_the_same_bits(simulator, tmp_path):
     config = remembering("gru", game="shooting_birds", frame_stack=1).model_copy(
-        update={"total_timesteps": 480, "log_interval": 160, "groups": 2}
+        update={"total_timesteps": 480, "log_interval": 160, "pipeline_groups": 2}
     )
     once, twice = tmp_path / "once", tmp_path / "twice"
     train(config, once, [simulator], resume=False, report=lambda *_: None)
-    train(config.model_copy(update={"stop": 160}), twice, [simulator], resume=False, report=lambda *_: None)
+    train(config.model_copy(update={"stop_at": 160}), twice, [simulator], resume=False, report=lambda *_: None)
     assert any(array.any() for name, array in load_state(twice).arrays.items() if name.endswith("/policy/memory"))
     train(config, twice, [simulator], resume=True, report=lambda *_: None)
     wanted, got = load_state(once).arrays, load_state(twice).arrays

@@ -9,6 +9,7 @@ import subprocess
 import numpy as np
 import pytest
 
+from joybridge.config.config import MemoryConfig
 from joybridge.play.playing import open_play
 from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player
@@ -38,11 +39,11 @@ STRANGE: tuple[object, ...] = (
 
 @pytest.fixture(scope="module")
 def policy(simulator, tmp_path_factory):
-    """Return a document with all that the format has: tables, positions, Gaussians, thresholds, scaling, masks."""
+    """Return a document with all that the format has: tables, positions, Gaussians, thresholds, scaling, memory."""
+    settings = {"scale_observations": "bounds", "memory": MemoryConfig(kind="lstm", size=5)}
     run = make_run(
-        tmp_path_factory.mktemp("run") / "run", simulator, layout="hybrid",
-        policy=SMALL.model_copy(update={"scale_observations": "bounds"}),
-    )  # fmt: skip
+        tmp_path_factory.mktemp("run") / "run", simulator, layout="hybrid", policy=SMALL.model_copy(update=settings)
+    )
     with open_play(run, simulator, seed=3, deterministic=False) as play:
         return json.loads(encode(documents(play)))
 

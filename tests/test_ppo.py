@@ -93,12 +93,27 @@ def test_threads_give_the_same_bits_on_a_machine_with_fewer_cores_and_none_of_th
         )
 
 
-@pytest.mark.parametrize("name", ["hybrid", "ordinal and others, masked"])
-@pytest.mark.parametrize("terms", [{"vf_coef": 1.3}, {"clip_vloss": False}, {"normalize_minibatch": True}])
+@pytest.mark.parametrize("name", ["hybrid", CONDITIONAL])
+@pytest.mark.parametrize(
+    "terms", [{"vf_coef": 1.3}, {"clip_vloss": False}, {"normalize_minibatch": True}, {"sum_entropy": True}]
+)
 def test_the_closed_form_gradient_is_autograds_with_the_terms_of_other_programs(name, terms):
     for threads in (1, 2):
         compare_gradients(name, 3, "tanh", threads, Coefficients(1e-3, 0.2, 0.05, **terms))
     assert not torch.equal(*(gradient_of(name, coefficients) for coefficients in (SAME, replace(SAME, **terms))))
+
+
+@pytest.mark.parametrize("autograd", [False, True])
+def test_a_sum_of_entropies_is_the_entropy_of_the_joint_distribution(autograd):
+    network, _, batch = make(*SPACES["hybrid"], rows=50)
+    outputs = network(batch.observations)
+    axes = torch.distributions.Normal(outputs.mean, torch.exp(0.5 * network.log_variance)).entropy()
+    choices = torch.distributions.Categorical(logits=outputs.logits).entropy()
+    gradient = partial(autograd_gradient, network) if autograd else ClosedFormGradient(network)
+    for entropy, expected in (("sum", axes.sum(1)), ("mean", axes.mean(1))):
+        coefficients = anneal(0.0, PolicyConfig(entropy=entropy))
+        statistics = gradient(batch, torch.arange(50), coefficients)
+        assert statistics[2] == pytest.approx(float((expected + choices.sum(1)).mean().detach()), rel=1e-5)
 
 
 def gradient_of(name, coefficients):
@@ -114,7 +129,9 @@ def test_the_loss_of_a_preset_is_that_of_stable_baselines3():
     batch.advantages = batch.advantages * 7.0 + 3.0
     config = Config(game="g", preset="sb3").policy
     coefficients = anneal(0.5, config)
-    assert coefficients == Coefficients(3e-4, 0.2, 0.0, 0.5, clip_vloss=False, normalize_minibatch=True)
+    assert coefficients == Coefficients(
+        3e-4, 0.2, 0.0, 0.5, clip_vloss=False, normalize_minibatch=True, sum_entropy=True
+    )
     outputs = network(batch.observations)
     advantages = (batch.advantages - batch.advantages.mean()) / (batch.advantages.std() + 1e-8)
     ratio = torch.exp(joint_log_probs(outputs, network.log_variance, batch)[0] - batch.log_probs)

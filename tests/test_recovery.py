@@ -21,7 +21,7 @@ from joybridge.run.train import train
 LANES, ROLLOUT, ROLLOUTS = 4, 16, 6
 CONFIG = Config(
     game="shooting_birds", layout="bucket-3", arenas=LANES, total_timesteps=LANES * ROLLOUT * ROLLOUTS,
-    log_interval=LANES, restarts=5,
+    log_interval=LANES, max_restarts=5,
     policy=PolicyConfig(rollout_steps=ROLLOUT, time_horizon=ROLLOUT, minibatch_size=32, hidden_sizes=[8]),
 )  # fmt: skip
 TIMING = {"seconds", "timesteps_per_second", "simulate", "wire", "act", "learn"}
@@ -94,7 +94,7 @@ def test_a_run_whose_simulator_is_killed_at_any_moment_ends_like_one_that_is_lef
 
 def test_a_run_that_has_used_up_its_restarts_saves_and_ends(mortal, tmp_path):
     report = killing(mortal, signal.SIGKILL, [LANES * (ROLLOUT + 1), LANES * (ROLLOUT * 2 + 1)])
-    config = CONFIG.model_copy(update={"restarts": 1})
+    config = CONFIG.model_copy(update={"max_restarts": 1})
     with pytest.raises(SimulatorLost):
         train(config, tmp_path, mortal.start(), resume=False, report=report, revive=mortal.start)
     assert mortal.starts == 2

@@ -70,7 +70,7 @@ def run_of(rollouts: int, **policy) -> Config:
     small = {"rollout_steps": ROLLOUT, "time_horizon": ROLLOUT, "minibatch_size": 32, "hidden_sizes": [8]}
     return Config(
         game="shooting_birds", layout="bucket-3", arenas=LANES, total_timesteps=LANES * ROLLOUT * 4, log_interval=64,
-        stop=LANES * ROLLOUT * rollouts, policy=PolicyConfig.model_validate(small | policy),
+        stop_at=LANES * ROLLOUT * rollouts, policy=PolicyConfig.model_validate(small | policy),
     )  # fmt: skip
 
 

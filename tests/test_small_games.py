@@ -344,5 +344,5 @@ def test_each_is_learned_as_configured(game, metric, timesteps, untrained, train
         (means,) = (score.means for score in scores.values())
         return means[metric]
 
-    assert score("untrained", "stop=1", "policy.learning_rate=1e-9") < untrained
-    assert score("trained", f"stop={timesteps}") > trained
+    assert score("untrained", "stop_at=1", "policy.learning_rate=1e-9") < untrained
+    assert score("trained", f"stop_at={timesteps}") > trained

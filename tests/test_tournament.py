@@ -33,7 +33,13 @@ pytestmark = pytest.mark.usefixtures("signals")
 
 SMALL = PolicyConfig(frame_stack=2, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=64)
 NOUGHTS = Config(
-    game="noughts", arenas=4, total_timesteps=512, log_interval=512, checkpoint_interval=128, keep=9, policy=SMALL
+    game="noughts",
+    arenas=4,
+    total_timesteps=512,
+    log_interval=512,
+    checkpoint_interval=128,
+    keep_checkpoints=9,
+    policy=SMALL,
 )
 
 

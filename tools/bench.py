@@ -37,6 +37,7 @@ from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
 from joybridge.config.config import load_config
 from joybridge.contract.codec import ActArrays
+from joybridge.contract.memory import keep_memory
 from joybridge.contract.spec import choose_options
 from joybridge.games.pointer_game import PointerGame
 from joybridge.gym import BridgeEnv
@@ -244,6 +245,7 @@ def _two_sessions(name: str, first: str, second: str, how: str) -> Figures:
 def bench_learner() -> Figures:
     """Sample passes per second of an update of Shooting Birds bucket-11, batch 256, and of its matrix products."""
     use_one_thread()
+    keep_memory()
     rows, minibatch, inputs, hidden = 4425, 256, 132, 100
     figures: Figures = {}
     layout = make_layouts("bucket-11", _device())[""]
@@ -348,7 +350,7 @@ def bench_train(timesteps: int = 1_500_000) -> Figures:
     for experiment in ("shooting_birds/bucket-11", "beastly_rivals/bucket-3"):
         rates: list[float] = []
         shares: list[dict[str, float]] = []
-        config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop={timesteps}", "log_interval=150000"])
+        config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop_at={timesteps}", "log_interval=150000"])
         with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
 
             def report(
@@ -407,7 +409,7 @@ def bench_start(timesteps: int = 1_500_000) -> Figures:
     figures["first update of a run, s"] = {
         "median": statistics.median(updates), "low": min(updates), "high": max(updates)
     }  # fmt: skip
-    config = load_config(experiment, [f"stop={timesteps}", "log_interval=150000"])
+    config = load_config(experiment, [f"stop_at={timesteps}", "log_interval=150000"])
     with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
         simulator, *_ = children()
         held: dict[str, list[float]] = {"trainer": [], "simulator": []}

@@ -147,7 +147,7 @@ def by_sessions(game: str, sessions: int, arenas: int = 16) -> Figures:
 
 def training(experiment: str, simulators: int, timesteps: int) -> Figures:
     """Train with so many simulators, and return what a timestep costs and what memory is used over time."""
-    config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop={timesteps}", f"log_interval={timesteps // 12}"])
+    config = load_config(CONFIGS / f"{experiment}.yaml", [f"stop_at={timesteps}", f"log_interval={timesteps // 12}"])
     rows: list[Row] = []
     memory: list[Figures] = []
     used: list[float] = []

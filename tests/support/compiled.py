@@ -10,7 +10,7 @@ from joybridge.run.train import train
 
 # The compiled games; one kind of actions, and both. The third has networks of one layer, which many tests train.
 CONFIGS = ("shooting_birds/bucket-3", "beastly_rivals/hybrid", "ferry/hybrid")
-SMALL = ("arenas=4", "policy.rollout_steps=8", "policy.time_horizon=8", "policy.minibatch_size=16", "stop=32")
+SMALL = ("arenas=4", "policy.rollout_steps=8", "policy.time_horizon=8", "policy.minibatch_size=16", "stop_at=32")
 
 
 def main() -> None:

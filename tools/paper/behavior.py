@@ -163,7 +163,7 @@ def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, 
 def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, int]:
     """Play one time limit in enough arenas. Return the trace and the timesteps of the policy's training.
 
-    With `evaluate_over` in the configuration, the choices of that option are the groups of the trace. Raises the same
+    With `stratify_by` in the configuration, the choices of that option are the groups of the trace. Raises the same
     errors as `measure`.
     """
     with open_play(run, address, seed=seed, episodes=episodes, arenas_limit=episodes) as played:

@@ -12,7 +12,7 @@ HALF_RANGE = 1.0986  # log 3: a deviation of half the range of an axis, which is
 _OTHERS: dict[str, Any] = {
     "frame_stack": 1, "hidden_sizes": [64, 64], "activation": "tanh", "shared_body": False, "ortho_init": True,
     "log_std_init": HALF_RANGE, "scale_observations": "none", "scale_rewards": False, "adam_eps": 1e-5,
-    "normalize_advantage": "minibatch", "clip_range": 0.2, "clip_range_schedule": "constant",
+    "normalize_advantage": "minibatch", "clip_range": 0.2, "clip_range_schedule": "constant", "entropy": "sum",
     "entropy_coef_schedule": "constant", "max_grad_norm": 0.5, "target_kl": None, "gamma": 0.99, "gae_lambda": 0.95,
 }  # fmt: skip
 
@@ -40,10 +40,10 @@ PRESETS: dict[str, dict[str, Any]] = {
             "frame_stack": 3, "hidden_sizes": [100, 100], "activation": "swish", "shared_body": None,
             "ortho_init": False, "log_std_init": 0.0, "scale_observations": "none", "scale_rewards": False,
             "adam_eps": 1e-8, "normalize_advantage": "rollout", "clip_range": 0.2, "clip_range_schedule": "linear",
-            "entropy_coef_schedule": "linear", "max_grad_norm": None, "target_kl": None, "gamma": 0.99,
-            "gae_lambda": 0.95, "rollout_steps": 59, "time_horizon": 59, "minibatch_size": 256, "epochs": 4,
-            "learning_rate": 3.25e-4, "learning_rate_schedule": "linear", "entropy_coef": 0.05, "vf_coef": 0.5,
-            "clip_vloss": True,
+            "entropy": "mean", "entropy_coef_schedule": "linear", "max_grad_norm": None, "target_kl": None,
+            "gamma": 0.99, "gae_lambda": 0.95, "rollout_steps": 59, "time_horizon": 59, "minibatch_size": 256,
+            "epochs": 4, "learning_rate": 3.25e-4, "learning_rate_schedule": "linear", "entropy_coef": 0.05,
+            "vf_coef": 0.5, "clip_vloss": True,
         },
     },
 }  # fmt: skip

@@ -25,7 +25,7 @@ class Evaluation:
     means: Row
     half_widths: Row
     returns: list[float]  # of every episode, lane by lane
-    by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
+    by_choice: dict[str, float]  # mean reward under each choice of the option `stratify_by`
     changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
     behavior: str  # which the policy plays, or a part of
     inputs: Inputs | None  # what the agents of this behavior did with their devices; None: not measured
@@ -34,21 +34,22 @@ class Evaluation:
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
     overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
-    others: Sequence[str] = (),
+    others: Sequence[str] = (), only_game: str = "",
 ) -> dict[str, Evaluation]:  # fmt: skip
     """Play so many episodes of a run's policies; return an Evaluation per policy.
 
     overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
     its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
     with their devices. others: who hold all seats but one of each arena, see `load_other`; only this one counts.
+    only_game: which of several games is played.
 
-    Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
+    Where the configuration names an option in `stratify_by`, every choice of it but the default is played equally
     often. How many episodes of an arena count is fixed beforehand, so short ones count no more often than long ones.
     Each agent of an arena has its own episodes. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
     """
     with open_play(
         run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint, others=others,
+        checkpoint=checkpoint, others=others, only_game=only_game,
     ) as play:  # fmt: skip
         actions = (
             "the most probable actions" if deterministic else "sampled actions (--deterministic: the most probable)"
@@ -61,7 +62,7 @@ def evaluate(
                 shown, arenas = session.record_demonstration(demos), slice(arena, arena := arena + session.arenas)
                 if others:
                     shown.hold([np.flatnonzero(_of_arenas(held, play.arenas, arenas)).tolist() for held in play.held])
-        balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
+        balanced = f", as many for each {play.config.stratify_by}" if len(play.choices) > 1 else ""
         say(f"{episodes} episodes in {play.arenas} arenas{balanced}")
         spec, behaviors = play.spec, {player.actor.behavior: player.lanes for player in play.players}
         seconds = spec.tick_seconds * spec.decision_interval

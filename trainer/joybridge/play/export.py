@@ -46,18 +46,19 @@ class Comparison:
 
 def export(
     run: Path, address: str, output: Path, *, behavior: str, seed: int, deterministic: bool,
-    overrides: Sequence[str] = (), checkpoint: str = "",
+    overrides: Sequence[str] = (), checkpoint: str = "", only_game: str = "",
 ) -> str:  # fmt: skip
     """Write the policies that play one behavior of a run into one file; return what was written, in words.
 
     output: its suffix is .onnx or .json. behavior: its name; "" if the game has one. Before it is written, the
     content plays beside the trainer at the simulator at `address`. overrides: "key=value" each, options and parameters
-    of the game that differ from the training. checkpoint: "best", its timesteps, or "" for the newest. Raises
-    SimulatorError, CheckpointError, ConfigError, StorageError and ExportError; then nothing is written.
+    of the game that differ from the training. checkpoint: "best", its timesteps, or "" for the newest. only_game: which
+    of several games is played; the file has the common sensors and the common device. Raises SimulatorError,
+    CheckpointError, ConfigError, StorageError and ExportError; then nothing is written.
     """
     with open_play(
         run, address, seed=seed, episodes=ARENAS, arenas_limit=ARENAS, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint,
+        checkpoint=checkpoint, only_game=only_game,
     ) as play:  # fmt: skip
         index = find_behavior(play.spec, behavior, "--behavior")
         actors = [player.actor for player in play.players if player.actor.behavior == index]
@@ -65,7 +66,7 @@ def export(
             if actor.config.network:
                 raise ExportError(
                     f"{actor.name} has a network of its own, {actor.config.network}, which no exported file can hold; "
-                    "export a policy without `network`, or play it with joybridge.play"
+                    "play its run with `joybridge.play.agent.load`, or train without policy.network"
                 )
         about = {
             "game": play.spec.name, "options": play.config.options, "layout": play.config.layout,

@@ -20,11 +20,12 @@ from joybridge.layouts.layout import GAUSSIAN, SQUASHED
 from joybridge.policy.actor import Actor
 from joybridge.policy.scaling import LIMIT, Scaling
 from joybridge.ppo.convolutions import Activate, ImageEncoder, Residual
+from joybridge.ppo.memory import Memory
 from joybridge.v1 import bridge_pb2 as pb
 
 Document = dict[str, Any]
 
-FORMAT = "joybridge.policy.v4"
+FORMAT = "joybridge.policy.v5"
 
 
 def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
@@ -80,11 +81,6 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: layouts with a map point with convolutions, which cannot be exported; train it with "
             "another layout, such as bucket-11, or play it with the trainer"
         )
-    if actor.network.state_size:
-        raise ExportError(
-            f"{actor.name}: networks with memory cannot be exported; train it with policy.memory.kind=none, or play it "
-            "with the trainer"
-        )
     branches, padded = len(space.branches), len(space.branches) * space.widest
     choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
     rows = [*choices, *range(padded, padded + space.continuous)]
@@ -103,6 +99,7 @@ def _policy(actor: Actor) -> Document:
         "frame_stack": actor.config.frame_stack,
         "activation": actor.config.activation,
         **({} if actor.scaling is None else {"scaling": _scaling(actor.scaling)}),
+        **({} if actor.network.actor.memory is None else {"memory": _memory(actor.network.actor.memory)}),
         "layers": [*hidden, {"weight": head[rows], "bias": bias}],
         "deviations": np.exp(0.5 * state["log_variance"].astype(float)).astype(np.float32),
         "discrete": [_table(table) for table in layout.discrete],
@@ -156,6 +153,16 @@ def _convolution(weight: Tensor, bias: Tensor | None, stride: int, padding: int)
         "kind": "convolution", "size": list(weight.shape[2:]), "stride": stride, "padding": padding,
         "weight": weight.numpy(force=True), "bias": bias.numpy(force=True),
     }  # fmt: skip
+
+
+def _memory(memory: Memory) -> Document:
+    """Return the recurrent layer in front of the last dense layer; the rows of its gates in PyTorch's order."""
+    arrays = {name: weight.numpy(force=True) for name, weight in memory.layer.named_parameters()}
+    return {
+        "kind": memory.kind,
+        "input": {"weight": arrays["weight_ih_l0"], "bias": arrays["bias_ih_l0"]},
+        "state": {"weight": arrays["weight_hh_l0"], "bias": arrays["bias_hh_l0"]},
+    }
 
 
 def _scaling(scaling: Scaling) -> Document:

@@ -38,33 +38,35 @@ class Model:
         self.about: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
         self._outputs = [value.name for value in self._session.get_outputs()]
         self._behavior = behavior
-        self.state = np.zeros((lanes, *self.inputs.get("state", [0])), np.float32)
-        self._begins = np.ones(lanes, bool)
+        self.kept = {name: np.zeros((lanes, *self.inputs.get(name, [0])), np.float32) for name in ("state", "memory")}
+        self.begins = np.ones(lanes, bool)
 
     def act(self, step: StepArrays, normal: Array, uniform: Array, held: Array | None = None) -> ActArrays:
-        """Return the actions for a step and keep the state of lanes that decide or begin an episode.
+        """Return the actions for a step; keep `state` of lanes that decide or begin, `memory` of those that decide.
 
         held: the lanes of the step, by their numbers; None: all.
         """
-        device, lanes = self._behavior.device, np.arange(len(self.state)) if held is None else held
+        device, lanes = self._behavior.device, np.arange(len(self.begins)) if held is None else held
         sensors = [f"sensor.{sensor.name}" for sensor in self._behavior.sensors]
         feeds = dict(zip(sensors, step.observations, strict=True))
         masks = masks_of(step, self._behavior)
         feeds |= {f"mask.{branch.name}": mask for branch, mask in zip(device.branches, masks, strict=True)}
-        feeds |= {"state": self.state[lanes], "normal": normal, "uniform": uniform}
+        feeds |= {name: values[lanes] for name, values in self.kept.items()} | {"normal": normal, "uniform": uniform}
         given = {name: feeds[name] for name in self.inputs}
         result = dict(zip(self._outputs, self._session.run(None, given), strict=True))
-        if "next_state" in result:
-            seen = np.ones(len(lanes), bool) if step.deciding is None else self._begins[lanes] | step.deciding
-            self.state[lanes[seen]] = result["next_state"][seen]
+        deciding = np.ones(len(lanes), bool) if step.deciding is None else step.deciding
+        for name, rows in (("state", self.begins[lanes] | deciding), ("memory", deciding)):
+            if f"next_{name}" in result:
+                self.kept[name][lanes[rows]] = result[f"next_{name}"][rows]
         empty = np.zeros((len(lanes), 0))
         return ActArrays(result.get("axes", empty.astype(np.float32)), result.get("choices", empty.astype(np.int32)))
 
     def store(self, after: StepArrays, held: Array | None = None) -> None:
         """Take what followed in some lanes, or in all: episodes that end begin anew."""
-        lanes = np.arange(len(self.state)) if held is None else held
-        self._begins[lanes] = after.terminated | after.truncated
-        self.state[self._begins] = 0.0
+        lanes = np.arange(len(self.begins)) if held is None else held
+        self.begins[lanes] = after.terminated | after.truncated
+        for values in self.kept.values():
+            values[self.begins] = 0.0
 
 
 def masks_of(step: StepArrays, behavior: pb.Behavior) -> list[Array]:
@@ -133,7 +135,7 @@ class ExportedPlayer:
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of a session."""
-        self._see_first(step, np.arange(len(self._model.state)))
+        self._see_first(step, np.arange(len(step.rewards)))
 
     def act(self, step: StepArrays, act: ActArrays, held: Array) -> None:
         """Write actions into some lanes, by their numbers. Raises ConfigError if the file acts as no agent may."""
@@ -178,11 +180,14 @@ class ExportedPlayer:
 
     def state(self, held: Array) -> dict[str, Array]:
         """Return copies of what it remembers of some lanes, for a checkpoint."""
-        return {"state": self._model.state[held].copy()}
+        kept = {name: values[held].copy() for name, values in self._model.kept.items()}
+        return {**kept, "begins": self._model.begins[held].copy()}
 
     def load(self, state: dict[str, Array], held: Array) -> None:
         """Take back what `state` returned."""
-        self._model.state[held] = state["state"]
+        for name, values in self._model.kept.items():
+            values[held] = state[name]
+        self._model.begins[held] = state["begins"]
 
 
 def load_exported(path: Path, spec: pb.GameSpec) -> Exported:

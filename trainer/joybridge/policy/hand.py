@@ -1,15 +1,14 @@
 """What a person's hand does to actions on their way from a policy to the device: it is late, slow and not exact.
 
-The limits are keys of the configuration, see `HandLimits`. They belong to the world in which a policy plays: what a
+The limits are keys of the configuration, see `HandConfig`. They belong to the world in which a policy plays: what a
 policy has chosen is what it learns from, what its hand makes of that is what the game gets.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from joybridge.config.config import Config
+from joybridge.config.config import Config, HandConfig
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
@@ -18,21 +17,11 @@ from joybridge.v1 import bridge_pb2 as pb
 HANDS = 2**63  # plus the index of the behavior: the second word of the key of its noise
 
 
-class HandLimits(NamedTuple):
-    """What a hand can do. The defaults change nothing."""
-
-    delay: int = 0  # decisions between an observation and the action that answers it
-    hold: int = 1  # least decisions between two changes of a branch's choice
-    reach: float = 1.0  # the farthest an axis goes, as a share of the way from rest to its end
-    change: float = 1.0  # the most that an axis changes in a decision, as a share of its range
-    noise: float = 0.0  # standard deviation of an axis, as a share of its distance from rest
-
-
 class Hand:
     """The hands of all agents of one behavior in one group of arenas."""
 
     def __init__(
-        self, limits: HandLimits, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int
+        self, limits: HandConfig, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int
     ) -> None:
         """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped."""
         self.limits, self._rest, self._key, self._first_lane = limits, rest, noise_key, first_lane
@@ -111,15 +100,9 @@ def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: in
 
     seed: of the noise.
     """
-    limits = hand_limits(config)
-    if limits == HandLimits():
+    if config.hand == HandConfig():
         return []
     return [
-        Hand(limits, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first))
+        Hand(config.hand, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first))
         for index, (behavior, rest) in enumerate(zip(spec.behaviors, make_acts(spec, end - first), strict=True))
     ]
-
-
-def hand_limits(config: Config) -> HandLimits:
-    """Return the limits that a configuration sets."""
-    return HandLimits(config.hand_delay, config.hand_hold, config.hand_reach, config.hand_change, config.hand_noise)

@@ -33,11 +33,14 @@ def branch_entropies(log_p: Tensor, counts: Tensor | None = None) -> Tensor:
     return entropies if counts is None else entropies.where(counts, 0.0)
 
 
-def mean_entropy(entropies: Tensor, counts: Tensor | None) -> Tensor:
-    """Return the mean over rows of the mean entropy of the continuous actions that count in each, 0 if none does.
+def entropy_of_all(entropies: Tensor, counts: Tensor | None, *, summed: bool) -> Tensor:
+    """Return the mean over rows of the entropy of the continuous actions that count in each, 0 if none does.
 
-    entropies [n or 1, continuous]; counts bool [n, continuous], None: all do.
+    entropies [n or 1, continuous]; counts bool [n, continuous], None: all do. summed: of a row, it is the sum over
+    actions, as their joint distribution has it; otherwise the mean over them, as in the original.
     """
+    if summed:
+        return (entropies if counts is None else entropies * counts).sum(1).mean()
     if counts is None:
         return entropies.mean()
     return (entropies * counts / counts.sum(1, keepdim=True).clamp(min=1)).sum(1).mean()
@@ -54,17 +57,16 @@ def fill_masks(allowed: Sequence[Array] | None, masks: Array) -> None:
 
 
 def gaussian_log_probs(
-    mean: Tensor, log_variance: Tensor, continuous: Tensor, counts: Tensor | None = None
+    mean: Tensor, log_variance: Tensor, continuous: Tensor, counts: Tensor | None = None, *, summed: bool = False
 ) -> tuple[Tensor, Tensor]:
     """Return the log-probability of the samples, summed over dimensions, [lanes], and the entropy, a number.
 
-    mean and continuous [lanes, dimensions], log_variance [dimensions]. counts: see `mean_entropy`; the others have
-    log-probability and entropy 0. As in the original, the entropy is the mean over dimensions, not the sum, and
-    does not depend on the state.
+    mean and continuous [lanes, dimensions], log_variance [dimensions]. counts and summed: see `entropy_of_all`; parts
+    that do not count have log-probability and entropy 0. The entropy does not depend on the state.
     """
     squares = (continuous - mean).square() * torch.exp(-log_variance)
     log_probs = squares + log_variance + math.log(2 * math.pi)
     if counts is not None:
         log_probs = log_probs.where(counts, 0.0)
     entropies = math.log(2 * math.pi * math.e) + log_variance
-    return -0.5 * log_probs.sum(-1), 0.5 * mean_entropy(entropies[None], counts)
+    return -0.5 * log_probs.sum(-1), 0.5 * entropy_of_all(entropies[None], counts, summed=summed)

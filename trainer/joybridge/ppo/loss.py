@@ -16,8 +16,8 @@ from joybridge.ppo.continuous import Distribution, entropies_of_each, log_probs_
 from joybridge.ppo.distributions import (
     branch_entropies,
     chosen_log_probs,
+    entropy_of_all,
     gaussian_log_probs,
-    mean_entropy,
 )
 from joybridge.ppo.memory import Sequences
 from joybridge.ppo.networks import Network, Outputs
@@ -95,11 +95,14 @@ def joint_log_probs(
     log_variance: Tensor,
     batch: Actions,
     distributions: Sequence[Distribution] = (),
+    *,
+    sum_entropy: bool = False,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the joint log-probability of the actions [n], their mean entropy, and the entropies of the parts.
+    """Return the joint log-probability of the actions [n], their entropy, and the entropies of the parts.
 
-    Those are one per branch, and one per continuous action if these have other distributions than Gaussians. A part
-    that does not count in a row adds nothing to its log-probability and entropy.
+    sum_entropy: see `Coefficients`. The entropies of the parts are one per branch, and one per continuous action if
+    these have other distributions than Gaussians. A part that does not count in a row adds nothing to its
+    log-probability and entropy.
     """
     branches = batch.discrete.shape[1]
     chosen, counts = (None, None) if batch.counts is None else (batch.counts[:, :branches], batch.counts[:, branches:])
@@ -115,10 +118,12 @@ def joint_log_probs(
     if distributions:
         log_probs = log_probs + log_probs_of_each(distributions, outputs.mean, log_variance, batch.continuous, counts)
         parts = entropies_of_each(distributions, outputs.mean, log_variance)
-        entropy = entropy + mean_entropy(parts.t(), counts)  # over the actions, as that of Gaussians
+        entropy = entropy + entropy_of_all(parts.t(), counts, summed=sum_entropy)
         entropies = torch.cat([entropies.to(parts), parts.mean(1)])
     elif batch.continuous.shape[1]:
-        gaussian, gaussian_entropy = gaussian_log_probs(outputs.mean, log_variance, batch.continuous, counts)
+        gaussian, gaussian_entropy = gaussian_log_probs(
+            outputs.mean, log_variance, batch.continuous, counts, summed=sum_entropy
+        )
         log_probs = log_probs + gaussian
         entropy = entropy + gaussian_entropy
     return log_probs, entropy, entropies
@@ -154,7 +159,9 @@ def ppo_loss(
         mean, deviation = advantage_moments(advantages)
         advantages = (advantages - mean) / deviation
     outputs = network(batch.observations)
-    log_probs, entropy, entropies = joint_log_probs(outputs, network.log_variance, batch, network.distributions)
+    log_probs, entropy, entropies = joint_log_probs(
+        outputs, network.log_variance, batch, network.distributions, sum_entropy=coefficients.sum_entropy
+    )
     log_ratio = log_probs - batch.log_probs
     ratio = torch.exp(log_ratio)
     surrogate = torch.min(ratio * advantages, ratio.clamp(1 - clip, 1 + clip) * advantages)

@@ -15,6 +15,7 @@ class Coefficients:
     vf_coef: float = 0.5
     clip_vloss: bool = True
     normalize_minibatch: bool = False  # the advantages of each minibatch, by its own mean and deviation
+    sum_entropy: bool = False  # over the continuous actions, as always over branches; otherwise their mean
 
 
 def anneal(progress: float, config: PolicyConfig) -> Coefficients:
@@ -31,5 +32,5 @@ def anneal(progress: float, config: PolicyConfig) -> Coefficients:
         line(config.learning_rate_schedule, config.learning_rate, 1e-10),
         line(config.clip_range_schedule, config.clip_range, 0.1),
         line(config.entropy_coef_schedule, config.entropy_coef, 1e-5),
-        config.vf_coef, config.clip_vloss, config.normalize_advantage == "minibatch",
+        config.vf_coef, config.clip_vloss, config.normalize_advantage == "minibatch", config.entropy == "sum",
     )  # fmt: skip

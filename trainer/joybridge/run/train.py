@@ -13,6 +13,7 @@ from pathlib import Path
 from joybridge.config.config import Config
 from joybridge.config.errors import DivergedError
 from joybridge.config.metrics import Row
+from joybridge.contract.memory import keep_memory
 from joybridge.policy.policy import Policy
 from joybridge.ppo.gae import gae
 from joybridge.ppo.schedule import anneal
@@ -41,11 +42,12 @@ def train(
     between two rollouts is saved on any exception.
     """
     use_one_thread()
+    keep_memory()
     check_run(config, run, resume=resume)
     state = load_state(run) if has_checkpoint(run) else RunState()
     saver = Saver(run, config, state)
     proceed = partial(play_and_learn, config, run, Audience(report, say), record_faults)
-    states = recovering(proceed, state, addresses, revive, config.restarts)
+    states = recovering(proceed, state, addresses, revive, config.max_restarts)
     try:
         with closing(states):
             for state in states:

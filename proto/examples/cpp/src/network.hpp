@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "convolutions.hpp"
 #include "json.hpp"
+#include "recurrent.hpp"
 
 namespace joybridge {
 
@@ -30,22 +30,34 @@ class Network {
       require(images.back().size() && sizes.at(images.back().sensor) == images.back().size());
     }
     require(frames && frames <= MAX_NUMBERS && remembers() <= MAX_NUMBERS && scale.size() == shift.size());
-    for (const Json& layer : json["layers"].items) {
-      weights.push_back(layer["weight"].floats());
-      biases.push_back(layer["bias"].floats());
-    }
+    for (const Json& layer : json["layers"].items) layers.emplace_back(layer);
   }
 
-  /// Returns how many numbers it remembers: of frames, then of the pictures of each image.
+  /// Returns how many numbers it remembers: of frames, of the pictures of each image, and of its memory.
   std::size_t remembers() const {
     std::size_t numbers = 0;
     for (const Json& name : json["sensors"].items) numbers += sizes.at(name.text);
     for (const ImageEncoder& image : images) numbers += image.size();
-    return numbers * (frames - 1);
+    return numbers * (frames - 1) + memory.numbers();
   }
 
-  /// Returns the outputs of the last layer. `older` is what it remembers, which is brought up to date.
-  std::vector<float> decide(const Sensors& sensors, std::vector<float>& older) const {
+  /// Returns the outputs of the last layer. `state` is what it remembers, which is brought up to date.
+  std::vector<float> decide(const Sensors& sensors, std::vector<float>& state) const {
+    std::vector<float> values = see(sensors, state);
+    for (std::size_t layer = 0; layer < layers.size(); ++layer) {
+      for (float& value : values) value = layer ? activate(value) : value;
+      if (memory.there() && layer + 1 == layers.size()) {
+        std::vector<float> remembered(state.end() - memory.numbers(), state.end());
+        values = memory.remember(values, remembered);
+        std::copy(remembered.begin(), remembered.end(), state.end() - memory.numbers());
+      }
+      values = layers[layer].sums(values);
+    }
+    return values;
+  }
+
+  /// Returns what the layers get. Brings all of `older` up to date but its memory.
+  std::vector<float> see(const Sensors& sensors, std::vector<float>& older) const {
     if (older.size() != remembers()) throw std::invalid_argument("the policy needs a state of another size");
     std::vector<float> frame, kept;
     for (const Json& name : json["sensors"].items) append(frame, find(sensors, name.text));
@@ -57,17 +69,7 @@ class Network {
     for (const ImageEncoder& image : images) {
       append(values, image.features(stack(find(sensors, image.sensor), older, kept), activate));
     }
-    older = kept;
-    for (std::size_t layer = 0; layer < biases.size(); ++layer) {
-      for (float& value : values) value = layer ? activate(value) : value;
-      std::vector<float> sums = biases[layer];
-      require(weights[layer].size() == sums.size() * values.size());
-      for (std::size_t row = 0; row < sums.size(); ++row) {
-        const auto weight = weights[layer].begin() + row * values.size();
-        sums[row] = float(std::inner_product(values.begin(), values.end(), weight, double(sums[row])));
-      }
-      values = sums;
-    }
+    std::copy(kept.begin(), kept.end(), older.begin());
     return values;
   }
 
@@ -107,7 +109,8 @@ class Network {
 
   std::map<std::string, std::size_t> sizes;  // numbers of each sensor
   std::vector<ImageEncoder> images;
-  std::vector<std::vector<float>> weights, biases;  // of the layers
+  std::vector<Dense> layers;
+  Memory memory = Memory(json["memory"]);
   std::vector<float> shift = json["scaling"]["shift"].floats(), scale = json["scaling"]["scale"].floats();
   std::size_t frames = json["frame_stack"].place();
   Activation activate = activation(json["activation"].text);

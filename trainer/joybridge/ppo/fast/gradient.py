@@ -58,7 +58,7 @@ class ClosedFormGradient:
         mean, deviation = advantage_moments(batch.advantages[rows]) if coefficients.normalize_minibatch else (0.0, 1.0)
         terms = Terms(
             len(rows), coefficients.clip_range, coefficients.entropy_coef, coefficients.vf_coef,
-            coefficients.clip_vloss, float(mean), 1.0 / float(deviation),
+            coefficients.clip_vloss, float(mean), 1.0 / float(deviation), coefficients.sum_entropy,
         )  # fmt: skip
         if self.threads == 1:
             return part_gradient(*given, terms, self.workspaces[0, :size])

@@ -89,6 +89,7 @@ class Terms(NamedTuple):
     clip_vloss: bool
     mean: float  # of the advantages, which is taken from them
     scale: float  # that they are multiplied with then
+    sum_entropy: bool
 
 
 class Gradient(NamedTuple):
@@ -161,16 +162,19 @@ def part_counts(counts: Array, row: int, part: int) -> bool:
 
 
 @compiled
-def shares_of_entropy(counts: Array, rows: int, dimensions: int) -> Array:
-    """Return the sum over rows of the share of each continuous action in the mean entropy of those that count."""
+def shares_of_entropy(counts: Array, rows: int, dimensions: int, summed: bool) -> Array:
+    """Return the sum over rows of the share of each continuous action in the entropy of those that count.
+
+    summed: it is their sum, so each of these has a share of 1; otherwise it is their mean.
+    """
     shares = np.zeros(dimensions)
     if not len(counts):
-        shares[:] = rows / max(dimensions, 1)
+        shares[:] = rows if summed else rows / max(dimensions, 1)
         return shares
     for own in counts[:, counts.shape[1] - dimensions :]:
         for k in range(dimensions):
             if own[k]:
-                shares[k] += 1.0 / own.sum()
+                shares[k] += 1.0 if summed else 1.0 / own.sum()
     return shares
 
 
@@ -287,8 +291,8 @@ def loss_gradient(outputs: Array, values: Array, head: Head, rows: Rows, terms: 
         gradient.values[i] = 2.0 * terms.vf_coef * error / n if free else 0.0
 
     entropy /= n
-    shares = shares_of_entropy(rows.counts, len(outputs), dimensions)
-    for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row; the mean over them counts
+    shares = shares_of_entropy(rows.counts, len(outputs), dimensions, terms.sum_entropy)
+    for k in range(dimensions):  # the entropy of a Gaussian does not depend on the row
         share = shares[k] / n
         entropy += share * 0.5 * (LOG_2_PI + 1.0 + log_variance[k])
         gradient.log_variance[k] -= share * 0.5 * entropy_coef
