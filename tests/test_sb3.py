@@ -38,7 +38,7 @@ def test_the_preset_sb3_is_what_ppo_does_there_by_default():
 def test_entropy_is_the_sum_over_axes_there(entropy, coefficient):
     config = load_config(find_config("classic/lunarlander_continuous"), [f"policy.entropy={entropy}"])
     two_axes = SimpleNamespace(action_space=Box(-1.0, 1.0, (2,)))
-    assert arguments_of(config, two_axes)["ent_coef"] == coefficient
+    assert arguments_of(config, two_axes)["ent_coef"] == coefficient  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("keys", [{"frame_stack": 3}, {"clip_vloss": True}, {"memory": {"kind": "gru"}}])
