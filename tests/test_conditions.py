@@ -131,7 +131,7 @@ def test_an_update_moves_nothing_of_a_part_that_never_counted(layout, autograd):
             policy.store(shown())
     for policy in policies:
         before = policy.actor.state()
-        counts = policy.conditions.counts(CHOICES[:1])[0] if policy.conditions else np.ones(0, bool)
+        counts = policy.conditions[0].counts(CHOICES[:1])[0] if policy.conditions else np.ones(0, bool)
         learn(policy, 0.1)
         moved = {name: (array != before[name]) for name, array in policy.actor.state().items()}
         network, branches = policy.actor.network, len(policy.actor.branches)

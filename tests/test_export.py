@@ -20,11 +20,12 @@ from joybridge.client.client import describe
 from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.play import export as exporting
-from joybridge.play.export import Exported, compare
-from joybridge.play.onnx_model import build_model
+from joybridge.play.export import compare
 from joybridge.play.playing import open_play
-from joybridge.play.policy_document import decode, encode, make_document
 from joybridge.policy.actor import SCALING, make_actors
+from joybridge.policy.document import decode, encode, make_document
+from joybridge.policy.exported import Model
+from joybridge.policy.onnx_model import build_model
 from joybridge.ppo.fast.kernels import Noise
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.run.checkpoint import Manifest, save_checkpoint
@@ -178,7 +179,7 @@ def play_beside(run, simulator, runtime, *, deterministic=False):
         (run / "policy.json").write_bytes(encode(document))
         policy = runtime.Policy(run / "policy.json")
         behavior = play.spec.behaviors[0]
-        model = Exported(build_model(document).SerializeToString(), behavior, 10)
+        model = Model(build_model(document).SerializeToString(), behavior, 10)
         state, masked, seen = policy.begin(10), 0, []
         for decision in islice(play.decisions(), 40):
             before, (theirs,) = decision.before[0], decision.acts
@@ -257,7 +258,7 @@ def test_noise_in_even_steps_gives_choices_in_proportion_to_their_probabilities(
 def test_masks_hold_for_noise_at_both_ends(simulator, tmp_path):
     run = make_run(tmp_path / "run", simulator)
     with open_play(run, simulator, seed=3) as play:
-        model = Exported(build_model(documents(play)).SerializeToString(), play.spec.behaviors[0], 1)
+        model = Model(build_model(documents(play)).SerializeToString(), play.spec.behaviors[0], 1)
         before = play.session.steps[0]
         for allowed in ([1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1]):
             before.masks = [np.array([allowed], bool), np.array([[False, True]])]

@@ -47,8 +47,14 @@ def seeing(kind="simple", size=8, channels=1, frames=2, encoders=1):
     ("before", "difference"),
     [
         ({}, None),
-        ({"kind": "impala"}, "image_encoder, frame_stack or an image was another one, now 2 frames of hand 3, view 64"),
-        ({"channels": 3}, "image_encoder, frame_stack or an image was another one, now 2 frames of hand 3, view 64"),
+        (
+            {"kind": "impala"},
+            "image_encoder, network, frame_stack or an image was another one, now 2 frames of hand 3, view 64",
+        ),
+        (
+            {"channels": 3},
+            "image_encoder, network, frame_stack or an image was another one, now 2 frames of hand 3, view 64",
+        ),
         ({"size": 12}, "the sensors had 294 features, now 134 (2 frames of hand 3, view 64)"),
         ({"encoders": 2}, "shared_encoder was false, now true"),
     ],

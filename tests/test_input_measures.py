@@ -10,7 +10,7 @@ import pytest
 from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.play.device_names import rest_choice
+from joybridge.layouts.device_names import rest_choice
 from joybridge.play.input_statistics import InputMeasures, Inputs
 from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb

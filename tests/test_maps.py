@@ -44,6 +44,12 @@ def test_cells_are_parts_of_the_field_row_after_row_from_the_top_left():
     assert places[:, 0, 1].tolist() == [3.0, 1.0]
 
 
+def test_cells_are_where_axes_of_another_way_say():
+    _, turned = cells("map-4x2", pb.Device(axes=[axis("x", way="left"), axis("y", way="down")]))
+    _, plain = cells("map-4x2", pb.Device(axes=[axis("x"), axis("y")]))
+    np.testing.assert_array_equal(turned, -plain)
+
+
 def test_cells_that_are_relative_reach_from_full_deflection_to_full_deflection():
     table, places = cells("map-5x3-relative")
     assert table.map == Map(3, 5, relative=True)

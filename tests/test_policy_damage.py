@@ -11,7 +11,7 @@ import pytest
 
 from joybridge.config.config import MemoryConfig
 from joybridge.play.playing import open_play
-from joybridge.play.policy_document import encode
+from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player
 from tests.test_export import EXAMPLES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run
 

@@ -292,7 +292,7 @@ def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
     assert f"{tmp_path / 'archer'} plays archer, expected noughts as {run}" in refused(run, tmp_path / "archer")
     assert "has one checkpoint, and a tournament needs two players" in refused(run, "--policies", 1)
     assert "--anchor got 'perfect', expected one of run@128, run@256" in refused(run, "--anchor", "perfect")
-    assert "script:fool: noughts has no such script for player, which has perfect, random" in refused(
+    assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
         run, "--others", "script:fool"
     )
     shutil.copytree(run, tmp_path / "damaged")

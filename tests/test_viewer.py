@@ -475,6 +475,20 @@ def test_choices_have_keys_that_fit_their_names():
     assert field.keys == [[f"Digit{digit}"] for digit in range(1, 10)] + [[]] * 3
 
 
+def test_what_a_spec_says_comes_before_its_names():
+    axes = [axis("tilt", kind="position", way="down"), axis("pan", kind="position", way="left"), axis("gas")]
+    stick, gas = controls(axes=axes, branches=[])
+    assert (stick.axes, stick.pointer, stick.invert) == ((1, 0), "position", (True, True))
+    assert (gas.axes, gas.pointer) == ((None, 2), "off")
+    (mover,) = controls(axes=[axis("x", kind="velocity"), axis("y", kind="velocity")])
+    assert (mover.pointer, mover.invert) == ("movement", (False, False))
+    stick, catch, guess = controls([axis("x"), axis("y")], [button("catch", key="a"), button("hop")])
+    assert catch.keys == [[], ["KeyA", "Pad0"]] and "KeyA" not in stick.keys[0] and "ArrowLeft" in stick.keys[0]
+    assert guess.keys[1] and not {"KeyA", "Pad0"} & set(guess.keys[1])
+    (gear,) = controls(branches=[branch("gear", ["low", "middle", "high"], keys=["1", "", "mouse right"])])
+    assert gear.keys == [["Digit1"], [], ["Mouse2"]]
+
+
 @given(
     st.lists(st.sampled_from(["x", "y", "z", "dx", "turn", "speed", "angle", "grip 1", "Ünï", "7"]), max_size=7),
     st.lists(st.integers(2, 12), max_size=7),

@@ -20,9 +20,10 @@ from joybridge.config.config_files import find_config
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.games import BUILT_IN
 from joybridge.play.evaluate import CONFIDENCE
-from joybridge.play.export import Exported, export
+from joybridge.play.export import export
 from joybridge.play.playing import open_play
 from joybridge.policy.episodes import Episodes
+from joybridge.policy.exported import Model
 from joybridge.run.folder import play_config
 from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb
@@ -50,7 +51,7 @@ class Onnx:
 
     def __init__(self, file: Path, behavior: pb.Behavior, lanes: int) -> None:
         """Begin new episodes."""
-        self._model, self._lanes = Exported(file.read_bytes(), behavior, lanes), lanes
+        self._model, self._lanes = Model(file.read_bytes(), behavior, lanes), lanes
         self._random = np.random.default_rng(5)
 
     def act(self, step: StepArrays) -> ActArrays:

@@ -6,6 +6,7 @@ not depend on the number of simulators.
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from typing import Protocol
 
 from joybridge.client.client import CALL_SECONDS, Distributions, Session, Transport
 from joybridge.client.errors import SimulatorError
@@ -122,6 +123,12 @@ def open_session(
     )  # fmt: skip
 
 
-def single_sessions(session: Session | ShardedSession) -> list[Session]:
-    """Return the sessions that a sharded one is made of, or the only one."""
-    return session.sessions if isinstance(session, ShardedSession) else [session]
+class Composed(Protocol):
+    """A session that is made of others."""
+
+    sessions: list[Session]
+
+
+def single_sessions(session: Session | Composed) -> list[Session]:
+    """Return the sessions that a session is made of, or the only one."""
+    return [session] if isinstance(session, Session) else session.sessions

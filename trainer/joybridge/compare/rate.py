@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     )
     rates.add_argument(
         "--others", action="append", default=[], metavar="WHO",
-        help="another player: script:NAME, a script of the game's author; may be repeated",
+        help="another player: script:NAME, a script of the game's author, or an exported policy.json; may be repeated",
     )  # fmt: skip
     rates.add_argument("--seed", type=at_least(0), default=1, help="of games, seats and samples; default %(default)s")
     rates.add_argument(

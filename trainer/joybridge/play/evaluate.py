@@ -34,13 +34,14 @@ class Evaluation:
 def evaluate(
     run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
     overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
-    others: Sequence[str] = (),
+    others: Sequence[str] = (), only_game: str = "",
 ) -> dict[str, Evaluation]:  # fmt: skip
     """Play so many episodes of a run's policies; return an Evaluation per policy.
 
     overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
     its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
     with their devices. others: who hold all seats but one of each arena, see `load_other`; only this one counts.
+    only_game: which of several games is played.
 
     Where the configuration names an option in `stratify_by`, every choice of it but the default is played equally
     often. How many episodes of an arena count is fixed beforehand, so short ones count no more often than long ones.
@@ -48,7 +49,7 @@ def evaluate(
     """
     with open_play(
         run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint, others=others,
+        checkpoint=checkpoint, others=others, only_game=only_game,
     ) as play:  # fmt: skip
         actions = (
             "the most probable actions" if deterministic else "sampled actions (--deterministic: the most probable)"

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.client.client import Session
+from joybridge.client.several_session import SeveralSession
 from joybridge.client.sharded_session import ShardedSession, open_session
 from joybridge.config.config import Config, play_settings
 from joybridge.config.errors import ConfigError
@@ -23,6 +24,7 @@ from joybridge.contract.tensors import Array
 from joybridge.play.policy_view import PolicyView
 from joybridge.policy.actor import trained_actors
 from joybridge.policy.config_fit import fitting_spec
+from joybridge.policy.lineup import make_lineup
 from joybridge.policy.players import Players
 from joybridge.policy.stratify import balanced_options
 from joybridge.policy.table import Table
@@ -72,7 +74,7 @@ class Play:
 
     def __init__(
         self, config: Config, changed: dict[str, Change], choices: Sequence[str], arenas: int,
-        session: Session | ShardedSession, policies: Policies, held: Sequence[Array],
+        session: Session | ShardedSession | SeveralSession, policies: Policies, held: Sequence[Array],
     ) -> None:  # fmt: skip
         """Play `arenas` arenas. changed: what differs from the training. choices: see `balanced_options`.
 
@@ -93,8 +95,19 @@ class Play:
         return "; ".join([f"policy after {self.timesteps:,} timesteps{actions and f', {actions}'}", *changed])
 
     def view(self) -> PolicyView:
-        """Return what draws the images that the policies see."""
-        return PolicyView(self.spec, [(player.actor.behavior, player.actor.encoder) for player in self.players])
+        """Return what draws the images that the policies see, and what they remember."""
+        encoders = [(player.actor.behavior, player.actor.encoder) for player in self.players]
+        return PolicyView(self.spec, encoders, [len(states) for states in self.remembered()])
+
+    def remembered(self) -> list[Array]:
+        """Return what each policy with memory remembers in the first arena to act on, [agents, numbers]."""
+        states = []
+        for player in self.players:
+            memory, state = player.actor.network.actor.memory, player.observations.memory
+            if memory is not None and state is not None:
+                agents = self.spec.behaviors[player.actor.behavior].agents_per_arena
+                states.append(state[:agents, : memory.state_size])  # what follows is the critic's
+        return states
 
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.
@@ -108,7 +121,7 @@ class Play:
             acts = self._policies.act(before)
             pictures: list[Array] = []
             if draw_every and number % draw_every == 0:
-                assert isinstance(session, Session)
+                assert not isinstance(session, ShardedSession)
                 after, pictures = session.step_and_draw(acts, [0])
             else:
                 after = session.step(acts)
@@ -118,26 +131,34 @@ class Play:
 @contextmanager
 def open_play(
     run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False,
-    overrides: Sequence[str] = (), checkpoint: str = "", others: Sequence[str] = (),
+    overrides: Sequence[str] = (), checkpoint: str = "", others: Sequence[str] = (), only_game: str = "",
 ) -> Iterator[Play]:  # fmt: skip
     """Load a checkpoint of a run and open a session at a simulator; the session is closed on leaving.
 
     checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
     game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
-    for so many episodes at once, at most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice
-    are side by side. others: who hold all seats but one of each arena, in turn, see `load_other`.
+    so many episodes at once, at most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice
+    are side by side. others: who hold all seats but one of each arena, in turn, see `load_other`. only_game: which of
+    several games is played; "": the first.
     `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
     """
-    config = play_config(run, overrides)
-    spec = fitting_spec(address, config)
+    trained, config = play_config(run, ()), play_config(run, overrides)
+    lineup = make_lineup(address, config) if config.games or only_game else None
+    if lineup:
+        game = only_game or next(iter(config.games))
+        trained, config = trained.of_game(game), config.of_game(game)
+        address = lineup.games[game].simulator or address
+    spec = lineup.spec_of(game) if lineup else fitting_spec(address, config)
     options = balanced_options(config, spec) if episodes else {"": config.options}
     arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
     policies = Policies(run, config, spec, arenas, seed, deterministic=deterministic, checkpoint=checkpoint)
-    session = open_session(
+    session: Session | ShardedSession | SeveralSession = open_session(
         [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
         parameters=fixed(config.parameters), distributions=drawn(config.parameters), timeout=config.timeout_seconds,
         transport=config.transport,
     )  # fmt: skip
+    if lineup and not isinstance(session, SeveralSession):
+        session = SeveralSession([session], [arenas], [lineup.translation(game, alone=True)], spec)
     with closing(session):
         table = Table(spec, arenas, seed)
         if others:
@@ -151,7 +172,7 @@ def open_play(
             policies.seat(table)
         held = [table.seats.holders(behavior) == 0 for behavior in range(len(spec.behaviors))]
         policies.begin(session.steps)
-        changed = changed_settings(play_config(run, ()), config, spec)
+        changed = changed_settings(trained, config, lineup.specs[game] if lineup else spec)
         if (run / SPEC).exists() and (was := run_spec(run).version) != spec.version:
             changed["version"] = Change(was, spec.version)
         yield Play(config, changed, list(options), arenas, session, policies, held)

@@ -15,9 +15,8 @@ from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.players import Players
-from joybridge.policy.scripted import Script
 from joybridge.policy.seats import Result
-from joybridge.policy.table import Table
+from joybridge.policy.table import Guest, Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.checkpoint import checkpoints, read_checkpoint
 from joybridge.run.pool import load_pooled, pooled, thinned
@@ -64,7 +63,7 @@ def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Act
 
 
 def play_tournament(
-    players: Mapping[str, Sequence[Actor | Script]], config: Config, *, address: str, matches: int, seed: int,
+    players: Mapping[str, Sequence[Actor | Guest]], config: Config, *, address: str, matches: int, seed: int,
     say: Callable[[str], None],
 ) -> list[Result]:  # fmt: skip
     """Play at least so many matches; in the results, holders are indices of `players`.

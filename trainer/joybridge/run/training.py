@@ -15,6 +15,7 @@ from joybridge.config.metrics import Row, is_trainers
 from joybridge.demonstrations.cloning import demonstrate
 from joybridge.policy.actor import make_actors
 from joybridge.policy.config_fit import fitting_spec
+from joybridge.policy.lineup import arenas_by_game, kinds_of, make_lineup
 from joybridge.policy.policy import Policy
 from joybridge.policy.stratify import balanced_options
 from joybridge.run.advice import Adviser
@@ -157,9 +158,15 @@ def open_training(
 ) -> Iterator[Training]:
     """Open sessions that continue a run from a state; they are closed on leaving. See `train` for errors."""
     spec = fitting_spec(addresses[0], config)
+    lineup = make_lineup(addresses[0], config) if config.games else None
+    kinds = kinds_of(arenas_by_game(config)) if lineup else None
+    for line in lineup.lines() if lineup and not state.timesteps else ():
+        audience.say(line)
     balanced_options(config, spec)  # here and below: an error where it is needed would come too late
     policies = [
-        Policy(actor, spec.behaviors[actor.behavior], group_bounds(config), drawn_parameters(config, spec))
+        Policy(
+            actor, spec.behaviors[actor.behavior], group_bounds(config), drawn_parameters(config, spec), lineup, kinds
+        )
         for actor in make_actors(config, spec, config.accelerator)
     ]
     rollout_stretches(policies)
@@ -210,7 +217,7 @@ def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
     It is one of the rows of `policy`. Raises ConfigError.
     """
     metric = config.best_metric.removeprefix("-")
-    known = ["reward", "length", *policy.episodes.metrics]
+    known = policy.episodes.columns
     if metric not in known and not is_trainers(metric):
         raise ConfigError(f"best_metric: there is no metric {metric!r}; {policy.actor.name} has {', '.join(known)}")
     return metric, -1 if config.best_metric.startswith("-") else 1

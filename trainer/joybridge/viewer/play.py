@@ -100,8 +100,8 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     play.add_argument(
         "--others", action="append", default=[], metavar="WHO",
         help="who holds the seats that you do not hold, in a game of several agents: the folder of a run, whose "
-        "options and parameters are the defaults, or script:NAME, a script of the game's author; given several times, "
-        "they take seats in turn; without it these seats play random decisions",
+        "options and parameters are the defaults, script:NAME, a script of the game's author, or an exported "
+        "policy.json; given several times, they take seats in turn; without it these seats play random decisions",
     )  # fmt: skip
     play.add_argument(
         "--demos", type=Path, metavar="DIR",
@@ -129,7 +129,7 @@ def _policies(
     if not any(given.values()):
         return None, None, settings
     try:
-        from joybridge.run.others import SCRIPT
+        from joybridge.run.others import is_run
         from joybridge.viewer.rival import load_others, open_rival, run_settings
     except ModuleNotFoundError as error:
         used = " and ".join(argument for argument, names in given.items() if names)
@@ -137,7 +137,7 @@ def _policies(
             f"{used}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
         ) from None
     for argument, names in given.items():
-        for run in (name for name in names if not name.startswith(SCRIPT)):
+        for run in filter(is_run, names):
             settings = run_settings(argument, Path(run), game, settings)
     rival = partial(open_rival, against) if against else None
     return rival, partial(load_others, others, game) if others else None, settings

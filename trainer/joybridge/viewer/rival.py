@@ -14,7 +14,7 @@ from joybridge.play.playing import Play, open_play
 from joybridge.policy.players import Players
 from joybridge.policy.table import Table
 from joybridge.run.folder import play_config
-from joybridge.run.others import SCRIPT, load_other
+from joybridge.run.others import is_run, load_other
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.scores import Scores
@@ -53,7 +53,7 @@ def load_others(names: Sequence[str], game: str, spec: pb.GameSpec, settings: Se
     names: see `load_other`; the first run among them says what limits their hands. spec: of the game under these
     settings. Raises CheckpointError and ConfigError.
     """
-    runs = [Path(name) for name in names if not name.startswith(SCRIPT)]
+    runs = [Path(name) for name in names if is_run(name)]
     settled = {"game": game, "options": settings.options, "parameters": settings.parameters}
     config = play_config(runs[0], _overrides(settings)) if runs else make_config(settled)
     players, table = Players([], config, spec, 1, settings.seed), Table(spec, 1, settings.seed)

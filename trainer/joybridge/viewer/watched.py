@@ -52,7 +52,9 @@ class Watched:
         played = next(self._decisions)
         self.turn += 1
         self.acts, self.steps = played.acts, played.after
-        self.picture = self._view.beside(played.pictures[0], played.after) if played.pictures else None
+        self.picture = None
+        if played.pictures:
+            self.picture = self._view.beside(played.pictures[0], played.after, self._play.remembered())
         self.scores.take(played.after)
 
     def renew(self) -> None:
