@@ -155,7 +155,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) 
         "wall-clock time of a training, beside whatever else the machine did.",
         table(["task", "settings", *labels], costs),
         picture_block(TIMES, "Each run: the score of its episodes in training, with sampled actions, over seconds"),
-        f"## Again\n\n```\n{command}\n```",
+        f"## Again\n\n```sh\n{command}\n```",
     ]
     text = "\n\n".join(blocks) + "\n"
     files = {"page.md": text, "page.html": page_html(text, folder)}
