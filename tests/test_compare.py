@@ -341,6 +341,9 @@ def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
     options = command.parse(words, "joybridge")
     assert options.layouts == ["hybrid", "bucket-3, direction=hybrid"]
     assert sorted(options.overrides) == ["arenas=4", "seed=1"]
+    suite = ["compare", "--suite", "hybrid", "--output", "y", "--tasks", "goal", "moving", "arenas=4"]
+    options = command.parse(suite, "joybridge")
+    assert (options.tasks, options.overrides) == (["goal", "moving"], ["arenas=4"])
 
 
 def test_differences_name_the_innermost_key():

@@ -112,11 +112,7 @@ def test_an_option_that_changes_more_than_what_is_observed_is_named(tmp_path):
 
     with serving(BrokenServer(set(), game=Generous)) as address:
         played = load_recording(record(tmp_path, address, "gauntlet"))
-<<<<<<< HEAD
-        with pytest.raises(FaultFound, match=r"has other rewards or ends .* so options\.size=large changes more"):
-=======
         with pytest.raises(FaultFound, match=r"step 1 has other rewards or ends .* so options\.size=large"):
->>>>>>> sight
             replay(address, played, options={"size": "large"})
 
 

@@ -118,9 +118,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     add_simulator_options(compares)
     add_overrides(compares, "keys that all variants share, e.g. total_timesteps=100000")
     options = parse_overrides(parser, arguments)
-    overrides = [word for word in options.layouts if OVERRIDE.match(word)]  # they may stand behind the layouts
-    options.layouts = [word for word in options.layouts if word not in overrides]
-    options.overrides += overrides
+    for name in ("layouts", "tasks"):  # overrides may stand behind them
+        words = getattr(options, name)
+        options.overrides += [word for word in words if OVERRIDE.match(word)]
+        setattr(options, name, [word for word in words if not OVERRIDE.match(word)])
     check_simulator_options(parser, options)
     if options.suite and options.config and OVERRIDE.match(options.config):
         options.overrides, options.config = [options.config, *options.overrides], None

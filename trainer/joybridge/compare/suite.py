@@ -25,8 +25,10 @@ MAX_BYTES = 2**26  # of the numbers of a comparison
 ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own
 STATE_DEPENDENT = '{"use_sde": true, "sde_sample_freq": 4}'  # exploration of Stable-Baselines3 that we have not
 # Keys that say what is trained, how long and how it is watched, not how.
-NO_SETTINGS = {"game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best_metric",
-               "pipeline_groups"}  # fmt: skip
+NO_SETTINGS = {
+    *("game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best_metric"),
+    "pipeline_groups",
+}
 TIMES = "seconds"  # the picture of scores over them
 
 
@@ -153,7 +155,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) 
         "wall-clock time of a training, beside whatever else the machine did.",
         table(["task", "settings", *labels], costs),
         picture_block(TIMES, "Each run: the score of its episodes in training, with sampled actions, over seconds"),
-        f"## Again\n\n```\n{command}\n```",
+        f"## Again\n\n```sh\n{command}\n```",
     ]
     text = "\n\n".join(blocks) + "\n"
     files = {"page.md": text, "page.html": page_html(text, folder)}
