@@ -8,8 +8,10 @@ from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.metrics import read_rows
 from joybridge.contract.errors import JoybridgeError
 from joybridge.play.evaluate import evaluate
+from joybridge.play.playing import PlaySpec
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 
 SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
 
@@ -17,7 +19,7 @@ SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_hor
 def short(simulator, run, said=None, resume=False, **settings):
     given = {"game": "hybrid", "arenas": 4, "total_timesteps": 512, "log_interval": 64, "policy": SMALL} | settings
     say = (lambda text: None) if said is None else said.append
-    train(Config(**given), run, [simulator], resume=resume, report=lambda *_: None, say=say)
+    train(Config(**given), run, [simulator], resume=resume, audience=Audience(say=say))
     return {path.stem.removeprefix("metrics-"): read_rows(path) for path in run.glob("metrics-*.csv")}
 
 
@@ -54,10 +56,9 @@ def test_a_resumed_run_measures_when_one_does_that_never_stopped(measured, simul
 
 def test_the_last_measure_is_that_of_evaluate_within_chance(measured, simulator, tmp_path):
     run, rows = measured
-    found = evaluate(
-        shutil.copytree(run, tmp_path / "run"), simulator, episodes=200, seed=3, deterministic=False,
-        say=lambda text: None, overrides=["parameters.drift=0"],
-    )["player"]  # fmt: skip
+    run = shutil.copytree(run, tmp_path / "run")
+    plays = PlaySpec(run, simulator, seed=3, overrides=["parameters.drift=0"])
+    found = evaluate(plays, episodes=200, say=lambda text: None)["player"]
     half_width = found.half_widths["reward"] * (200 / 10) ** 0.5
     assert abs(rows["player"][-1]["held_out_reward"] - found.means["reward"]) < 3 * half_width
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from joybridge.config.config import MemoryConfig
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player
 from tests.test_export import EXAMPLES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run
@@ -44,7 +44,7 @@ def policy(simulator, tmp_path_factory):
     run = make_run(
         tmp_path_factory.mktemp("run") / "run", simulator, layout="hybrid", policy=SMALL.model_copy(update=settings)
     )
-    with open_play(run, simulator, seed=3, deterministic=False) as play:
+    with open_play(PlaySpec(run, simulator, seed=3)) as play:
         return json.loads(encode(documents(play)))
 
 

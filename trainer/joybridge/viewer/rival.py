@@ -10,7 +10,7 @@ from joybridge.config.config import make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import fixed
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import Play, open_play
+from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.policy.players import Players
 from joybridge.policy.table import Table
 from joybridge.run.folder import play_config
@@ -43,7 +43,7 @@ class Rival:
 @contextmanager
 def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
     """Open an arena for the policies of a run. Raises SimulatorError, CheckpointError and ConfigError."""
-    with open_play(run, address, seed=settings.seed, overrides=_overrides(settings)) as play:
+    with open_play(PlaySpec(run, address, seed=settings.seed, overrides=_overrides(settings))) as play:
         yield Rival(play)
 
 
