@@ -11,7 +11,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import fixed
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import Play, open_play
+from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.policy.players import Players
 from joybridge.policy.table import Table
 from joybridge.run.checkpoint import checkpoints
@@ -46,7 +46,7 @@ class Rival:
 @contextmanager
 def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
     """Open an arena for the policies of a run. Raises SimulatorError, CheckpointError and ConfigError."""
-    with open_play(run, address, seed=settings.seed, overrides=_overrides(settings)) as play:
+    with open_play(PlaySpec(run, address, seed=settings.seed, overrides=_overrides(settings))) as play:
         yield Rival(play)
 
 
