@@ -227,7 +227,7 @@ def test_a_run_of_games_with_snapshots_resumes_to_the_same_bits(simulator, tmp_p
     small = [
         *games, "games.birds={game: shooting_birds, share: 2, options: {locomotion: axes}}", "arenas=6",
         "policy.rollout_steps=20", "policy.minibatch_size=40", "log_interval=480", "tell_game=true", "layout=bucket-5",
-        "hand_delay=1", "--simulator", simulator,
+        "hand.delay=1", "--simulator", simulator,
     ]  # fmt: skip
     for stop in ("stop_at=960", "stop_at=480"):
         assert joybridge("train", str(TWO), "--run", str(tmp_path / stop), *small, stop).status == 0

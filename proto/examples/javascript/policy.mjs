@@ -12,7 +12,7 @@
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
-const MAX_NUMBERS = 2 ** 24; // that a network remembers
+const MAX_NUMBERS = 2 ** 24; // that a network remembers, and of an image
 const FORMAT = "joybridge.policy.v5";
 const sigmoid = (x) => 1 / (1 + Math.exp(-x));
 const ACTIVATIONS = {
@@ -44,6 +44,7 @@ export class Policy {
     this.networks = document.policies.map((network) => ({
       ...network,
       images: network.images.map((image) => ({ ...image, steps: image.steps.map(decoded) })),
+      discrete: network.discrete.map((table) => ({ ...table, places: table.places?.map(decoded) })),
       sizes: [count(network.sensors), ...network.images.map(({ sensor }) => count([sensor]))],
       layers: network.layers.map(decoded),
       memory: network.memory && new Memory(network.memory),
@@ -86,10 +87,11 @@ export class Policy {
     const choices = new Int32Array(this.branches.length);
     const next = this.networks.map((network, index) => {
       const { newest, seen } = see(network, sensors, state[index]);
-      const features = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
+      const images = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
+      const features = images.map((steps) => steps.at(-1).values);
       const inputs = Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part)));
       const { values, memory } = dense(network, inputs, state[index].at(-1));
-      const outputs = finite(Array.from(values));
+      const outputs = finite(point(network, Array.from(values), images));
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
@@ -176,7 +178,7 @@ function scale({ scaling, shift, scale }, frame) {
   return frame.map((x, index) => clip((x - shift[index]) * scale[index], -limit, limit));
 }
 
-/** Return the features of the last pictures of an image. */
+/** Return an image, its last pictures, after each step of its encoder. */
 function encode({ shape: [height, width, channels], white, steps }, stack, activate) {
   const size = height * width * channels;
   const values = new Float32Array(stack.length); // [frames * channels, height, width]
@@ -184,8 +186,27 @@ function encode({ shape: [height, width, channels], white, steps }, stack, activ
     const [frame, pixel, channel] = [Math.floor(k / size), Math.floor((k % size) / channels), k % channels];
     values[(frame * channels + channel) * height * width + pixel] = byte / white;
   });
-  const image = { channels: stack.length / (height * width), height, width, values };
-  return steps.reduce((before, step) => take(step, before, activate), image).values;
+  let image = { channels: stack.length / (height * width), height, width, values };
+  return steps.map((step) => (image = take(step, image, activate)));
+}
+
+/** Return outputs in which what a map looks for, a weight for each channel, has become the logits of its cells. */
+function point({ discrete }, outputs, images) {
+  const take = (count) => outputs.splice(0, count);
+  const logits = discrete.flatMap(({ places, values: cells }) => {
+    if (!places) return take(cells.length);
+    const sums = cells.map(() => 0);
+    for (const { image, step, channels, weight } of places) {
+      const [wanted, { height, width, values }] = [take(channels), images[image][step]];
+      const size = height * width;
+      for (let k = 0; k < size; k++) {
+        const found = wanted.reduce((sum, share, channel) => sum + share * values[channel * size + k], 0);
+        for (let cell = 0; cell < sums.length; cell++) sums[cell] += weight[cell * size + k] * found;
+      }
+    }
+    return sums;
+  });
+  return [...logits, ...outputs];
 }
 
 /** Return an image after a step of an encoder. */
@@ -200,6 +221,7 @@ function take(step, image, activate) {
 function slide({ size: [rows, columns], stride, padding, weight, bias }, { channels, height, width, values }) {
   const [down, across] = [height - rows, width - columns].map((room) => Math.floor((room + 2 * padding) / stride) + 1);
   const outputs = weight ? bias.length : channels;
+  if (!(outputs * down * across <= MAX_NUMBERS)) throw new Error("the policy is damaged");
   const result = new Float32Array(outputs * down * across);
   for (let place = 0; place < result.length; place++) {
     const output = Math.floor(place / (down * across));

@@ -58,7 +58,7 @@ class Policy:
         """Return the state after an observation with which an agent waits, the first of an episode."""
         flat, following = self._flat(sensors), []
         for network in self._networks:
-            _, kept, state = self._see(network, flat, state)
+            _, _, kept, state = self._see(network, flat, state)
             memory, state = np.split(state, [_remembers(network)], axis=1)
             following += [*kept, memory]
         return np.concatenate(following, axis=1)
@@ -79,10 +79,11 @@ class Policy:
         ]
         flat, following = self._flat(sensors), []
         for network in self._networks:
-            features, kept, state = self._see(network, flat, state)
+            features, images, kept, state = self._see(network, flat, state)
             memory, state = np.split(state, [_remembers(network)], axis=1)
             normal, uniform = self._noise(network, lanes, random)
-            (outputs, memory), begin = _dense(network, features, memory), 0
+            outputs, memory = _dense(network, features, memory)
+            outputs, begin = _point(network, outputs, images), 0
             following += [*kept, memory]
             if not np.isfinite(outputs).all():
                 raise ValueError("a sensor is not finite, or the policy is damaged")
@@ -119,10 +120,13 @@ class Policy:
         return {name: np.asarray(sensors[name], np.float32).reshape(len(sensors[name]), -1) for name in self._shapes}
 
     def _see(self, network, flat, state):
-        """Return what the dense layers get, [lanes, numbers], what is remembered of it, and the rest of a state."""
+        """Return what the dense layers get, [lanes, numbers], images, what is remembered, and the rest of a state.
+
+        Of each image there is what each step of its encoder makes of it.
+        """
         nothing = np.zeros((len(state), 0), np.float32)
         frame = _scale(network, np.concatenate([nothing, *(flat[name] for name in network["sensors"])], axis=1))
-        features, kept = [], []
+        features, images, kept = [], [], []
         for newest, image in [(frame, None), *((flat[image["sensor"]], image) for image in network["images"])]:
             older, state = np.split(state, [(network["frame_stack"] - 1) * newest.shape[1]], axis=1)
             seen = np.concatenate([older, newest], axis=1)
@@ -131,9 +135,10 @@ class Policy:
                 height, width, channels = image["shape"]
                 stack = np.moveaxis(seen.reshape(len(seen), -1, height, width, channels), 4, 2)
                 pixels = stack.reshape(len(seen), -1, height, width) / np.float32(image["white"])
-                seen = _encode(image["steps"], pixels, ACTIVATIONS[network["activation"]]).reshape(len(seen), -1)
+                images.append(_encode(image["steps"], pixels, ACTIVATIONS[network["activation"]]))
+                seen = images[-1][-1].reshape(len(seen), -1)
             features.append(seen)
-        return np.concatenate(features, axis=1), kept, state
+        return np.concatenate(features, axis=1), images, kept, state
 
     def _noise(self, network, lanes, random):
         """Return noise for the Gaussians and the branches of a network, [lanes, number] each, or None and None."""
@@ -164,18 +169,38 @@ def _scale(network, frame):
 
 
 def _encode(steps, values, activation):
-    """Return an image [lanes, channels, height, width] after the steps of an encoder."""
+    """Return an image [lanes, channels, height, width] after each of the steps of an encoder."""
+    after = []
     for step in steps:
         if step["kind"] == "activation":
             values = activation(values)
         elif step["kind"] == "residual":
-            values = values + _encode(step["steps"], values, activation)
+            values = values + _encode(step["steps"], values, activation)[-1]
         elif step["kind"] == "convolution":
             sums = np.tensordot(_windows(step, values, 0), step["weight"], ([1, 4, 5], [1, 2, 3])) + step["bias"]
             values = np.moveaxis(sums, 3, 1)
         else:
             values = _windows(step, values, -np.inf).max(axis=(4, 5))
-    return values
+        after.append(values)
+    return after
+
+
+def _point(network, outputs, images):
+    """Return outputs in which what a map looks for, a weight for each channel, has become the logits of its cells."""
+    parts, begin = [], 0
+    for table in network["discrete"]:
+        if "places" not in table:
+            parts.append(outputs[:, begin : begin + len(table["values"])])
+            begin += len(table["values"])
+            continue
+        logits = 0
+        for place in table["places"]:
+            weights = outputs[:, begin : begin + place["channels"]]
+            found = np.einsum("lchw,lc->lhw", images[place["image"]][place["step"]], weights)
+            logits = logits + found.reshape(len(found), -1) @ place["weight"].T
+            begin += place["channels"]
+        parts.append(logits)
+    return np.concatenate([*parts, outputs[:, begin:]], axis=1)
 
 
 def _windows(step, values, beyond):

@@ -160,7 +160,8 @@ class OpponentsConfig(Checked):
 
     shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
         {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, the folder of "
-        "another run, or `script:NAME` of the game; one seat of a match is always the learner's; none: it holds all"
+        "another run, an exported policy.json, or `script:NAME` of the game; one seat of a match is always the "
+        "learner's; none: it holds all"
     )  # fmt: skip
     sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
         "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "

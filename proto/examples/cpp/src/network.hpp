@@ -31,6 +31,10 @@ class Network {
     }
     require(frames && frames <= MAX_NUMBERS && remembers() <= MAX_NUMBERS && scale.size() == shift.size());
     for (const Json& layer : json["layers"].items) layers.emplace_back(layer);
+    for (const Json& table : json["discrete"].items) {
+      places.emplace_back();
+      for (const Json& place : table["places"].items) places.back().emplace_back(place);
+    }
   }
 
   /// Returns how many numbers it remembers: of frames, of the pictures of each image, and of its memory.
@@ -41,9 +45,10 @@ class Network {
     return numbers * (frames - 1) + memory.numbers();
   }
 
-  /// Returns the outputs of the last layer. `state` is what it remembers, which is brought up to date.
+  /// Returns the logits of all tables, and what follows. `state` is what it remembers, which is brought up to date.
   std::vector<float> decide(const Sensors& sensors, std::vector<float>& state) const {
-    std::vector<float> values = see(sensors, state);
+    std::vector<std::vector<Planes>> seen;
+    std::vector<float> values = see(sensors, state, seen);
     for (std::size_t layer = 0; layer < layers.size(); ++layer) {
       for (float& value : values) value = layer ? activate(value) : value;
       if (memory.there() && layer + 1 == layers.size()) {
@@ -53,11 +58,19 @@ class Network {
       }
       values = layers[layer].sums(values);
     }
-    return values;
+    return point(values, seen);
   }
 
-  /// Returns what the layers get. Brings all of `older` up to date but its memory.
-  std::vector<float> see(const Sensors& sensors, std::vector<float>& older) const {
+  /// Brings all of `older` up to date but its memory.
+  void watch(const Sensors& sensors, std::vector<float>& older) const {
+    std::vector<std::vector<Planes>> seen;
+    see(sensors, older, seen);
+  }
+
+  /// Returns what the layers get, and adds to `seen` each image after each of its steps. Brings all of `older` up
+  /// to date but its memory.
+  std::vector<float> see(const Sensors& sensors, std::vector<float>& older,
+                         std::vector<std::vector<Planes>>& seen) const {
     if (older.size() != remembers()) throw std::invalid_argument("the policy needs a state of another size");
     std::vector<float> frame, kept;
     for (const Json& name : json["sensors"].items) append(frame, find(sensors, name.text));
@@ -67,7 +80,8 @@ class Network {
     }
     std::vector<float> values = stack(frame, older, kept);
     for (const ImageEncoder& image : images) {
-      append(values, image.features(stack(find(sensors, image.sensor), older, kept), activate));
+      seen.push_back(image.see(stack(find(sensors, image.sensor), older, kept), activate));
+      append(values, seen.back().back().values);
     }
     std::copy(kept.begin(), kept.end(), older.begin());
     return values;
@@ -77,6 +91,28 @@ class Network {
   const std::vector<float> deviations = json["deviations"].floats();
 
  private:
+  /// Returns outputs in which what a map looks for, a weight for each channel, has become the logits of its cells.
+  std::vector<float> point(const std::vector<float>& outputs, const std::vector<std::vector<Planes>>& seen) const {
+    std::vector<float> values;
+    std::size_t begin = 0;
+    for (std::size_t table = 0; table < places.size(); ++table) {
+      std::vector<float> logits(json["discrete"].items[table]["values"].items.size());
+      for (const Place& place : places[table]) {
+        require(begin + place.channels <= outputs.size());
+        place.point(seen.at(place.image).at(place.step), outputs.data() + begin, logits);
+        begin += place.channels;
+      }
+      if (places[table].empty()) {
+        require(begin + logits.size() <= outputs.size());
+        std::copy_n(outputs.begin() + begin, logits.size(), logits.begin());
+        begin += logits.size();
+      }
+      append(values, logits);
+    }
+    values.insert(values.end(), outputs.begin() + begin, outputs.end());
+    return values;
+  }
+
   /// Returns the last frames or pictures, oldest first. All but the oldest are added to `kept`.
   std::vector<float> stack(const std::vector<float>& newest, const std::vector<float>& older,
                            std::vector<float>& kept) const {
@@ -110,6 +146,7 @@ class Network {
   std::map<std::string, std::size_t> sizes;  // numbers of each sensor
   std::vector<ImageEncoder> images;
   std::vector<Dense> layers;
+  std::vector<std::vector<Place>> places;  // of each table; of a map alone
   Memory memory = Memory(json["memory"]);
   std::vector<float> shift = json["scaling"]["shift"].floats(), scale = json["scaling"]["scale"].floats();
   std::size_t frames = json["frame_stack"].place();

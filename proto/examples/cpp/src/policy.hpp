@@ -65,7 +65,7 @@ class Policy {
 
   /// Advances the state by an observation with which the agent waits, the first of an episode.
   void watch(const Sensors& sensors, State& state) const {
-    for (std::size_t index = 0; index < networks_.size(); ++index) networks_[index].see(sensors, state.at(index));
+    for (std::size_t index = 0; index < networks_.size(); ++index) networks_[index].watch(sensors, state.at(index));
   }
 
   /// Returns what to do, and advances the state; a branch without a mask allows all. Throws std::logic_error.

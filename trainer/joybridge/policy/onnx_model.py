@@ -27,7 +27,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from joybridge.contract.versions import own_version
 from joybridge.layouts import CLIP
-from joybridge.play.policy_document import Document
+from joybridge.policy.document import Document
 from joybridge.ppo.distributions import FORBIDDEN
 
 OPSET, IR_VERSION = 17, 8
@@ -35,6 +35,11 @@ LANES = "lanes"  # the name of the first size of all inputs and outputs
 BELOW_ONE = np.nextafter(np.float32(1), np.float32(0))
 TYPES = {
     "float32": TensorProto.FLOAT, "int32": TensorProto.INT32, "uint8": TensorProto.UINT8, "bool": TensorProto.BOOL,
+}  # fmt: skip
+OPERATORS = {
+    "Abs", "Add", "And", "ArgMax", "Cast", "Clip", "Concat", "Conv", "CumSum", "Div", "Elu", "Flatten", "Gather",
+    "GatherElements", "Gemm", "Greater", "Identity", "Less", "LessOrEqual", "MaxPool", "Min", "Mul", "ReduceSum",
+    "Relu", "Reshape", "Sigmoid", "Slice", "Softmax", "Sub", "Tanh", "Transpose", "Where",
 }  # fmt: skip
 
 
@@ -48,6 +53,15 @@ def build_model(document: Document) -> onnx.ModelProto:
     helper.set_model_props(model, {"joybridge": json.dumps(about, ensure_ascii=False)})
     onnx.checker.check_model(model, full_check=True)
     return model
+
+
+def check_operators(model: bytes) -> None:
+    """Raise ValueError for a model that repeats, branches, calls others, or reads other files, as none of ours does."""
+    graph = onnx.load_model_from_string(model).graph
+    if unknown := sorted({node.op_type for node in graph.node} - OPERATORS):
+        raise ValueError(f"it has the operator {unknown[0]}, which no exported policy has")
+    if any(node.domain for node in graph.node) or any(constant.external_data for constant in graph.initializer):
+        raise ValueError("it needs something outside itself, which no exported policy does")
 
 
 class _Builder:
@@ -74,6 +88,7 @@ class _Builder:
             self._input(f"mask.{branch['name']}", "bool", [len(branch["choices"])]) for branch in self._branches
         ]
         axes, choices = [""] * len(self._axes), [""] * len(self._masks)  # each [lanes, 1]
+        self._images: list[list[str]] = []  # of the present policy: each of its images after each step of its encoder
         self._next: dict[str, list[str]] = {"state": [], "memory": []}  # what follows these inputs
         for policy in document["policies"]:
             self._play(policy, axes, choices)
@@ -93,8 +108,10 @@ class _Builder:
         outputs = self._network(policy, self._observe(policy))
         row = 0
         for table in policy["discrete"]:
-            size = len(table["values"])
-            choice = self._choose(table, self._columns(outputs, row, size))
+            places = table.get("places", [])
+            size = sum(place["channels"] for place in places) or len(table["values"])
+            logits = self._columns(outputs, row, size)
+            choice = self._choose(table, self._point(places, logits) if places else logits)
             row += size
             if "axis" in table:
                 axes[table["axis"]] = self._node("Gather", self._constant(table["values"]), choice)
@@ -125,6 +142,7 @@ class _Builder:
         """Return what the dense layers of a policy get, and keep what it sees again in the next decision."""
         frames = policy["frame_stack"]
         parts = []
+        self._images = []
         if policy["sensors"]:
             frame = self._side_by_side([self._frames[name] for name in policy["sensors"]])
             size = sum(math.prod(self._shapes[name]) for name in policy["sensors"])
@@ -137,7 +155,8 @@ class _Builder:
             value = self._node("Transpose", value, perm=[0, 1, 4, 2, 3])
             value = self._reshape(value, [-1, frames * channels, height, width])
             value = self._node("Div", value, self._constant(image["white"]))
-            parts.append(self._node("Flatten", self._encode(image["steps"], policy["activation"], value)))
+            self._images.append(self._encode(image["steps"], policy["activation"], value))
+            parts.append(self._node("Flatten", self._images[-1][-1]))
         return self._side_by_side(parts)
 
     def _stack(self, newest: str, size: int, frames: int) -> str:
@@ -157,13 +176,14 @@ class _Builder:
                 frame = self._node("Clip", frame, self._constant(-limit), self._constant(limit))
         return frame
 
-    def _encode(self, steps: list[Document], activation: str, value: str) -> str:
-        """Return an image [lanes, channels, height, width] after the steps of an encoder."""
+    def _encode(self, steps: list[Document], activation: str, value: str) -> list[str]:
+        """Return an image [lanes, channels, height, width] after each of the steps of an encoder."""
+        after = []
         for step in steps:
             if step["kind"] == "activation":
                 value = self._activate(activation, value)
             elif step["kind"] == "residual":
-                value = self._node("Add", value, self._encode(step["steps"], activation, value))
+                value = self._node("Add", value, self._encode(step["steps"], activation, value)[-1])
             else:
                 window = {
                     "kernel_shape": step["size"], "strides": [step["stride"]] * 2, "pads": [step["padding"]] * 4,
@@ -173,7 +193,20 @@ class _Builder:
                     value = self._node("Conv", value, weight, bias, **window)
                 else:
                     value = self._node("MaxPool", value, **window)
-        return value
+            after.append(value)
+        return after
+
+    def _point(self, places: list[Document], wanted: str) -> str:
+        """Return the logits of the cells of a map. wanted: a weight for each channel of each of its places."""
+        begin, logits = 0, ""
+        for place in places:
+            weight = self._reshape(self._columns(wanted, begin, place["channels"]), [-1, place["channels"], 1, 1])
+            image = self._images[place["image"]][place["step"]]
+            found = self._node("ReduceSum", self._node("Mul", image, weight), self._constant([1], np.int64), keepdims=0)
+            part = self._node("MatMul", self._node("Flatten", found), self._constant(place["weight"].T))
+            logits = self._node("Add", logits, part) if logits else part
+            begin += place["channels"]
+        return logits
 
     def _network(self, policy: Document, value: str) -> str:
         for number, layer in enumerate(policy["layers"]):
