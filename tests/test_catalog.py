@@ -127,3 +127,35 @@ def test_an_error_is_one_line_without_a_traceback(capsys):
 
 def test_every_built_in_game_is_loaded_under_its_own_name():
     assert [game.name for game in load_games().values()] == list(BUILT_IN)
+
+
+def test_games_that_are_given_come_first_so_doctor_looks_at_them():
+    assert next(iter(load_games(["tests.support.games:Hybrid"]))) == "hybrid"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "place"),
+    [
+        ([], "127.0.0.1:5005"),
+        (["--port", "7"], "127.0.0.1:7"),
+        (["--host", "::1"], "::1:5005"),
+        (["--address", "unix:/tmp/one"], "unix:/tmp/one"),
+    ],
+)
+def test_serve_takes_a_host_and_a_port(monkeypatch, arguments, place):
+    served = []
+    monkeypatch.setattr("joybridge.simulator.__main__._serve", lambda options: served.append(options.address))
+    assert main(["serve", *arguments]) == 0 and served == [place]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--port", "99999"], "--host and --port: got '127.0.0.1:99999', expected HOST:PORT"),
+        (["--address", "127.0.0.1:1", "--port", "7"], "--address already has a host and a port"),
+    ],
+)
+def test_a_wrong_host_and_port_are_refused(capsys, arguments, text):
+    with pytest.raises(SystemExit):
+        main(["serve", *arguments])
+    assert text in capsys.readouterr().err

@@ -430,6 +430,13 @@ BREAKS = {
     "axis 'x' counts only with choice 'reverse', expected one of low, middle, high": lambda s: (
         s.behaviors[0].device.axes[0].only_with.CopyFrom(pb.Condition(branch="gear", choice="reverse"))
     ),
+    "branch 'gear' has 2 keys for 3 choices": lambda s: s.behaviors[0].device.branches[0].keys.extend(["KeyA", ""]),
+    "branch 'gear' has one key for two choices": lambda s: (
+        s.behaviors[0].device.branches[0].keys.extend(["KeyA", "", "KeyA"])
+    ),
+    "branch 'gear' has the key 'Key A', expected 1 to 32 letters": lambda s: (
+        s.behaviors[0].device.branches[0].keys.extend(["KeyB", "", "Key A"])
+    ),
     "sensor 'lamps' has 2 bounds": lambda s: s.behaviors[0].sensors[3].high.extend([1.0, 1.0]),
 }
 

@@ -341,6 +341,9 @@ def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
     options = command.parse(words, "joybridge")
     assert options.layouts == ["hybrid", "bucket-3, direction=hybrid"]
     assert sorted(options.overrides) == ["arenas=4", "seed=1"]
+    suite = ["compare", "--suite", "hybrid", "--output", "y", "--tasks", "goal", "moving", "arenas=4"]
+    options = command.parse(suite, "joybridge")
+    assert (options.tasks, options.overrides) == (["goal", "moving"], ["arenas=4"])
 
 
 def test_differences_name_the_innermost_key():
@@ -387,6 +390,18 @@ def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path
     path.write_text("timesteps,length\n100,\n")
     with pytest.raises(ConfigError, match="has no reward: no episode ended; lengthen the runs"):
         read()
+
+
+def test_what_was_measured_at_the_end_is_the_score_and_the_curve_is_that_of_the_training(tmp_path):
+    path = tmp_path / "run-s0.csv"
+    path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,\n200,2,4,9\n")
+    found = score_run(read_rows(path), path.name, 7, "held_out_reward")
+    assert (found.score, found.points) == (9.0, (Point(100, 1.0, 2.0), Point(200, 2.0, 4.0)))
+    path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,7\n200,2,4,9\n")
+    assert score_run(read_rows(path), path.name, 7, "held_out_reward").points == (Point(100, 1, 7), Point(200, 2, 9))
+    path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,\n200,2,4,nan\n")
+    with pytest.raises(CheckpointError, match="held_out_reward is nan at the end, expected a finite"):
+        score_run(read_rows(path), path.name, 7, "held_out_reward")
 
 
 def test_the_time_to_a_score_is_a_median_to_which_unsuccessful_runs_count():

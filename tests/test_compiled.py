@@ -5,8 +5,11 @@ import subprocess
 import sys
 from importlib import import_module
 
+import numba
 import pytest
 from numba.core.caching import CompileResultCacheImpl
+
+from joybridge.ppo.fast.announce import announcing
 
 MODULES = ["joybridge.simulator.compiled", "joybridge.ppo.fast.kernels"]
 
@@ -32,3 +35,11 @@ print("numba" in sys.modules, sine(0.0), "numba" in sys.modules)
 """
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert result.stdout.split() == ["False", "0.0", "True"]
+
+
+def test_a_function_that_is_compiled_is_announced_once():
+    said: list[str] = []
+    with announcing(said.append):
+        for _ in range(2):
+            assert numba.njit(lambda number: number + 1)(1) == 2
+    assert len(said) == 1 and said[0].startswith("compiling")

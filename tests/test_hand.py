@@ -121,7 +121,7 @@ def test_a_run_with_a_hand_resumes_to_the_same_bits(simulator, tmp_path):
 
     def trained(name, stop, *, resume=False):
         config = load_config(tmp_path / "small.yaml", [f"stop_at={stop}"])
-        train(config, tmp_path / name, [simulator], resume=resume, report=lambda *_: None)
+        train(config, tmp_path / name, [simulator], resume=resume)
         return {name: array.tobytes() for name, array in load_checkpoint(tmp_path / name)[0].items()}
 
     whole = trained("whole", 160)

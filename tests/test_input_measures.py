@@ -10,7 +10,7 @@ import pytest
 from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.play.device_names import rest_choice
+from joybridge.layouts.device_names import rest_choice
 from joybridge.play.input_statistics import InputMeasures, Inputs
 from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb
@@ -238,7 +238,7 @@ def run(simulator, tmp_path_factory):
     """Return a run with two policies for one device that has hardly begun."""
     folder = tmp_path_factory.mktemp("inputs") / "run"
     config = Config(game="hybrid", layout="multiagent", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 

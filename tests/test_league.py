@@ -34,7 +34,7 @@ MATCH = NOUGHTS.model_copy(
 
 
 def trained(config, folder, simulator, *, resume=False, **changes):
-    train(config.model_copy(update=changes), folder, [simulator], resume=resume, report=lambda *_: None)
+    train(config.model_copy(update=changes), folder, [simulator], resume=resume)
     return load_checkpoint(folder)
 
 
@@ -203,7 +203,7 @@ def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):
 
     assert "opponents.shares: archer has one agent, which plays alone" in refused(game="archer")
     assert "is not the folder of a run" in refused(opponents={"shares": {"gone": 1}})
-    assert "script:fool: noughts has no such script for player, which has perfect, random" in refused(
+    assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
         opponents={"shares": {"script:fool": 1}}
     )
     assert "opponents.shares.past: got -1" in refused(opponents={"shares": {"past": -1}})

@@ -1,7 +1,9 @@
 """A game that hangs, or a client that is silent, costs its own session and nothing else."""
 
+import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -12,6 +14,8 @@ import pytest
 from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
+from joybridge.client.client import Session
+from joybridge.client.errors import SimulatorError
 from joybridge.contract.codec import pack
 from joybridge.contract.local_socket import LENGTH
 from joybridge.v1 import bridge_pb2 as pb
@@ -20,6 +24,7 @@ from tests.support.hanging_games import HANGING, PLACES, RAISED
 from tests.support.servers import Server, end, games, server
 from tests.support.wire import SECONDS, Player, Stream, act, refused, start
 
+FROZEN_SECONDS = 40.0
 LIMITS = ["--step-seconds", "1", "--start-seconds", "1", "--idle-seconds", "2"]
 
 
@@ -179,3 +184,38 @@ def test_a_signal_ends_a_server_even_if_its_event_loop_hangs():
         status, text = end(process)
     assert status == 1
     assert "hanging_games.py" in text and "in step" in text
+
+
+FROZEN = """
+import sys
+from joybridge.client.client import Session
+session = Session(sys.argv[1], "archer", arenas=1, seed=1, transport=sys.argv[2])
+print("ready", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="this system stops no processes")
+@pytest.mark.parametrize("transport", ["grpc", "local"])
+@pytest.mark.promise("L3")
+def test_a_client_that_is_frozen_loses_its_place(transport):
+    """It takes 13 s; gRPC's own time for a ping is a minute, so the limit below tells them apart."""
+    with server("--address", "127.0.0.1:0", "--sessions", "1") as process:
+        command = [sys.executable, "-c", FROZEN, process.address, transport]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as client:
+            assert client.stdout and client.stdout.readline() == "ready\n"
+            client.send_signal(signal.SIGSTOP)
+            until = time.monotonic() + FROZEN_SECONDS
+            while not is_free(process.address):
+                assert time.monotonic() < until
+                time.sleep(0.2)
+            client.kill()
+
+
+def is_free(address):
+    try:
+        Session(address, "archer", arenas=1, seed=1).close()
+    except SimulatorError:
+        return False
+    return True

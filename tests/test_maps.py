@@ -18,7 +18,7 @@ from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.fast.kernels import draw_noise
 from joybridge.ppo.images import Image, check_maps
 from joybridge.ppo.loss import Actions, Batch, autograd_gradient, joint_log_probs
-from joybridge.ppo.networks import Network
+from joybridge.ppo.networks import Network, Towers
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.pointing import Pointer
 from joybridge.ppo.sampling import sample_actions
@@ -42,6 +42,12 @@ def test_cells_are_parts_of_the_field_row_after_row_from_the_top_left():
     assert table.map == Map(2, 4, relative=False)
     assert places[0, :, 0].tolist() == [-0.75, -0.25, 0.25, 0.75]
     assert places[:, 0, 1].tolist() == [3.0, 1.0]
+
+
+def test_cells_are_where_axes_of_another_way_say():
+    _, turned = cells("map-4x2", pb.Device(axes=[axis("x", way="left"), axis("y", way="down")]))
+    _, plain = cells("map-4x2", pb.Device(axes=[axis("x"), axis("y")]))
+    np.testing.assert_array_equal(turned, -plain)
 
 
 def test_cells_that_are_relative_reach_from_full_deflection_to_full_deflection():
@@ -225,7 +231,7 @@ def test_every_parameter_of_a_network_with_maps_learns(shared):
     space = ActionSpace(
         1, (3, 24, 7, 25), ordinal=(2,), maps=((1, Map(4, 6, relative=False)), (3, Map(5, 5, relative=True)))
     )
-    network = Network(2, space, [8], shared, 1, "elu", [ImageEncoder("simple", images, 2, 1, "elu")])
+    network = Network(2, space, Towers([8], shared, "elu"), 1, [ImageEncoder("simple", images, 2, 1, "elu")])
     draw = partial(torch.randn, generator=torch.Generator().manual_seed(0))
     rows, rng = 32, np.random.default_rng(0)
     pictures = tuple(torch.from_numpy(rng.integers(0, 256, (rows, 1, *image.shape), np.uint8)) for image in images)

@@ -19,6 +19,7 @@ from joybridge.simulator import (
     axis,
     behavior,
     branch,
+    button,
     image,
     metric,
     option,
@@ -152,8 +153,8 @@ class Whole(Game):
                 sensor("cells", [int(options["size"])], dtype="uint8", elements=["a", "b", "c"]),
                 image("eye", 4, 5, "what it sees", channels=3, centered=True),
             ],
-            axes=[axis("x", 0.0, 2.0, only_with=("gear", "high"))],
-            branches=[branch("gear", ["low", "high"])],
+            axes=[axis("x", 0.0, 2.0, only_with=("gear", "high"), kind="position", way="down")],
+            branches=[branch("gear", ["low", "high"], keys=["left", "7"]), button("jump", key="space")],
             metrics=["plain", metric("explained", "with words")],
         )
         return spec(cls, [player], parameters=[parameter("wind", -1.0, 1.0, 0.5, "to the right")], picture=(4, 2))
@@ -177,3 +178,12 @@ def test_a_spec_holds_its_parts():
     condition = player.device.axes[0].only_with
     assert made.version == "2b" and (condition.branch, condition.choice) == ("gear", "high")
     assert player.device.axes[0].high == 2.0 and player.device.branches[0].choices == ["low", "high"]
+    assert (player.device.axes[0].kind, player.device.axes[0].way) == (pb.AXIS_KIND_POSITION, pb.WAY_DOWN)
+    assert [list(one.keys) for one in player.device.branches] == [["ArrowLeft", "Digit7"], ["", "Space"]]
+
+
+def test_a_kind_and_a_way_that_there_is_not_are_refused():
+    with pytest.raises(ValueError, match="axis 'x' has kind 'place', expected one of position, velocity, angle"):
+        axis("x", kind="place")
+    with pytest.raises(ValueError, match="axis 'x' has way 'north', expected one of right, left, up, down"):
+        axis("x", way="north")

@@ -12,7 +12,7 @@ from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.workers.game import in_workers
 from joybridge.v1 import bridge_pb2 as pb
 
-PERFECT, RANDOM = 1, 2
+PERFECT, CARELESS, RANDOM = 1, 2, 3
 
 
 def act(lanes: int, *scripts: int) -> ActArrays:
@@ -37,6 +37,12 @@ def test_a_perfect_player_never_loses_and_two_of_them_draw():
     assert len(against_random) > 100 and against_random[:, 0].min() == 0 and against_random[:, 0].mean() > 0.8
     game.reset(4, {})
     assert not places(game, 60, PERFECT, PERFECT).any()
+
+
+def test_a_careless_player_is_between_the_two():
+    game = batched(Noughts)({}, {}, 20, 0, 3)
+    against_random, against_perfect = (places(game, 100, CARELESS, other)[:, 0] for other in (RANDOM, PERFECT))
+    assert against_random.mean() > 0.2 and -1 <= against_perfect.mean() < -0.2 < 0 <= against_perfect.max()
 
 
 def test_a_perfect_player_plays_every_move_that_gives_nothing_away():
@@ -99,7 +105,7 @@ def test_a_lane_changes_between_client_and_script_over_a_connection(simulator):
 
 @pytest.mark.parametrize(
     ("scripts", "text"),
-    [([3, 0], r"got 3 in lane 0, expected 0\.\.2 for perfect, random"), ([0, -1], "got -1 in lane 1")],
+    [([4, 0], r"got 4 in lane 0, expected 0\.\.3 for perfect, careless, random"), ([0, -1], "got -1 in lane 1")],
 )
 def test_a_script_that_is_not_there_is_refused_by_its_lane(scripts, text):
     (behavior,) = Noughts.describe({}).behaviors

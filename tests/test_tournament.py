@@ -47,7 +47,7 @@ NOUGHTS = Config(
 def run(simulator, tmp_path_factory):
     """Return a run with four checkpoints."""
     folder = tmp_path_factory.mktemp("tournament") / "run"
-    train(NOUGHTS, folder, [simulator], resume=False, report=lambda *_: None)
+    train(NOUGHTS, folder, [simulator], resume=False)
     return folder
 
 
@@ -218,9 +218,9 @@ def test_a_run_is_evaluated_with_another_one_in_all_seats_but_its_own(run, simul
 
 def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, capsys):
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
-    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    train(archer, tmp_path / "archer", [simulator], resume=False)
     for played, message in (
-        (tmp_path / "archer", "--others: archer has one agent, which plays alone; leave the option out"),
+        (tmp_path / "archer", "others: archer has one agent, which plays alone; leave them out"),
         (run, f"opponents: {tmp_path / 'archer'} plays archer, expected noughts; name a run of this game"),
     ):
         assert main(["evaluate", str(played), "--others", str(tmp_path / "archer"), "--simulator", simulator]) == 1
@@ -287,12 +287,12 @@ def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
         return done.errors
 
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
-    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    train(archer, tmp_path / "archer", [simulator], resume=False)
     assert "archer has one agent, and a match needs two" in refused(tmp_path / "archer")
     assert f"{tmp_path / 'archer'} plays archer, expected noughts as {run}" in refused(run, tmp_path / "archer")
     assert "has one checkpoint, and a tournament needs two players" in refused(run, "--policies", 1)
     assert "--anchor got 'perfect', expected one of run@128, run@256" in refused(run, "--anchor", "perfect")
-    assert "script:fool: noughts has no such script for player, which has perfect, random" in refused(
+    assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
         run, "--others", "script:fool"
     )
     shutil.copytree(run, tmp_path / "damaged")

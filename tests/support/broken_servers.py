@@ -62,8 +62,8 @@ class Gauntlet(BatchedGame):
         ]
         player = behavior(
             "player", sensors=sensors,
-            axes=[axis("x"), axis("force", 0.5, 2.0, only_with=("gear", "high"))],
-            branches=[branch("gear", ["low", "middle", "high"]), button("press")],
+            axes=[axis("x", kind="velocity", way="right"), axis("force", 0.5, 2.0, only_with=("gear", "high"))],
+            branches=[branch("gear", ["low", "middle", "high"], keys=["1", "", "3"]), button("press", key="space")],
             channels=[channel("gain"), channel("cost", 0.5)], metrics=["length", "presses"],
         )  # fmt: skip
         judge = behavior("judge", sensors=[sensor("lead", [1])], branches=[button("verdict")], agents=2)
@@ -478,6 +478,15 @@ class ConditionOnNothing(Honest):
     def describe(games, name, options):
         spec = sessions.describe(games, name, options)
         spec.behaviors[0].device.axes[1].only_with.choice = "reverse"
+        return spec
+
+
+@broken("keys_are_one_per_choice", "spec_is_within_all_bounds", "every_choice_has_a_valid_spec")
+class OneKeyForTwoChoices(Honest):
+    @staticmethod
+    def describe(games, name, options):
+        spec = sessions.describe(games, name, options)
+        spec.behaviors[0].device.branches[0].keys[1] = "Digit1"
         return spec
 
 

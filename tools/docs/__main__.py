@@ -9,7 +9,8 @@ import sys
 from tools.docs.pages import ROOT
 
 if __name__ == "__main__":
-    options = ["--fresh-env", "--fail-on-warning", "--keep-going", "--quiet", "-c", "docs", "-d", ".sphinx_cache"]
+    quiet = [] if sys.stdout.isatty() else ["--quiet"]  # a person sees how far it is; a log gets warnings alone
+    options = ["--fresh-env", "--fail-on-warning", "--keep-going", *quiet, "-c", "docs", "-d", ".sphinx_cache"]
     command = [sys.executable, "-m", "sphinx", *options, ".", "site"]
     status = subprocess.run(command, cwd=ROOT, check=False).returncode
     if not status:

@@ -10,6 +10,7 @@ __all__ = [
     "MAX_ELEMENTS",
     "MAX_ENTRIES",
     "MAX_FLOAT32",
+    "MAX_KEY",
     "MAX_LANES",
     "MAX_MESSAGE",
     "MAX_NAME",
@@ -29,6 +30,7 @@ __all__ = [
 MAX_NAME = 100  # characters of a name, a label or a product
 MAX_DESCRIPTION = 1000  # characters
 MAX_ENTRIES = 1000  # of a list of named things
+MAX_KEY = 32  # characters of a key
 MAX_CHOICES = 65536  # of a branch
 MAX_SIZES = 8  # of the shape of a sensor
 MAX_ELEMENTS = 2**24  # of all sensors of a behavior together

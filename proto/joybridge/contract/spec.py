@@ -12,6 +12,7 @@ from joybridge.contract.limits import (
     MAX_ELEMENTS,
     MAX_ENTRIES,
     MAX_FLOAT32,
+    MAX_KEY,
     MAX_LANES,
     MAX_NAME,
     MAX_PER_ELEMENT,
@@ -136,6 +137,7 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
     for branch in device.branches:
         _require(len(branch.choices) >= 2, f"{where}: branch {branch.name!r} needs at least two choices")
         _check_labels(branch.choices, 2, MAX_CHOICES, f"{where}: branch {branch.name!r}")
+        _check_keys(branch, f"{where}: branch {branch.name!r}")
     for channel in behavior.channels:
         ok = isfinite(channel.default_weight)
         _require(ok, f"{where}: channel {channel.name!r} has weight {channel.default_weight}, expected a finite number")
@@ -166,6 +168,15 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
         _require(ok, f"{what} has a low above its high")
         if sensor.HasField("image"):
             _check_image(sensor, what)
+
+
+def _check_keys(branch: pb.Branch, what: str) -> None:
+    count, named = len(branch.keys), [key for key in branch.keys if key]
+    _require(count in (0, len(branch.choices)), f"{what} has {count} keys for {len(branch.choices)} choices")
+    _require(len(set(named)) == len(named), f"{what} has one key for two choices")
+    for key in named:
+        ok = len(key) <= MAX_KEY and key.isascii() and key.isalnum()
+        _require(ok, f"{what} has the key {key[:MAX_KEY]!r}, expected 1 to {MAX_KEY} letters and digits, such as KeyE")
 
 
 def _check_condition(condition: pb.Condition, branches: Iterable[pb.Branch], what: str) -> None:

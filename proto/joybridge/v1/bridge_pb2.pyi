@@ -12,6 +12,21 @@ class Color(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     COLOR_GRAY: _ClassVar[Color]
     COLOR_RGB: _ClassVar[Color]
 
+class AxisKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    AXIS_KIND_UNSPECIFIED: _ClassVar[AxisKind]
+    AXIS_KIND_POSITION: _ClassVar[AxisKind]
+    AXIS_KIND_VELOCITY: _ClassVar[AxisKind]
+    AXIS_KIND_ANGLE: _ClassVar[AxisKind]
+
+class Way(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    WAY_UNSPECIFIED: _ClassVar[Way]
+    WAY_RIGHT: _ClassVar[Way]
+    WAY_LEFT: _ClassVar[Way]
+    WAY_UP: _ClassVar[Way]
+    WAY_DOWN: _ClassVar[Way]
+
 class Dtype(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     DTYPE_UNSPECIFIED: _ClassVar[Dtype]
@@ -56,6 +71,15 @@ class Reason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
 COLOR_UNSPECIFIED: Color
 COLOR_GRAY: Color
 COLOR_RGB: Color
+AXIS_KIND_UNSPECIFIED: AxisKind
+AXIS_KIND_POSITION: AxisKind
+AXIS_KIND_VELOCITY: AxisKind
+AXIS_KIND_ANGLE: AxisKind
+WAY_UNSPECIFIED: Way
+WAY_RIGHT: Way
+WAY_LEFT: Way
+WAY_UP: Way
+WAY_DOWN: Way
 DTYPE_UNSPECIFIED: Dtype
 DTYPE_FLOAT32: Dtype
 DTYPE_INT32: Dtype
@@ -269,18 +293,22 @@ class Device(_message.Message):
     def __init__(self, axes: _Optional[_Iterable[_Union[Axis, _Mapping]]] = ..., branches: _Optional[_Iterable[_Union[Branch, _Mapping]]] = ...) -> None: ...
 
 class Axis(_message.Message):
-    __slots__ = ("name", "description", "low", "high", "only_with")
+    __slots__ = ("name", "description", "low", "high", "only_with", "kind", "way")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     LOW_FIELD_NUMBER: _ClassVar[int]
     HIGH_FIELD_NUMBER: _ClassVar[int]
     ONLY_WITH_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    WAY_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     low: float
     high: float
     only_with: Condition
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., low: _Optional[float] = ..., high: _Optional[float] = ..., only_with: _Optional[_Union[Condition, _Mapping]] = ...) -> None: ...
+    kind: AxisKind
+    way: Way
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., low: _Optional[float] = ..., high: _Optional[float] = ..., only_with: _Optional[_Union[Condition, _Mapping]] = ..., kind: _Optional[_Union[AxisKind, str]] = ..., way: _Optional[_Union[Way, str]] = ...) -> None: ...
 
 class Condition(_message.Message):
     __slots__ = ("branch", "choice")
@@ -291,14 +319,16 @@ class Condition(_message.Message):
     def __init__(self, branch: _Optional[str] = ..., choice: _Optional[str] = ...) -> None: ...
 
 class Branch(_message.Message):
-    __slots__ = ("name", "description", "choices")
+    __slots__ = ("name", "description", "choices", "keys")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     CHOICES_FIELD_NUMBER: _ClassVar[int]
+    KEYS_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     choices: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., choices: _Optional[_Iterable[str]] = ...) -> None: ...
+    keys: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., choices: _Optional[_Iterable[str]] = ..., keys: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class RewardChannel(_message.Message):
     __slots__ = ("name", "description", "default_weight")

@@ -78,7 +78,7 @@ LOCOMOTIONS = {
         "an angle within ±90° and a signed speed; a negative speed reverses",
         _unit_circle,
         axes=(
-            axis("angle", description="fraction of 90°, counter-clockwise from +x"),
+            axis("angle", description="fraction of 90°, counter-clockwise from +x", kind="angle"),
             axis("speed", description=SIGNED_SPEED),
         ),
     ),
@@ -86,8 +86,8 @@ LOCOMOTIONS = {
         "a velocity along x and one along y",
         _axes,
         axes=(
-            axis("velocity_x", description="fraction of the top speed"),
-            axis("velocity_y", description="fraction of the top speed"),
+            axis("velocity_x", description="fraction of the top speed", kind="velocity", way="right"),
+            axis("velocity_y", description="fraction of the top speed", kind="velocity", way="up"),
         ),
     ),
     "steer": Locomotion(

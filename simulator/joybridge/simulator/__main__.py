@@ -27,6 +27,7 @@ from joybridge.simulator.service import Limits
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_WORKERS = 128  # of a session
+DEFAULT_HOST, _, DEFAULT_PORT = DEFAULT_ADDRESS.partition(":")
 WORKER_SHARE = 0.9  # of the time for a step: what a worker does is then said before the session ends
 
 
@@ -36,6 +37,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     parser = _parser(prog)
     words, own = split_arguments(sys.argv[1:] if arguments is None else arguments)
     options = parser.parse_args(words)
+    if options.command == "serve":
+        options.address = _place(parser, options)
     give_arguments(parser, options, own)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s %(message)s"))
@@ -70,6 +73,18 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         print("interrupted", file=sys.stderr)
         return 130
     return 0
+
+
+def _place(parser: argparse.ArgumentParser, options: argparse.Namespace) -> str:
+    """Return the address that is served, from --address or from --host and --port. Ends the program if it is wrong."""
+    if options.address and (options.host or options.port):
+        parser.error("--address already has a host and a port; leave out --host and --port")
+    if not options.host and not options.port:
+        return options.address or DEFAULT_ADDRESS
+    try:
+        return address(f"{options.host or DEFAULT_HOST}:{options.port or DEFAULT_PORT}")
+    except argparse.ArgumentTypeError as error:
+        parser.error(f"--host and --port: {error}")
 
 
 def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
@@ -133,10 +148,11 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     server.add_argument(
         "--address",
         type=address,
-        default=DEFAULT_ADDRESS,
-        help="HOST:PORT (port 0: any free port) or unix:PATH; default %(default)s. An address that other machines can "
-        "reach needs --tls-cert, --tls-key and --token-file",
+        help=f"HOST:PORT (port 0: any free port) or unix:PATH; default {DEFAULT_ADDRESS}. An address that other "
+        "machines can reach needs --tls-cert, --tls-key and --token-file",
     )
+    server.add_argument("--host", help=f"the same in two parts: the host, by default {DEFAULT_HOST}")
+    server.add_argument("--port", help=f"and the port, by default {DEFAULT_PORT}")
     server.add_argument(
         "--with-parent", action="store_true", help="exit when standard input closes, i.e. with the parent process"
     )

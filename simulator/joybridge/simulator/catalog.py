@@ -42,7 +42,9 @@ class CatalogError(JoybridgeError):
 
 
 def load_games(places: Sequence[str] = (), workers: int = 0, seconds: float = math.inf) -> Catalog:
-    """Return all games by name: built-in, installed, and at `places`. Raises CatalogError for one that is broken.
+    """Return all games by name: at `places`, built-in, and installed. Raises CatalogError for one that is broken.
+
+    Those at `places` come first, so that `doctor` looks at them before its time is over.
 
     An installed package whose game is broken takes only itself away; a warning says why. workers: processes that step
     the arenas of each one-arena game at `places`; 0 or 1: this process does. seconds: for each answer of a worker.
@@ -50,16 +52,16 @@ def load_games(places: Sequence[str] = (), workers: int = 0, seconds: float = ma
     if workers > 1 and os.name == "nt":
         raise CatalogError("workers take sockets from the server, which Windows has no way for; leave out --workers")
     games: Catalog = {}
-    for place in BUILT_IN.values():
-        _add(games, place, load_game(place))
-    for point in entry_points(group="joybridge.games"):
-        if point.value not in places:  # those are loaded below, where what is broken is an error
-            _add_installed(games, point)
     for place in places:
         game = load_game(place)
         if workers > 1 and issubclass(game, GameAdapter):
             game = in_workers(game, place, workers, seconds)
         _add(games, place, game)
+    for place in BUILT_IN.values():
+        _add(games, place, load_game(place))
+    for point in entry_points(group="joybridge.games"):
+        if point.value not in places:  # those are loaded below, where what is broken is an error
+            _add_installed(games, point)
     return games
 
 

@@ -4,9 +4,12 @@ from collections.abc import Iterable, Iterator
 from textwrap import wrap
 
 from joybridge.contract.tensors import NUMPY_TYPES
+from joybridge.simulator.spec_parts import AXIS_KINDS, AXIS_WAYS
 from joybridge.v1 import bridge_pb2 as pb
 
 WIDTH = 120  # columns
+KINDS = {number: name for name, number in AXIS_KINDS.items()}
+WAYS = {way: f"to the {name}" if name in ("left", "right") else name for name, way in AXIS_WAYS.items()}
 
 
 def listing(games: Iterable[pb.GameSpec]) -> str:
@@ -46,12 +49,15 @@ def _sensor(sensor: pb.Sensor) -> str:
 
 def _axis(axis: pb.Axis) -> str:
     condition = f" (with {axis.only_with.branch} {axis.only_with.choice})" if axis.HasField("only_with") else ""
-    return f"{axis.name} {axis.low:g}..{axis.high:g}{condition}"
+    said = [name for name in (KINDS.get(axis.kind), WAYS.get(axis.way)) if name]
+    return f"{axis.name} {axis.low:g}..{axis.high:g}{condition}" + (f" ({', '.join(said)})" if said else "")
 
 
 def _branch(branch: pb.Branch) -> str:
-    few = len(branch.choices) <= 8
-    return f"{branch.name} ({' | '.join(branch.choices) if few else f'{len(branch.choices)} choices'})"
+    keys = branch.keys or [""] * len(branch.choices)
+    labels = [f"{label} [{key}]" if key else label for label, key in zip(branch.choices, keys, strict=True)]
+    few = len(labels) <= 8
+    return f"{branch.name} ({' | '.join(labels) if few else f'{len(branch.choices)} choices'})"
 
 
 def _joined(parts: Iterable[str]) -> str:

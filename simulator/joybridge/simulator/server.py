@@ -36,6 +36,7 @@ GRACE_SECONDS = 1.0  # for calls to end after a signal
 GAME_SECONDS = 0.5  # for games to end after that
 STDERR = 2  # the descriptor, because a game may have closed or replaced `sys.stderr`
 STUCK_SECONDS = 4.0  # for all of it, before the process ends wherever it is
+SILENT_MS, ANSWER_MS = 8_000, 5_000  # without a byte of a client, until it is asked whether it is there; for its answer
 # How long the thread of a game may run Python code while the event loop waits. Beside four games in endless loops, a
 # call takes 15 ms with this and 70 ms with Python's default of 5 ms (medians on a busy machine with two cores).
 SWITCH_SECONDS = 0.001
@@ -153,8 +154,9 @@ def _options(games: Catalog) -> list[tuple[str, int]]:
         NO_COMPRESSION,
         ("grpc.max_receive_message_length", largest),
         ("grpc.max_send_message_length", -1),  # no limit: the checks of requests bound the size of responses
-        ("grpc.keepalive_time_ms", 30_000),
-        ("grpc.keepalive_timeout_ms", 20_000),
-        ("grpc.http2.min_recv_ping_interval_without_data_ms", 10_000),
+        ("grpc.keepalive_time_ms", SILENT_MS),
+        ("grpc.keepalive_timeout_ms", ANSWER_MS),
+        ("grpc.http2.ping_timeout_ms", ANSWER_MS),  # by default a minute, whatever keepalive_timeout_ms says
+        ("grpc.http2.min_recv_ping_interval_without_data_ms", 5_000),
         ("grpc.so_reuseport", 0),  # otherwise two servers could listen on one port and share its connections
     ]

@@ -5,6 +5,7 @@ protobuf themselves.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,17 @@ from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.simulator.batched_game import BatchedGame
 from joybridge.simulator.game import Game
 from joybridge.v1 import bridge_pb2 as pb
+
+AXIS_KINDS = {
+    "position": pb.AXIS_KIND_POSITION, "velocity": pb.AXIS_KIND_VELOCITY, "angle": pb.AXIS_KIND_ANGLE,
+}  # fmt: skip
+AXIS_WAYS = {"right": pb.WAY_RIGHT, "left": pb.WAY_LEFT, "up": pb.WAY_UP, "down": pb.WAY_DOWN}
+CODES = {
+    "space": "Space", "enter": "Enter", "tab": "Tab", "shift": "ShiftLeft", "ctrl": "ControlLeft", "alt": "AltLeft",
+    "left": "ArrowLeft", "right": "ArrowRight", "up": "ArrowUp", "down": "ArrowDown", "mouse left": "Mouse0",
+    "mouse middle": "Mouse1", "mouse right": "Mouse2",
+}  # fmt: skip
+T = TypeVar("T")
 
 
 def spec(
@@ -153,23 +165,51 @@ def axis(
     description: str = "",
     *,
     only_with: tuple[str, str] | None = None,
+    kind: str = "",
+    way: str = "",
 ) -> pb.Axis:
     """Return an axis: a continuous action in low..high.
 
     only_with: a branch and one of its choices: the game ignores the axis in decisions with another choice.
+    kind: position (it puts something at a place), velocity (it moves something) or angle (it turns something to a
+    direction); "": not said.
+    way: right, left, up or down: where the largest value points in the picture; "": not said. Pygame and other canvases
+    count y from the top, so the y of a mouse there has the way down. Raises ValueError for another kind or way.
     """
     condition = pb.Condition(branch=only_with[0], choice=only_with[1]) if only_with else None
-    return pb.Axis(name=name, description=description, low=low, high=high, only_with=condition)
+    made = pb.Axis(name=name, description=description, low=low, high=high, only_with=condition)
+    if kind:
+        made.kind = _known(f"axis {name!r} has kind", kind, AXIS_KINDS)
+    if way:
+        made.way = _known(f"axis {name!r} has way", way, AXIS_WAYS)
+    return made
 
 
-def branch(name: str, choices: Sequence[str], description: str = "") -> pb.Branch:
-    """Return a branch: a discrete action with two or more labeled choices."""
-    return pb.Branch(name=name, description=description, choices=choices)
+def branch(name: str, choices: Sequence[str], description: str = "", *, keys: Sequence[str] = ()) -> pb.Branch:
+    """Return a branch: a discrete action with two or more labeled choices.
+
+    keys: with which a person selects each choice, "" for none: a letter, a digit, a name such as "space", "enter",
+    "left" or "mouse right", or a `code` of browsers such as "Backquote"; none: the page of `play` proposes some.
+    """
+    return pb.Branch(name=name, description=description, choices=choices, keys=[_code(key) for key in keys])
 
 
-def button(name: str, description: str = "") -> pb.Branch:
-    """Return a branch with two choices: 0 released, 1 pressed."""
-    return branch(name, ["released", "pressed"], description)
+def button(name: str, description: str = "", *, key: str = "") -> pb.Branch:
+    """Return a branch with two choices: 0 released, 1 pressed. key: with which a person presses it, see `branch`."""
+    return branch(name, ["released", "pressed"], description, keys=("", key) if key else ())
+
+
+def _code(key: str) -> str:
+    """Return the code of a key, as browsers call it."""
+    if len(key) == 1 and key.isascii() and key.isalnum():
+        return f"Digit{key}" if key.isdigit() else f"Key{key.upper()}"
+    return CODES.get(key.lower(), key)
+
+
+def _known(what: str, given: str, known: Mapping[str, T]) -> T:
+    if given not in known:
+        raise ValueError(f"{what} {given!r}, expected one of {', '.join(known)}")
+    return known[given]
 
 
 def channel(name: str, default_weight: float = 1.0, description: str = "") -> pb.RewardChannel:

@@ -19,7 +19,11 @@ PAUSE_SECONDS = 0.002  # between two calls, after which the end of the stream ma
 SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 # Pings detect a machine that has disappeared. By default, gRPC servers end connections that ping more often than
 # every five minutes.
-KEEPALIVE = [("grpc.keepalive_time_ms", 330_000), ("grpc.keepalive_timeout_ms", 20_000)]
+KEEPALIVE = [
+    ("grpc.keepalive_time_ms", 330_000),
+    ("grpc.keepalive_timeout_ms", 20_000),
+    ("grpc.http2.ping_timeout_ms", 20_000),
+]
 
 T = TypeVar("T")
 

@@ -32,7 +32,9 @@ from joybridge.compare.suite import SUITES, compare_suite
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.variants import (
     SEARCH,
+    TRAINERS,
     Variant,
+    beside,
     check_unchanged,
     kept_spec,
     make_variants,
@@ -44,6 +46,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.errors import JoybridgeError
+from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -71,6 +74,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     compares.add_argument(
         "--suite", choices=SUITES, help="compare on all tasks of a suite instead of one configuration, on one page"
     )
+    compares.add_argument("--tasks", nargs="+", default=[], metavar="TASK", help="of the suite; default: all")
     compares.add_argument("--layouts", nargs="+", default=[], metavar="LAYOUT", help="e.g. hybrid bucket-5 multiagent")
     compares.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE,VALUE,…",
@@ -85,6 +89,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--also", action="append", default=[], metavar="CONFIG",
         help="another configuration of the same game that is compared; may be repeated",
     )  # fmt: skip
+    compares.add_argument(
+        "--beside", choices=TRAINERS,
+        help="train each variant also with PPO of Stable-Baselines3, on the same environment of Gymnasium",
+    )  # fmt: skip
+    compares.add_argument("--ppo", default="{}", metavar="JSON", help="further arguments of PPO there")
     compares.add_argument(
         "--search", nargs="+", action="extend", default=[], metavar="KEY=RANGE",
         help="search for the best settings instead, within ranges and choices: "
@@ -109,16 +118,19 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     add_simulator_options(compares)
     add_overrides(compares, "keys that all variants share, e.g. total_timesteps=100000")
     options = parse_overrides(parser, arguments)
-    overrides = [word for word in options.layouts if OVERRIDE.match(word)]  # they may stand behind the layouts
-    options.layouts = [word for word in options.layouts if word not in overrides]
-    options.overrides += overrides
+    for name in ("layouts", "tasks"):  # overrides may stand behind them
+        words = getattr(options, name)
+        options.overrides += [word for word in words if OVERRIDE.match(word)]
+        setattr(options, name, [word for word in words if not OVERRIDE.match(word)])
     check_simulator_options(parser, options)
     if options.suite and options.config and OVERRIDE.match(options.config):
         options.overrides, options.config = [options.config, *options.overrides], None
     if bool(options.suite) == bool(options.config):
         parser.error("name a configuration, or a suite with --suite")
-    if options.suite and (options.search or options.also):
-        parser.error("--search and --also are for one configuration, not for a suite")
+    if options.suite and (options.search or options.also or options.beside):
+        parser.error("--search, --also and --beside are for one configuration, not for a suite")
+    if options.tasks and not options.suite:
+        parser.error("--tasks are those of a suite; name it with --suite")
     fixed = list(filter(is_fixed, options.search))  # they may stand behind what is searched
     if fixed and fixed == options.search:
         parser.error(f"--search {' '.join(fixed)}: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,VALUE")
@@ -159,6 +171,8 @@ def compare(options: argparse.Namespace) -> int:
         [*grid, *map(read_values, options.set)],
         [*map(read_change, options.change)],
     )
+    if options.beside:
+        variants += beside(variants, options.beside)
     for variant in variants:
         check_unchanged(variant, options.output)
     specs = find_specs(variants, options)
@@ -199,7 +213,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     setting = Setting(variants[0].config.game, [job.timesteps for job in jobs], policies, repetition(options), missing)
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")
-    if (best := best_run(analysis, jobs)).exists():
+    if has_checkpoint(best := best_run(analysis, jobs)):
         say_next("evaluate", str(best))
     return 1 if missing else 0
 

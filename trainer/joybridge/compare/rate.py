@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     )
     rates.add_argument(
         "--others", action="append", default=[], metavar="WHO",
-        help="another player: script:NAME, a script of the game's author; may be repeated",
+        help="another player: script:NAME, a script of the game's author, or an exported policy.json; may be repeated",
     )  # fmt: skip
     rates.add_argument("--seed", type=at_least(0), default=1, help="of games, seats and samples; default %(default)s")
     rates.add_argument(
@@ -94,7 +94,7 @@ def rate_runs(options: argparse.Namespace) -> None:
                 f"{first} has one checkpoint, and a tournament needs two players; set keep, or add a run or --others"
             )
         players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
-        players |= {name: load_other(name, config, spec) for name in options.others}
+        players |= {name: load_other(name, config.game, spec) for name in options.others}
         names = list(players)
         anchor = options.anchor or next(iter(trained))
         if anchor not in (known := {*names, *(player for match in log for player in match.players)}):

@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,8 @@ ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys th
 FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a comparison is repeated
 SEARCH = "search.journal"  # of Optuna, in the folder of a search
 VARIANTS = "variants.json"
+TRAINERS = {"sb3": "Stable-Baselines3"}  # others than ours, with their names for people
+MODULES = {"sb3": "stable_baselines3"}
 MAX_BYTES = 2**26  # of this file
 MAX_DIFFERENCES = 3  # differences that an error names
 # What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
@@ -35,11 +38,12 @@ class Variant:
 
     label: str  # what differs, for people: "bucket-11", or "hybrid, gamma=0.9"
     config: Config
+    by: str = ""  # the trainer, "sb3"; "": ours
 
     @property
     def name(self) -> str:
         """Return the name of its files."""
-        return re.sub(r"[^\w.+=-]+", "_", self.label.replace(", ", "-")).strip("_")
+        return file_name(self.label)
 
 
 class Kept(NamedTuple):
@@ -47,6 +51,18 @@ class Kept(NamedTuple):
 
     config: Config
     spec: pb.GameSpec  # of its game when the comparison began
+
+
+def file_name(label: str) -> str:
+    """Return the name of the files of a variant."""
+    return re.sub(r"[^\w.+=-]+", "_", label.replace(", ", "-")).strip("_")
+
+
+def beside(variants: Sequence[Variant], trainer: str) -> list[Variant]:
+    """Return the same variants, trained by another trainer. Raises ConfigError if it is not installed."""
+    if find_spec(MODULES[trainer]) is None:
+        raise ConfigError(f"--beside {trainer} needs {TRAINERS[trainer]}: `pip install {MODULES[trainer]}`")
+    return [Variant(f"{variant.label}, {TRAINERS[trainer]}", variant.config, trainer) for variant in variants]
 
 
 def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:

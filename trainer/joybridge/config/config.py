@@ -4,12 +4,13 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
+from joybridge.config.games import SEVERAL, GameConfig, Games
 from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.presets import preset_of
 from joybridge.contract.text import printable
@@ -20,7 +21,8 @@ MAY_CHANGE = (  # in a resumed run
     "max_restarts", "log_interval", "log_to", "stratify_by",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
-MAY_DIFFER = (*OF_THE_GAME, "hand", "timeout_seconds", "transport")  # from the training, when a trained policy plays
+OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_during")  # not of several
+MAY_DIFFER = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")  # from the training, when a policy plays
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
@@ -158,7 +160,8 @@ class OpponentsConfig(Checked):
 
     shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
         {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, the folder of "
-        "another run, or `script:NAME` of the game; one seat of a match is always the learner's; none: it holds all"
+        "another run, an exported policy.json, or `script:NAME` of the game; one seat of a match is always the "
+        "learner's; none: it holds all"
     )  # fmt: skip
     sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
         "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
@@ -212,6 +215,15 @@ class Config(Checked):
         [],
         description="lessons, one after the other: `parameters`, and `until` when, see Curricula in docs/training.md",
     )
+    games: Games = Field(
+        {}, description="several games that one policy plays, in place of `game`: a name for each, then its keys, see "
+        "docs/several-games.md"
+    )  # fmt: skip
+    common_device: dict[str, Annotated[list[str], Field(min_length=1)]] = Field(
+        {}, description="parts of the device of several games, by hand: a name, then the axes or the branches that it "
+        "stands for, each as PART or GAME.PART; others go by their names"
+    )  # fmt: skip
+    tell_game: bool = Field(False, description="let the policy know which of several games it plays")
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
@@ -278,7 +290,40 @@ class Config(Checked):
     @classmethod
     def _with_preset(cls, data: Any) -> Any:
         """Lay the given keys on top of those of their preset."""
-        return merge(preset_of(data), data) if isinstance(data, dict) else data
+        if not isinstance(data, dict):
+            return data
+        name = {"game": SEVERAL} if data.get("games") else {}
+        return merge(name | preset_of(data), data)
+
+    @model_validator(mode="after")
+    def _one_game_or_several(self) -> Self:
+        """Refuse what belongs to one game beside several."""
+        if self.games and self.game != SEVERAL:
+            raise ValueError(f"there is a game, {self.game!r}, beside `games`; give one of the two")
+        wrong = [key for key in OF_ONE_GAME if getattr(self, key)] if self.games else []
+        wrong += ["opponents"] if self.games and self.opponents.shares else []
+        wrong += [key for key in ("common_device", "tell_game") if getattr(self, key)] if not self.games else []
+        if wrong:
+            hint = f"write games.NAME.{wrong[0]}" if wrong[0] in OF_THE_GAME else "leave it out"
+            raise ValueError(f"`{wrong[0]}` does not go with {'several games' if self.games else 'one game'}; {hint}")
+        if len(self.games) > self.arenas:
+            raise ValueError(f"{self.arenas} arenas are too few for {len(self.games)} games")
+        return self
+
+    @property
+    def played(self) -> dict[str, GameConfig]:
+        """Return the games that are played, by name: those of `games`, or the only one."""
+        if self.games:
+            return {name: one.model_copy(update={"game": one.game or name}) for name, one in self.games.items()}
+        return {self.game: GameConfig(game=self.game, options=self.options, parameters=self.parameters)}
+
+    def of_game(self, name: str) -> "Config":
+        """Return the configuration when only this one of several games is played. Raises ConfigError."""
+        if name not in self.games:
+            known = ", ".join(self.games) or f"only {self.game}"
+            raise ConfigError(f"there is no game {name!r} among several; there are {known}; see --only-game")
+        one = self.played[name]
+        return self.model_copy(update={"game": one.game, "options": one.options, "parameters": one.parameters})
 
     def policy_config(self, name: str) -> PolicyConfig:
         """Return the configuration of the policy called `name`. Raises ConfigError."""
@@ -353,6 +398,8 @@ def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
         if first["type"] == "missing":
             raise ConfigError(f"{key}: it is missing; every configuration has this key") from None
         reason = _expected(key, value, first["type"]) or first["msg"].removeprefix("Value error, ")
+        if not first["loc"]:  # several keys contradict each other
+            raise ConfigError(reason) from None
         raise ConfigError(f"{key}: got {_show(value)}; {reason}") from None
 
 

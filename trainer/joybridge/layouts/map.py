@@ -17,9 +17,10 @@ MIN_SIDE = 2
 def point_map(device: pb.Device, setting: str) -> Layout:
     """Both axes of a pointer one branch: the cells of a map, W across and H down; buttons as in `bucket-N`.
 
-    The first axis is positive to the right, the second upwards. A cell of `map-WxH` is that part of their ranges,
-    and of an image of the whole field. `map-WxH-relative` is for axes that move the pointer, and for an image with the
-    pointer in its middle: the cells in the middle are rest, those at the edges are full deflection.
+    The first axis is positive to the right, the second upwards, unless they say that it is the other way. A cell of
+    `map-WxH` is that part of their ranges, and of an image of the whole field. `map-WxH-relative` is for axes that move
+    the pointer, and for an image with the pointer in its middle: the cells in the middle are rest, those at the edges
+    are full deflection.
     """
     shape = _shape(setting)
     if (count := len(device.axes)) != 2:
@@ -28,7 +29,9 @@ def point_map(device: pb.Device, setting: str) -> Layout:
         )
         raise DeviceError(f"it sets two axes, to the right and upwards, and there are {count}; {instead}")
     across, up = device.axes
-    columns, rows = _values(across, shape.width, shape), _values(up, shape.height, shape)[::-1]
+    columns, rows = _values(across, shape.width, shape), _values(up, shape.height, shape)
+    columns = columns[::-1] if across.way == pb.WAY_LEFT else columns  # from left to right
+    rows = rows if up.way == pb.WAY_DOWN else rows[::-1]  # from top to bottom
     positions = np.stack([np.tile(columns, shape.height), np.repeat(rows, shape.width)], axis=1)
     nothing = np.zeros((len(positions), 0), np.int32)
     cells = Layout(discrete=(JointTable((), nothing, (0, 1), positions, shape),))

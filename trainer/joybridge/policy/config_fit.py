@@ -10,6 +10,7 @@ from joybridge.config.game_settings import check_drawn, check_settings, distribu
 from joybridge.config.metrics import column_name
 from joybridge.layouts import Role, list_roles
 from joybridge.policy.encoder import ObservationEncoder
+from joybridge.policy.lineup import make_lineup
 from joybridge.policy.scaling import make_scaling
 from joybridge.policy.stratify import balanced_options
 from joybridge.ppo.images import check_maps
@@ -22,7 +23,12 @@ def find_and_load(text: str, overrides: Sequence[str] = ()) -> Config:
 
 
 def fitting_spec(address: str, config: Config) -> pb.GameSpec:
-    """Return the spec of a configuration's game under its options. Raises SimulatorError and ConfigError."""
+    """Return the spec of a configuration's game under its options. Raises SimulatorError and ConfigError.
+
+    That of several games is their common spec.
+    """
+    if config.games:
+        return make_lineup(address, config).spec
     if config.options:
         # With a wrong option there would be no spec.
         check_settings(config.options, config.parameters, describe(address, config.game, {}))

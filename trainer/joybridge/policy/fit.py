@@ -20,7 +20,7 @@ def misfits(
     parts = ", ".join(f"{sensor.name} {element_count(sensor)}" for sensor in sensors)
     frames = f"{frame_stack} frames of {parts}" if frame_stack > 1 else parts
     if _shapes(saved, "encoders.0.") != _shapes(now, "encoders.0."):
-        differences.append(f"image_encoder, frame_stack or an image was another one, now {frames}")
+        differences.append(f"image_encoder, network, frame_stack or an image was another one, now {frames}")
     elif before[:1] != after[:1]:
         unit = "features" if _shapes(now, "encoders.") else "numbers"
         differences.append(f"the sensors had {_numbers(before[:1])} {unit}, now {_numbers(after[:1])} ({frames})")

@@ -17,6 +17,10 @@ class Script:
         """behavior: its index in the spec. number: of the script among those of the behavior, from 1 on."""
         self.name, self.behavior, self.number, self.seed = name, behavior, number, 0
 
+    def seat(self, lanes: int) -> "Script":
+        """Return what plays in so many lanes."""
+        return self
+
     def begin(self, step: StepArrays) -> None:
         """Take the first observations: a script sees the game itself."""
 

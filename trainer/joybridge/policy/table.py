@@ -1,6 +1,7 @@
 """The players of some arenas, each in the seats that it holds: one batch per policy in every decision."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -9,11 +10,36 @@ from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
 from joybridge.policy.player import Player
-from joybridge.policy.scripted import Script
 from joybridge.policy.seats import Seats
 from joybridge.v1 import bridge_pb2 as pb
 
 SAMPLES = 2**62  # plus the number of the table: the second word of the key of what its players draw
+
+
+class Seated(Protocol):
+    """Who plays where a holder has seats of one behavior. Lanes are given by their numbers; see `Player`."""
+
+    name: str
+    behavior: int
+    seed: int
+    rng: np.random.Generator
+
+    def begin(self, step: StepArrays) -> None: ...  # noqa: D102
+    def act(self, step: StepArrays, act: ActArrays, held: Array) -> None: ...  # noqa: D102
+    def store(self, step: StepArrays, held: Array) -> object: ...  # noqa: D102
+    def state(self, held: Array) -> dict[str, Array]: ...  # noqa: D102
+    def load(self, state: dict[str, Array], held: Array) -> None: ...  # noqa: D102
+
+
+class Guest(Protocol):
+    """Who may sit down: a script or an exported policy, and whose state a checkpoint holds."""
+
+    name: str
+    behavior: int
+
+    def seat(self, lanes: int) -> Seated: ...  # noqa: D102
+    def state(self) -> dict[str, Array]: ...  # noqa: D102
+    def load(self, state: dict[str, Array]) -> None: ...  # noqa: D102
 
 
 class Table:
@@ -22,18 +48,18 @@ class Table:
     def __init__(self, spec: pb.GameSpec, arenas: int, seed: int, number: int = 0) -> None:
         """Begin without players. number: of the table, among those with the same seed."""
         self.arenas, self.seats = arenas, Seats(spec, arenas)
-        self.players: dict[int, list[Player | Script]] = {}  # by the number of a holder: a player per policy
+        self.players: dict[int, list[Seated]] = {}  # by the number of a holder: a player per policy
         self._lanes = [lane_count(behavior, arenas) for behavior in spec.behaviors]
         self._key, self._decisions = [seed, SAMPLES + number], 0
 
-    def join(self, holder: int, parts: Sequence[Actor | Script]) -> None:
-        """Let actors or scripts of all behaviors play where a holder has a seat.
+    def join(self, holder: int, parts: Sequence[Actor | Guest]) -> None:
+        """Let actors or guests of all behaviors play where a holder has a seat.
 
         They see nothing before the next match.
         """
         self.players[holder] = [
-            Player(one, self._lanes[one.behavior], 0, deterministic=False) if isinstance(one, Actor) else one
-            for one in parts
+            Player(one, lanes, 0, deterministic=False) if isinstance(one, Actor) else one.seat(lanes)
+            for one, lanes in ((one, self._lanes[one.behavior]) for one in parts)
         ]
 
     def begin(self, steps: Sequence[StepArrays]) -> None:
@@ -63,11 +89,11 @@ class Table:
             if len(held):
                 player.store(steps[player.behavior], held)
 
-    def _held(self, holder: int, player: Player | Script) -> Array:
+    def _held(self, holder: int, player: Seated) -> Array:
         """Return the numbers of the lanes that a player of a holder has now."""
         return np.flatnonzero(self.seats.holders(player.behavior) == holder)
 
-    def _seated(self) -> list[tuple[int, Player | Script]]:
+    def _seated(self) -> list[tuple[int, Seated]]:
         return [(holder, player) for holder, players in self.players.items() for player in players]
 
     def state(self) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""Who plays beside the learner: its own past policies, those of other runs, and scripts, drawn anew for each match.
+"""Who plays beside the learner, drawn anew for each match: its past policies, those of others, and scripts.
 
 In every match one seat, drawn at random, is the learner's; each other one goes to a holder that is drawn by the shares
 in the configuration. Holder 0 is the learner; others have a number for life.
@@ -17,9 +17,8 @@ from joybridge.config.metrics import Row
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor, make_actors
-from joybridge.policy.scripted import Script
 from joybridge.policy.seats import Result
-from joybridge.policy.table import Table
+from joybridge.policy.table import Guest, Table
 from joybridge.run.others import load_other
 from joybridge.run.pool import LEAGUE, load_pooled, pooled, sampling_weights, thinned
 from joybridge.v1 import bridge_pb2 as pb
@@ -85,7 +84,7 @@ class League:
             raise ConfigError(f"opponents.shares: {spec.name} has one agent, which plays alone; leave the key out")
         tables = [Table(spec, end - first, config.seed, index) for index, (first, end) in enumerate(pairwise(bounds))]
         self.groups = [Opponents(self, table, first) for table, first in zip(tables, bounds, strict=False)]
-        self._actors: dict[int, Sequence[Actor | Script]] = {}
+        self._actors: dict[int, Sequence[Actor | Guest]] = {}
         self._others: dict[str, int] = {}
         self._pool: dict[int, int] = {}  # the timesteps of each past policy, by its number, oldest first
         self._results: dict[int, Array] = {}  # [2]: in how many meetings the learner was ahead, and how many there were
@@ -93,7 +92,7 @@ class League:
         for name in self._keys.shares:
             if name not in (LEARNER, PAST):
                 self._others[name] = number = len(self._actors) + 1
-                self._join(number, load_other(name, config, spec))
+                self._join(number, load_other(name, config.game, spec))
         self._next = len(self._actors) + 1
         self._roster: list[int] = []  # who of the pool plays in the matches that begin before the next update
         self._updates = -1  # of the learner when that was drawn
@@ -161,7 +160,7 @@ class League:
         for number in self._actors.keys() - needed:
             self._leave(number)
 
-    def _join(self, number: int, actors: Sequence[Actor | Script]) -> None:
+    def _join(self, number: int, actors: Sequence[Actor | Guest]) -> None:
         self._actors[number] = actors
         for group in self.groups:
             group.table.join(number, actors)
@@ -205,5 +204,6 @@ class League:
             if number not in self._actors:
                 self._join(number, make_actors(self._config, self._spec, self._config.accelerator))
             load_pooled(self._actors[number], arrays, number)
+            self._join(number, self._actors[number])  # an exported file plays as it was
         for index, group in enumerate(self.groups if seated else ()):
             group.table.load(select(state, f"tables.{index}."))

@@ -17,7 +17,7 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.scores import Scores
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.policy.players import Players
+    from joybridge.viewer.rival import Others
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Arena:
         self.acts = make_acts(spec, 1)
         self.turn = 0
         self.picture: Array | None = None
-        self.others: Players | None = None
+        self.others: Others | None = None
         self._drawn = [0] if spec.HasField("picture") else []
         self._rng = np.random.default_rng(settings.seed)
 
@@ -70,7 +70,7 @@ class Arena:
         """The present observations, masks and who decides."""
         return self.session.steps
 
-    def seat(self, others: "Players") -> None:
+    def seat(self, others: "Others") -> None:
         """Let others hold the seats that the person does not. Call this before the first decision."""
         others.begin(self.steps)
         self.others = others
@@ -82,7 +82,8 @@ class Arena:
         SimulatorError.
         """
         held = None if seat is None else self.scores.seats[seat]
-        decided = self.others.act(self.steps) if self.others else None  # for all seats: the person may take another one
+        # For all seats: the person may take another one.
+        decided = self.others.act(self.steps, seat) if self.others else None
         for index, (behavior, act, step) in enumerate(zip(self.spec.behaviors, self.acts, self.steps, strict=True)):
             if decided:
                 others = decided[index]

@@ -1,13 +1,13 @@
-"""Controls: which pointer, keys and gamepad act on which axes and branches, from the names in a spec alone.
+"""Controls: which pointer, keys and gamepad act on which axes and branches, from what a spec says and from its names.
 
-A guess that a person can change in the page. Keys are named as in `KeyboardEvent.code`, buttons of the pointer Mouse0
-(left), Mouse1 and Mouse2 (right), buttons of a gamepad Pad0, Pad1, … as in the standard gamepad.
+A proposal that a person can change in the page. Keys are named as in `KeyboardEvent.code`, buttons of the pointer
+Mouse0 (left), Mouse1 and Mouse2 (right), buttons of a gamepad Pad0, Pad1, … as in the standard gamepad.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from joybridge.play.device_names import pair_axes, rest_choice, words
+from joybridge.layouts.device_names import pair_axes, rest_choice, words
 from joybridge.v1 import bridge_pb2 as pb
 
 # Words in the names of branches.
@@ -54,15 +54,19 @@ def make_controls(spec: pb.GameSpec) -> list[Stick | Choice]:
     sticks = [
         (index, pair) for index, behavior in enumerate(spec.behaviors) for pair in pair_axes(behavior.device.axes)
     ]
+    said = {key for behavior in spec.behaviors for branch in behavior.device.branches for key in branch.keys if key}
     controls: list[Stick | Choice] = []
     for number, (index, pair) in enumerate(sticks):
         left, right, down, up = STICK_KEYS[number] if number < len(STICK_KEYS) else ((), (), (), ())
         keys = (left, right, *((down, up) if pair.axes[1] is not None else ((), ())))
         if pair.axes[0] is None:
             keys = ((), (), down, up)
-        pointer = "off" if number else pair.sets
-        controls.append(Stick(index, pair.axes, pair.span, pointer, keys, number if number < 2 else -1))
-    used = {key for control in controls if isinstance(control, Stick) for keys in control.keys for key in keys}
+        ours = [[key for key in way if key not in said] for way in keys]
+        pointer, pad = "off" if number else pair.sets, number if number < 2 else -1
+        controls.append(
+            Stick(index, pair.axes, pair.span, pointer, (ours[0], ours[1], ours[2], ours[3]), pad, pair.invert)
+        )
+    used = said | {key for control in controls if isinstance(control, Stick) for keys in control.keys for key in keys}
     for index, behavior in enumerate(spec.behaviors):
         for number, branch in enumerate(behavior.device.branches):
             once = bool(set(words(branch.name)) & ONCE)
@@ -74,10 +78,17 @@ def make_controls(spec: pb.GameSpec) -> list[Stick | Choice]:
 def _choice_keys(branch: pb.Branch, rest: int, used: set[str]) -> list[Sequence[str]]:
     """Return the keys of each choice of a branch, none of which is in `used`, and add them to it.
 
-    A choice that is a way has the keys of the arrows; one or two choices have buttons of the pointer; others digits.
+    Keys that the spec says come first; a button of the gamepad joins that of a button. Otherwise: a choice that is
+    a way has the keys of the arrows; one or two choices have buttons of the pointer; others digits.
     """
     button = len(branch.choices) == 2
     rests = button or rest_choice(branch.choices) is not None
+    if branch.keys:
+        own = [[key] if key else [] for key in branch.keys]
+        if button and (pad := next((press[-1] for press in PRESSES if press[-1] not in used), "")):
+            own[1].append(pad)
+            used.add(pad)
+        return list(own)
     pressed = [index for index in range(len(branch.choices)) if index != rest or not rests]
     keys: list[list[str]] = [[] for _ in branch.choices]
     presses = iter(press for press in PRESSES if not used & set(press))

@@ -59,8 +59,11 @@ constexpr char SPEC[] = R"(
       high: 1
     }
     device {
-      axes { name: "move" description: "left to right" low: -1 high: 1 }
-      branches { name: "swing" description: "masked until the last one is over" choices: ["released", "pressed"] }
+      axes { name: "move" description: "left to right" low: -1 high: 1 kind: AXIS_KIND_VELOCITY way: WAY_RIGHT }
+      branches {
+        name: "swing" description: "masked until the last one is over"
+        choices: ["released", "pressed"] keys: ["", "Space"]
+      }
     }
     channels { name: "returns" description: "the ball was returned" default_weight: 1 }
     channels { name: "smashes" description: "and that by a swing" default_weight: 1 }

@@ -6,7 +6,7 @@ namespace simulator {
 namespace {
 
 constexpr const char* PRODUCT = "paddle 0.1.0";
-constexpr std::uint32_t REVISION = 1;  // of bridge.proto
+constexpr std::uint32_t REVISION = 2;  // of bridge.proto
 
 }  // namespace
 

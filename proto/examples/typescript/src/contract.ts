@@ -15,7 +15,7 @@ const FILE = fileURLToPath(new URL("../../../joybridge/v1/bridge.proto", import.
 const OPTIONS = { keepCase: true, longs: String, enums: String, defaults: true, oneofs: true } as const;
 
 /** The version of this server: its product, and the revision of bridge.proto that it implements. */
-export const VERSION = { product: "meteors 0.1.0", revision: 1 };
+export const VERSION = { product: "meteors 0.1.0", revision: 2 };
 
 export const proto = loadSync(FILE, OPTIONS);
 const methods = proto[SERVICE] as unknown as SimulatorServiceDefinition;

@@ -36,8 +36,13 @@ export const meteors: Game = {
           { name: "town", dtype: "DTYPE_FLOAT32", shape: [1], elements: ["share of houses"], low: [0], high: [1] },
         ],
         device: {
-          axes: [{ name: "steer", description: "left to right", low: -1, high: 1 }],
-          branches: [{ name: "trigger", description: "masked while the gun is hot", choices: ["released", "pulled"] }],
+          axes: [
+            { name: "steer", description: "left to right", low: -1, high: 1, kind: "AXIS_KIND_VELOCITY", way: "WAY_RIGHT" },
+          ],
+          branches: [{
+            name: "trigger", description: "masked while the gun is hot", choices: ["released", "pulled"],
+            keys: ["", "Space"],
+          }],
         },
         channels: [
           { name: "hits", description: "meteors shot", default_weight: 1 },

@@ -8,7 +8,7 @@ from joybridge.conformance.expectations import expect, skip_unless
 from joybridge.conformance.registry import check, table
 from joybridge.conformance.spec_expectations import expect_each, expect_unique_names, parts_of
 from joybridge.conformance.subject import Subject
-from joybridge.contract.limits import element_count
+from joybridge.contract.limits import MAX_KEY, element_count
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -24,6 +24,12 @@ def _is_ordered(sensor: pb.Sensor) -> bool:
     if not (low and high and {len(low), len(high)} <= {1, count}):
         return True
     return all(a <= b for a, b in zip(low * (count // len(low)), high * (count // len(high)), strict=True))
+
+
+def _has_keys_of_its_own(branch: pb.Branch) -> bool:
+    named = [key for key in branch.keys if key]
+    fits = len(branch.keys) in (0, len(branch.choices)) and len(set(named)) == len(named)
+    return fits and all(key.isascii() and key.isalnum() and len(key) <= MAX_KEY for key in named)
 
 
 NAMED = (  # name, section, rule, field of Behavior
@@ -44,6 +50,9 @@ PARTS = (  # name, section, rule; of each part of a kind: the fields that are sh
     ("every_branch_has_two_choices_or_more", "Branch",
      "A branch has at least two choices, each with a label of its own.",
      "branches", ["choices"], lambda b: len(set(b.choices)) == len(b.choices) >= 2, "two or more unique labels"),
+    ("keys_are_one_per_choice", "Branch",
+     "Keys has one code per choice, different from each other, empty for none; or no entries.",
+     "branches", ["keys", "choices"], _has_keys_of_its_own, "no keys, or one of letters and digits per choice"),
     ("sensor_dtypes_are_valid", "Dtype", "DTYPE_UNSPECIFIED is never valid.",
      "sensors", ["dtype"], lambda s: s.dtype in NUMPY_TYPES, "a dtype of the contract"),
     ("sensor_shapes_are_at_least_one", "Sensor",

@@ -12,6 +12,12 @@ from joybridge.simulator import axis, behavior, branch, button, channel, image, 
 from joybridge.v1 import bridge_pb2 as pb
 
 MAX_KEYS = 32  # that are buttons
+CODES = {  # of keys as browsers call them, by pygame's names; letters, digits and F1 to F12 have the same
+    "RETURN": "enter", "ESCAPE": "Escape", "LSHIFT": "shift", "RSHIFT": "ShiftRight", "LCTRL": "ctrl",
+    "RCTRL": "ControlRight", "LALT": "alt", "RALT": "AltRight", "BACKSPACE": "Backspace", "SPACE": "space",
+    "TAB": "tab", "LEFT": "left", "RIGHT": "right", "UP": "up", "DOWN": "down", "COMMA": "Comma", "PERIOD": "Period",
+    "MINUS": "Minus", "EQUALS": "Equal", "SLASH": "Slash", "SEMICOLON": "Semicolon", "DELETE": "Delete",
+}  # fmt: skip
 LEFT_RIGHT = ("left", "middle", "right")  # buttons of a mouse
 
 
@@ -128,8 +134,8 @@ class Form(NamedTuple):
     def axes(self) -> list[pb.Axis]:
         """Return the axes."""
         sticks = [
-            axis("stick_x", description="Of the joystick; positive is right."),
-            axis("stick_y", description="Of the joystick; positive is up."),
+            axis("stick_x", description="Of the joystick; positive is right.", way="right"),
+            axis("stick_y", description="Of the joystick; positive is up.", way="up"),
         ] if self.look.stick else []  # fmt: skip
         if not self.pointer:
             return sticks
@@ -138,16 +144,18 @@ class Form(NamedTuple):
         if self.pointer == "velocity":
             text = "Of the pointer, in 4 % of the display's width per frame; positive is {1}."
         return [
-            axis(f"{stem}_x", description=text.format("left edge", "right edge")),
-            axis(f"{stem}_y", description=text.format("lower edge", "upper edge")),
+            axis(f"{stem}_x", description=text.format("left edge", "right edge"), kind=self.pointer, way="right"),
+            axis(f"{stem}_y", description=text.format("lower edge", "upper edge"), kind=self.pointer, way="up"),
             *sticks,
         ]
 
     def branches(self) -> list[pb.Branch]:
         """Return the branches: buttons of the mouse, keys, buttons of the joystick, and the wheel."""
         look = self.look
-        branches = [button(f"mouse_{name}", f"The {name} button of the mouse.") for name in look.buttons]
-        branches += [button(f"key_{name}", f"pygame.K_{name}") for name in look.keys]
+        branches = [
+            button(f"mouse_{name}", f"The {name} button of the mouse.", key=f"mouse {name}") for name in look.buttons
+        ]
+        branches += [button(f"key_{name}", f"pygame.K_{name}", key=_key(name)) for name in look.keys]
         if look.stick:
             branches += [button(f"joy_{n}", f"Button {n} of the joystick.") for n in range(STICK_BUTTONS)]
         if look.wheel:
@@ -186,3 +194,9 @@ def make_form(look: Look, options: Mapping[str, str]) -> Form:
         int(options["decision_interval"]), options.get("pointer", ""), screen, 0 if fovea == "none" else int(fovea),
         options["colors"] == "gray", look,
     )  # fmt: skip
+
+
+def _key(name: str) -> str:
+    """Return the key of a browser for one of pygame's, as `button` takes it; "" where none is known."""
+    plain = len(name) == 1 or (name[:1] == "F" and name[1:].isdecimal())
+    return name if plain else CODES.get(name.upper(), "")

@@ -33,7 +33,7 @@ OPTIONS = [
     option("camera_position", ["shown", "hidden"], description="whether a sensor tells where the camera is"),
     option("hints", ["off", "on"], description="whether a sensor tells how many birds are beside the screen"),
 ]
-SCROLL = axis("scroll", description="speed of the camera to the right, as a fraction of its top speed")
+SCROLL = axis("scroll", description="speed of the camera to the right, as a fraction of its top speed", kind="velocity")
 GRAB = button("grab", "hold the field, so that the crosshair drags it along")
 POSITION = sensor("camera", [1], -1.0, 1.0, "the camera's place: -1 leftmost, 1 rightmost", elements=["x"])
 HINTS = sensor(

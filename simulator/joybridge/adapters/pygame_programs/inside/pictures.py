@@ -50,9 +50,9 @@ def crop(pixels: Pixels, center: tuple[int, int], side: int) -> Array:
 
 
 def hash_of(pixels: Pixels) -> bytes:
-    """Return eight bytes that differ where pictures do, but for one pair in 2**32: a checksum, as it costs the least."""
+    """Return eight bytes that differ where pictures do, but for one pair in 2**32. A checksum costs the least."""
     colors = pixels & np.uint32(0xFFFFFF)  # the fourth byte is not shown
-    return crc32(colors, crc32(b"%dx%d" % pixels.shape)).to_bytes(8, "little")
+    return crc32(colors.data, crc32(b"%dx%d" % pixels.shape)).to_bytes(8, "little")
 
 
 @lru_cache

@@ -27,7 +27,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from joybridge.contract.versions import own_version
 from joybridge.layouts import CLIP
-from joybridge.play.policy_document import Document
+from joybridge.policy.document import Document
 from joybridge.ppo.distributions import FORBIDDEN
 
 OPSET, IR_VERSION = 17, 8
@@ -35,6 +35,11 @@ LANES = "lanes"  # the name of the first size of all inputs and outputs
 BELOW_ONE = np.nextafter(np.float32(1), np.float32(0))
 TYPES = {
     "float32": TensorProto.FLOAT, "int32": TensorProto.INT32, "uint8": TensorProto.UINT8, "bool": TensorProto.BOOL,
+}  # fmt: skip
+OPERATORS = {
+    "Abs", "Add", "And", "ArgMax", "Cast", "Clip", "Concat", "Conv", "CumSum", "Div", "Elu", "Flatten", "Gather",
+    "GatherElements", "Gemm", "Greater", "Identity", "Less", "LessOrEqual", "MaxPool", "Min", "Mul", "ReduceSum",
+    "Relu", "Reshape", "Sigmoid", "Slice", "Softmax", "Sub", "Tanh", "Transpose", "Where",
 }  # fmt: skip
 
 
@@ -48,6 +53,15 @@ def build_model(document: Document) -> onnx.ModelProto:
     helper.set_model_props(model, {"joybridge": json.dumps(about, ensure_ascii=False)})
     onnx.checker.check_model(model, full_check=True)
     return model
+
+
+def check_operators(model: bytes) -> None:
+    """Raise ValueError for a model that repeats, branches, calls others, or reads other files, as none of ours does."""
+    graph = onnx.load_model_from_string(model).graph
+    if unknown := sorted({node.op_type for node in graph.node} - OPERATORS):
+        raise ValueError(f"it has the operator {unknown[0]}, which no exported policy has")
+    if any(node.domain for node in graph.node) or any(constant.external_data for constant in graph.initializer):
+        raise ValueError("it needs something outside itself, which no exported policy does")
 
 
 class _Builder:

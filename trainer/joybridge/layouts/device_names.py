@@ -1,6 +1,6 @@
-"""What the names in a spec say about a device: which axes belong together, what they move, which choice does nothing.
+"""What a spec says about a device: which axes belong together, what they move, which choice does nothing.
 
-The contract does not tell an axis that places a pointer from one that moves it, so this is a guess.
+Axes may say their kind and their way; of others, and of choices, the names are a guess.
 """
 
 import re
@@ -18,6 +18,7 @@ TURN = {"turn", "steer", "steering", "rudder", "wheel", "yaw", "rotate", "rotati
 SPEED = {"speed", "velocity", "throttle", "gas", "thrust", "accelerate", "acceleration", "forward", "power", "force"}
 MOVEMENT = {"dx", "dy", "dz", "vx", "vy", "vz", "velocity", "speed", "delta", "move", "movement", "motion"}
 PLACE = {"position", "place", "pointer", "cursor", "mouse", "aim", "target", "point"}
+WAYS = {pb.WAY_RIGHT: 0, pb.WAY_LEFT: 0, pb.WAY_UP: 1, pb.WAY_DOWN: 1}  # 0 horizontal, 1 vertical
 REST = {"none", "rest", "released", "stay", "idle", "wait", "nothing", "noop", "neutral", "off", "pass", "hold"}
 
 
@@ -27,6 +28,7 @@ class AxisPair(NamedTuple):
     axes: tuple[int | None, int | None]  # horizontal and vertical; if `span` is not 0, the angle and the speed
     span: float  # degrees between 0 and the end of the range of the angle; 0: the axes are horizontal and vertical
     sets: str  # what of a pointer: its "movement", its "position", or its offset as a "stick", also if nothing is known
+    invert: tuple[bool, bool]  # whether the largest value is on the left, and whether it is below
 
 
 def words(name: str) -> list[str]:
@@ -35,11 +37,13 @@ def words(name: str) -> list[str]:
 
 
 def pair_axes(axes: Sequence[pb.Axis]) -> list[AxisPair]:
-    """Return all axes, two together where their names say so; those of which no name says anything, two by two."""
+    """Return all axes, two together where they or their names say so; those that say nothing, two by two."""
     pairs = []
     for pair, span in _pairs(axes):
-        names = [axes[axis].name for axis in pair if axis is not None]
-        pairs.append(AxisPair(pair, span, _sets(names, polar=span > 0)))
+        own = [axes[axis] for axis in pair if axis is not None]
+        ways = {axis.way for axis in own}
+        inverted = (pb.WAY_LEFT in ways, pb.WAY_DOWN in ways)
+        pairs.append(AxisPair(pair, span, _sets(own, polar=span > 0), inverted))
     return pairs
 
 
@@ -60,6 +64,12 @@ def _pairs(axes: Sequence[pb.Axis]) -> Iterator[tuple[tuple[int | None, int | No
         free[:] = [axis for axis in free if axis not in (one, other)]
         return one, other
 
+    for one in [axis for axis in free if WAYS.get(axes[axis].way) == 0]:
+        alike = (axis for axis in free if WAYS.get(axes[axis].way) == 1 and axes[axis].kind == axes[one].kind)
+        if (other := next(alike, None)) is not None:
+            yield take(one, other), 0.0
+    for axis in [axis for axis in free if WAYS.get(axes[axis].way) == 1]:
+        yield take(None, axis), 0.0
     if (angle := first(ANGLE)) is not None and (speed := first(SPEED)) is not None:
         yield take(angle, speed), 90.0 if axes[speed].low < 0 else 180.0
     for kinds in (VERTICAL, DEPTH):
@@ -77,9 +87,14 @@ def _pairs(axes: Sequence[pb.Axis]) -> Iterator[tuple[tuple[int | None, int | No
         yield take(one, rest[0] if rest else None), 0.0
 
 
-def _sets(names: list[str], *, polar: bool) -> str:
-    """Return what of a pointer axes of these names set."""
-    known = {word for name in names for word in words(name)}
+def _sets(axes: Sequence[pb.Axis], *, polar: bool) -> str:
+    """Return what of a pointer some axes set: what they say, or what their names say."""
+    kinds = {axis.kind for axis in axes}
+    if not polar and pb.AXIS_KIND_VELOCITY in kinds:
+        return "movement"
+    if not polar and kinds & {pb.AXIS_KIND_POSITION, pb.AXIS_KIND_ANGLE}:
+        return "position"
+    known = {word for axis in axes for word in words(axis.name)}
     if polar or (known & MOVEMENT and not known & TURN):
         return "movement"
-    return "position" if known & PLACE or (len(names) == 2 and known <= HORIZONTAL | VERTICAL | DEPTH) else "stick"
+    return "position" if known & PLACE or (len(axes) == 2 and known <= HORIZONTAL | VERTICAL | DEPTH) else "stick"
