@@ -251,6 +251,14 @@ class Config(Checked):
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
     opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
+    pointer: Literal["position", "velocity"] | None = Field(
+        None, description="what policies do to axes that place a pointer: put it there (position), or move it from "
+        "where it is (velocity); null: as the game has it"
+    )  # fmt: skip
+    pointer_speed: float = Field(
+        0.1, gt=0, le=1, description="with `pointer: velocity`, the farthest that a pointer moves in a decision, as a "
+        "share of its range"
+    )  # fmt: skip
     hand_delay: int = Field(
         0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
     )

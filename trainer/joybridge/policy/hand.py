@@ -1,5 +1,7 @@
 """What a person's hand does to actions on their way from a policy to the device: it is late, slow and not exact.
 
+It also moves the pointer where policies do not place it (`pointer: velocity`), since it knows where that is.
+
 The limits are keys of the configuration, see `HandLimits`. They belong to the world in which a policy plays: what a
 policy has chosen is what it learns from, what its hand makes of that is what the game gets.
 """
@@ -10,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
@@ -26,18 +29,26 @@ class HandLimits(NamedTuple):
     reach: float = 1.0  # the farthest an axis goes, as a share of the way from rest to its end
     change: float = 1.0  # the most that an axis changes in a decision, as a share of its range
     noise: float = 0.0  # standard deviation of an axis, as a share of its distance from rest
+    speed: float = 0.0  # the most that a pointer is moved in a decision, as a share of its range; 0: it is placed
 
 
 class Hand:
     """The hands of all agents of one behavior in one group of arenas."""
 
     def __init__(
-        self, limits: HandLimits, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int
-    ) -> None:
-        """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped."""
+        self, limits: HandLimits, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int,
+        moved: Array | None = None,
+    ) -> None:  # fmt: skip
+        """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped.
+
+        moved: which axes `limits.speed` is about, bool [axes]; None: none. Their rest is the middle of their range.
+        """
         self.limits, self._rest, self._key, self._first_lane = limits, rest, noise_key, first_lane
         self._low = np.array([axis.low for axis in device.axes], np.float32)
         self._high = np.array([axis.high for axis in device.axes], np.float32)
+        self._middle = (self._low + self._high) / 2
+        self._moves = np.zeros(len(device.axes), bool) if moved is None else moved
+        rest.axes[:, self._moves] = self._middle[self._moves]
         self._least = np.clip(rest.axes + limits.reach * (self._low - rest.axes), self._low, self._high)
         self._most = np.clip(rest.axes + limits.reach * (self._high - rest.axes), self._low, self._high)
         length = limits.delay + 1
@@ -80,9 +91,12 @@ class Hand:
     def _moved(self, wanted: Array) -> Array:
         """Return the axes of the device: within reach, not far from the last ones, and not exact.
 
+        Where a policy moves the pointer, the middle of an axis is to stay, and its ends are full speed.
         Noise in proportion to the command is that of human movements (Harris and Wolpert, 1998).
         """
         last, change = self._last.axes, self.limits.change * (self._high - self._low)
+        if self._moves.any():
+            wanted = np.where(self._moves, last + 2 * self.limits.speed * (wanted - self._middle), wanted)
         last[:] = np.clip(np.clip(wanted, self._least, self._most), last - change, last + change)
         if not self.limits.noise:
             return last
@@ -115,11 +129,45 @@ def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: in
     if limits == HandLimits():
         return []
     return [
-        Hand(limits, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first))
-        for index, (behavior, rest) in enumerate(zip(spec.behaviors, make_acts(spec, end - first), strict=True))
+        Hand(limits, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first), moved)
+        for index, (behavior, rest, moved) in enumerate(
+            zip(spec.behaviors, make_acts(spec, end - first), moved_axes(config, spec), strict=True)
+        )
     ]
 
 
 def hand_limits(config: Config) -> HandLimits:
     """Return the limits that a configuration sets."""
-    return HandLimits(config.hand_delay, config.hand_hold, config.hand_reach, config.hand_change, config.hand_noise)
+    speed = config.pointer_speed if config.pointer == "velocity" else 0.0
+    return HandLimits(
+        config.hand_delay, config.hand_hold, config.hand_reach, config.hand_change, config.hand_noise, speed
+    )
+
+
+def moved_axes(config: Config, spec: pb.GameSpec) -> list[Array]:
+    """Return which axes of each behavior place a pointer that policies move, bool [axes].
+
+    Those are the axes that say that they are positions. Where no axis of the game says what it is, it is all that
+    always count. Raises ConfigError if the game has none, or if pointers are to be placed that the game moves.
+    """
+    axes = [axis for behavior in spec.behaviors for axis in behavior.device.axes]
+    said = any(axis.kind for axis in axes)
+    if config.pointer == "position" and (moves := [axis for axis in axes if axis.kind == pb.AXIS_KIND_VELOCITY]):
+        raise ConfigError(
+            f"pointer: {spec.name} moves its pointer by axis {moves[0].name!r} and does not say where it is, so no "
+            "policy can place it; leave `pointer` out, or give the game axes of kind position"
+        )
+    moved = [
+        np.array(
+            [
+                config.pointer == "velocity"
+                and (axis.kind == pb.AXIS_KIND_POSITION if said else not axis.HasField("only_with"))
+                for axis in behavior.device.axes
+            ],
+            bool,
+        )
+        for behavior in spec.behaviors
+    ]
+    if config.pointer == "velocity" and not any(each.any() for each in moved):
+        raise ConfigError(f"pointer: {spec.name} has no axis that places a pointer, so none can be moved; leave it out")
+    return moved
