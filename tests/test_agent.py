@@ -8,15 +8,17 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import TensorError
 from joybridge.play.agent import load
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.folder import SPEC
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
+REMEMBERING = SMALL.model_copy(update={"memory": MemoryConfig(kind="lstm", size=6)})
 SEEN = {"place": [0.5, -1.0], "count": [3], "image": np.zeros((2, 2)), "lamps": [True, False, False]}
 
 
@@ -26,11 +28,11 @@ def trained(simulator, tmp_path_factory):
     runs = {}
 
     def short(**settings):
-        key = tuple(settings.items())
+        key = repr(settings)
         if key not in runs:
             runs[key] = tmp_path_factory.mktemp("agent") / "run"
-            config = Config(arenas=2, total_timesteps=64, log_interval=64, policy=SMALL, **settings)
-            train(config, runs[key], [simulator], resume=False, report=lambda *_: None, say=lambda text: None)
+            config = Config(**({"arenas": 2, "total_timesteps": 64, "log_interval": 64, "policy": SMALL} | settings))
+            train(config, runs[key], [simulator], resume=False, audience=Audience(say=lambda text: None))
         return runs[key]
 
     return short
@@ -40,14 +42,15 @@ def trained(simulator, tmp_path_factory):
     "settings",
     [
         {"game": "hybrid"},
-        {"game": "hybrid", "layout": "multiagent", "hand_delay": 2, "hand_change": 0.2, "hand_noise": 0.1},
+        {"game": "hybrid", "layout": "multiagent", "hand": HandConfig(delay=2, change=0.2, noise=0.1)},
         {"game": "duel", "layout": "bucket-5"},
+        {"game": "hybrid", "policy": REMEMBERING},
     ],
-    ids=["one policy", "two policies and a hand", "two behaviors"],
+    ids=["one policy", "two policies and a hand", "two behaviors", "memory"],
 )
 def test_an_agent_does_what_the_run_does_at_a_simulator(settings, trained, simulator):
     run = trained(**settings)
-    with open_play(run, simulator, seed=1, deterministic=settings["game"] == "duel") as play:
+    with open_play(PlaySpec(run, simulator, seed=1, deterministic=settings["game"] == "duel")) as play:
         for index, behavior in enumerate(play.spec.behaviors):
             agent = load(run, behavior.name, deterministic=settings["game"] == "duel")
             sensors, branches = ([one.name for one in part] for part in (behavior.sensors, behavior.device.branches))
@@ -68,8 +71,9 @@ def test_an_agent_does_what_the_run_does_at_a_simulator(settings, trained, simul
                 return  # the other one would have to begin with this session
 
 
-def test_a_session_that_has_begun_before_leaves_no_trace(trained):
-    agent = load(trained(game="hybrid"), deterministic=True)
+@pytest.mark.parametrize("policy", [SMALL, REMEMBERING], ids=["frames", "memory"])
+def test_a_session_that_has_begun_before_leaves_no_trace(policy, trained):
+    agent = load(trained(game="hybrid", policy=policy), deterministic=True)
     first = agent.act(SEEN)
     assert agent.act({**SEEN, "place": [3.0, 3.0]}) != first
     agent.begin()

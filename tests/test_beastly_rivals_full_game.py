@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from joybridge.contract.codec import ActArrays
+from joybridge.contract.parts import rows_of
 from joybridge.contract.spec import check_spec
 from joybridge.games.beastly_rivals_full.ball import throw
 from joybridge.games.beastly_rivals_full.game import BeastlyRivalsFull
@@ -49,10 +50,21 @@ def play_at_random(game, decisions, seed=3, **options):
         yield step
 
 
-def digest(game, decisions, **options):
-    """Return the bytes of observations, rewards and flags of random play."""
+def play_beside_scripts(game, decisions):
+    """Yield the steps of random play of each first player, as its own, beside the three scripts."""
+    arenas, random = len(game.arenas), np.random.default_rng(3)
+    scripts = np.tile(np.arange(4, dtype=np.int32), arenas)
+    for _ in range(decisions):
+        act, own = rest(4 * arenas), random_act(device_of(), arenas, random)
+        act.axes[::4], act.choices[::4], act.scripts = own.axes, own.choices, scripts
+        (step,) = game.step([act])
+        yield rows_of(step, np.arange(0, 4 * arenas, 4))
+
+
+def digest(steps):
+    """Return the bytes of observations, rewards and flags of steps."""
     content = hashlib.sha256()
-    for step in play_at_random(game, decisions, **options):
+    for step in steps:
         for array in [*step.observations, step.rewards, step.terminated, step.truncated, step.deciding]:
             content.update(array.tobytes())
     return content.hexdigest()
@@ -215,15 +227,22 @@ def test_zero_sum_rewards_are_differences_to_the_mean_of_the_others_and_add_up_t
 # ----------------------------------------------------------------------------------------------------- the scripts
 
 
-def test_scripts_play_all_players_but_the_first_which_is_the_only_agent():
-    game = new_game(6, rivals="mixed", **SHORT)
-    assert BeastlyRivalsFull.describe({**OPTIONS, "rivals": "mixed"}).behaviors[0].agents_per_arena == 1
-    ends = 0
-    for step in play_at_random(game, 1500, rivals="mixed"):
-        assert step.rewards.shape == (6, 5)
-        ends += len(step.ended)
+def test_scripts_play_the_lanes_that_are_given_to_them_without_pointer_and_clicks():
+    game = new_game(6, **SHORT)
+    ends = sum(len(step.ended) for step in play_beside_scripts(game, 1500))
     players = game.fields["players"]
     assert ends > 6 and not players["clicks"][:, 1:].any() and players["clicks"][:, 0].any()
+    pointers = np.stack([players["pointer_x"], players["pointer_z"]], axis=-1)
+    assert (pointers == SEATS[players["seat"]])[:, 1:4].all()
+
+
+def test_a_pointer_that_is_steered_keeps_its_heading_while_a_script_plays():
+    game = new_game(1, locomotion="steer", **SHORT)
+    act = random_act(device_of(locomotion="steer"), 4, np.random.default_rng(1))
+    act.scripts = np.array([0, FLEE, 0, FLEE], np.int32)
+    before = game.headings()
+    game.step([act])
+    assert (game.headings() != before).tolist() == [True, False, True, False]
 
 
 def commanded(script, **state):
@@ -236,7 +255,7 @@ def commanded(script, **state):
     rival.x, rival.z = 20.0, 20.0
     for name, value in state.items():
         (match if name in match.dtype.names else match.beast)[name] = value
-    play(match, 0, game.rules._replace(script=1 + SCRIPTS.index(script)))
+    play(match, 0, 1 + list(SCRIPTS).index(script), game.rules)
     return match, player
 
 
@@ -266,10 +285,11 @@ def test_patient_stays_behind_the_beast_and_passes_at_the_last_moment_or_fully_c
 
 
 def test_a_script_that_flees_never_passes():
-    game = new_game(4, rivals="flee", players="3", **SHORT)
+    game, act = new_game(4, players="3", **SHORT), rest(12)
+    act.scripts = np.full(12, FLEE, np.int32)
     for _ in range(400):
-        game.step([rest(4)])
-    assert game.rules.script == FLEE and not game.fields["players"]["passes"].any()
+        game.step([act])
+    assert not game.fields["players"]["passes"].any()
 
 
 # -------------------------------------------------------------------------------------------- state and its bytes
@@ -296,12 +316,12 @@ def test_an_arena_plays_the_same_game_alone_as_among_others(locomotion):
 
 def test_a_restored_game_continues_to_the_same_bytes():
     game = new_game(5, parameters={"beast_speed": 1.2}, **SHORT)
-    digest(game, 100)
+    digest(play_at_random(game, 100))
     state = {name: array.copy() for name, array in game.save().items()}
-    wanted = digest(game, 200)
+    wanted = digest(play_at_random(game, 200))
     other = new_game(5, seed=99, **SHORT)
     other.restore(state)
-    assert digest(other, 200) == wanted
+    assert digest(play_at_random(other, 200)) == wanted
 
 
 @pytest.mark.parametrize(
@@ -331,12 +351,12 @@ def test_every_state_of_a_match_can_be_restored():
 
 def test_reset_begins_new_matches_and_with_a_seed_the_matches_of_that_seed():
     game = new_game(5)
-    first = digest(game, 20)
+    first = digest(play_at_random(game, 20))
     game.reset(None, {"ball_speed": 1.5})
     assert not game.fields["tick"].any() and (game.fields["ball_speed"] == 1.5).all()
-    assert digest(game, 20) != first
+    assert digest(play_at_random(game, 20)) != first
     game.reset(5, {"ball_speed": 1.0})
-    assert digest(game, 20) == first
+    assert digest(play_at_random(game, 20)) == first
 
 
 @pytest.mark.parametrize(
@@ -349,17 +369,17 @@ def test_reset_begins_new_matches_and_with_a_seed_the_matches_of_that_seed():
 )
 def test_a_seeded_run_gives_the_same_bytes_on_every_machine(players, rules, golden):
     options = {"players": players, "rules": rules, **SHORT}
-    assert digest(new_game(5, **options), 300, **options) == golden
+    assert digest(play_at_random(new_game(5, **options), 300, **options)) == golden
 
 
 def test_a_seeded_run_against_scripts_gives_the_same_bytes_on_every_machine():
-    options = {"rivals": "mixed", **SHORT}
     golden = "5d88d6c82d10f44083011bb236a66a477487c7d0ddfd092d51421100cd359605"
-    assert digest(new_game(5, **options), 300, **options) == golden
+    assert digest(play_beside_scripts(new_game(5, **SHORT), 300)) == golden
 
 
 def digest_of_a_short_run() -> str:
-    return digest(new_game(2, rivals="mixed", **SHORT), 100, rivals="mixed") + digest(new_game(2, **SHORT), 60)
+    beside, alone = play_beside_scripts(new_game(2, **SHORT), 100), play_at_random(new_game(2, **SHORT), 60)
+    return digest(beside) + digest(alone)
 
 
 def test_interpreted_rules_give_the_bytes_of_compiled_ones():

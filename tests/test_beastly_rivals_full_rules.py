@@ -11,7 +11,7 @@ from joybridge.games.beastly_rivals_full.geometry import SEATS, inside, project,
 from joybridge.games.beastly_rivals_full.state import ARENA, HUNT, OVER, START, Rules
 from joybridge.simulator.randomness import open_streams, reserve
 
-ORIGINAL = Rules(True, True, True, True, False, 2, 2, 300, 150, 150, 0)
+ORIGINAL = Rules(True, True, True, True, False, 2, 2, 300, 150, 150)
 BEAST = {"x": 0.0, "z": 0.0, "fx": 0.0, "fz": 1.0, "gx": 0.0, "gz": 1.0, "speed": 10.0, "turning": 50.0}
 
 

@@ -188,7 +188,7 @@ def runs(simulator, tmp_path_factory) -> dict[str, Path]:
     for game in ("shooting_birds", "beastly_rivals"):
         made[game] = tmp_path_factory.mktemp(game) / "bucket-3-s0"
         config = load_config(CONFIGS / game / "bucket-3.yaml", SMALL)
-        train(config, made[game], [simulator], resume=False, report=lambda *_: None)
+        train(config, made[game], [simulator], resume=False)
     return made
 
 
@@ -200,7 +200,7 @@ def test_the_tool_measures_real_runs_of_both_games(runs, simulator, tmp_path, ca
     assert list(levels) == list("0123456")
     fewer = {level: levels[level] for level in "26"}
     monkeypatch.setattr(birds, "EPISODE_TICKS", 200)
-    monkeypatch.setattr(playing, "balanced_options", lambda config, _: fewer if config.evaluate_over else {"": {}})
+    monkeypatch.setattr(playing, "balanced_options", lambda config, _: fewer if config.stratify_by else {"": {}})
     output = tmp_path / "behavior.json"
     assert behavior.main([*map(str, runs.values()), "--episodes", "4", "--output", str(output)]) == 0
     found = json.loads(output.read_text())

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import check_spec, choose_options
 from joybridge.games.shooting_birds import picture, script
 from joybridge.games.shooting_birds.game import ShootingBirds
+from tests.support import sweeps
+from tests.support.sweeps import step
 
 MOVING = ["edge", "axis", "drag"]
 GOLDEN = {"edge": "718290ac4f2f2259", "axis": "cdc678c9676715bf", "drag": "6aa84bfa77b7b45e"}
@@ -24,29 +25,14 @@ def new_game(camera: str, arenas: int = 1, first_arena: int = 0, seed: int = 5, 
     return ShootingBirds(options(camera, **others), {}, arenas, first_arena, seed)
 
 
-def step(game: Any, axes: tuple[float, ...], choices: tuple[int, ...]) -> Any:
-    lanes = len(game.arenas)
-    act = ActArrays(np.tile(np.array(axes, np.float32), (lanes, 1)), np.tile(np.array(choices, np.int32), (lanes, 1)))
-    return game.step([act])[0]
+def sweep(game: Any, decisions: int) -> list[str]:
+    return sweeps.sweep(game, decisions, game.describe(game_options(game)).behaviors[0].device)
 
 
 def middle(game: Any) -> None:
     """Put crosshair and camera into the middle of the field, and the birds far away."""
     game.arenas.x = game.arenas.y = game.arenas.camera = 0.0
     game.arenas.birds.y, game.arenas.birds.x, game.arenas.birds.wait = 1000.0, 0.0, 0
-
-
-def sweep(game: Any, decisions: int) -> list[str]:
-    """Play random actions, the same in every arena; return the digest of what each arena observes and earns."""
-    random, device = np.random.default_rng(3), game.describe(game_options(game)).behaviors[0].device
-    digests = [hashlib.sha256() for _ in game.arenas]
-    for _ in range(decisions):
-        axes = random.uniform(-1.0, 1.0, len(device.axes))
-        seen = step(game, tuple(axes), tuple(random.integers(0, 2, len(device.branches))))
-        for values in (*seen.observations, seen.rewards):
-            for digest, row in zip(digests, values, strict=True):
-                digest.update(row.tobytes())
-    return [digest.hexdigest() for digest in digests]
 
 
 def game_options(game: Any) -> dict[str, str]:

@@ -37,11 +37,11 @@ from tests.support.broken_servers import (
 )
 
 ROOT = Path(__file__).parents[1]
-GAMES = ["shooting_birds", "hybrid", "duel", "ends", "kick"]  # to which, together, every rule applies
+GAMES = ["shooting_birds", "hybrid", "duel", "ends", "kick", "noughts"]  # to which, together, every rule applies
 # Of what a game sends; the other families are about what the server does for every game.
 FAMILIES_OF_GAMES = [
     "specs", "settings", "behaviors", "start", "choices", "seeds", "steps", "episode_ends", "resets", "pictures",
-    "snapshots",
+    "scripts", "snapshots",
 ]  # fmt: skip
 SECONDS = 10.0
 NOWHERE = "127.0.0.1:1"

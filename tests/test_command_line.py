@@ -11,7 +11,7 @@ from joybridge.run.checkpoint import Manifest, save_checkpoint
 pytestmark = pytest.mark.usefixtures("signals")
 
 CONFIG = "shooting_birds/bucket-11"
-SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "stop=100"]
+SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "stop_at=100"]
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "sto
         (["policy.sensors=[gnu]"], "hunter: sensors: the game has no 'gnu'; it has gun, crosshair"),
         (["policy.reward_weights={hits: 1}"], "hunter: reward_weights: the game has no 'hits'"),
         (["policies.hnter.epochs=1"], "there is no policy 'hnter'; this game and layout have hunter"),
-        (["arenas=99999", "groups=1"], "arenas is 99999, expected 1..4096"),
+        (["arenas=99999", "pipeline_groups=1"], "arenas is 99999, expected 1..4096"),
         (["epocs=3"], "unknown key 'epocs'"),
         (["layout=bucket-²"], "unknown layout 'bucket-²'"),
         (["policy.hidden_sizes=[0]"], "policy.hidden_sizes.0: got 0"),

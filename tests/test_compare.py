@@ -17,7 +17,15 @@ from joybridge.compare.launch import make_job, scored_policy
 from joybridge.compare.page import Setting, page_html, page_text
 from joybridge.compare.scores import Point, Run, score_run
 from joybridge.compare.table import TABLE, add_results, read_table
-from joybridge.compare.variants import VARIANTS, check_game, differences, kept_spec, make_variants, read_values
+from joybridge.compare.variants import (
+    VARIANTS,
+    check_game,
+    differences,
+    kept_spec,
+    make_variants,
+    read_change,
+    read_values,
+)
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import has_checkpoint
@@ -30,7 +38,7 @@ pytestmark = pytest.mark.usefixtures("signals")
 SMALL = """
 game: archer
 arenas: 8
-groups: 1
+pipeline_groups: 1
 total_timesteps: 1280
 log_interval: 320
 policy: {frame_stack: 1, hidden_sizes: [16], rollout_steps: 20, time_horizon: 20, minibatch_size: 80}
@@ -155,7 +163,7 @@ def test_runs_that_are_too_short_for_a_row_of_metrics_are_named_with_the_reason(
 
 def test_a_comparison_of_another_configuration_is_refused_by_name(copied):
     before = page(copied)
-    done = run_in(copied, "127.0.0.1:1", "policy.epochs=3", "stop=640")
+    done = run_in(copied, "127.0.0.1:1", "policy.epochs=3", "stop_at=640")
     assert done.status == 1
     assert done.errors == (
         "error: out holds another comparison: of 'hybrid', policy.epochs was 4 and is now 3; repeat the command as it "
@@ -241,6 +249,9 @@ def test_a_second_comparison_in_the_same_folder_is_refused_while_the_first_one_r
         (["--set", "policy.gamma=0.9,0.90"], "'hybrid, gamma=0.9' and 'hybrid, gamma=0.90' have the same config"),
         (["--set", "seed=1,2"], "--set seed=…: seed does not vary here; use --seeds"),
         (["--set", "game=archer,orchard"], "use a comparison for each game"),
+        (["--change", "policy.epochs=1,2"], "expected KEY=VALUE, or several that are set together"),
+        (["--change", "layout=bucket-3"], "--change layout=…: layout is set twice; set it once"),
+        (["--change", "seed=1"], "--change seed=…: seed does not vary here; use --seeds"),
         (["seed=7"], "seed=…: seeds are counted from 0; use --seeds for their number"),
         (["epocs=7"], "unknown key 'epocs'; did you mean 'policy.epochs'?"),
     ],
@@ -278,6 +289,18 @@ def test_values_may_be_lists_and_variants_are_named_after_what_differs(tmp_path)
     assert alone.label == "hybrid"
 
 
+def test_changes_are_compared_one_at_a_time_with_what_is_unchanged(tmp_path):
+    (tmp_path / "small.yaml").write_text(SMALL)
+    changes = [read_change("layout=bucket-3"), read_change("policy.epochs=2 policy.hidden_sizes=[8,16]")]
+    made = make_variants([str(tmp_path / "small.yaml")], [], [], changes)
+    assert [variant.label for variant in made] == ["unchanged", "bucket-3", "epochs=2, hidden_sizes=[8,16]"]
+    before = made[0].config.model_dump()
+    changed = [[key for key, *_ in differences(before, variant.config.model_dump())] for variant in made]
+    assert changed == [[], ["layout"], ["policy.hidden_sizes", "policy.epochs"]]
+    both = make_variants([str(tmp_path / "small.yaml")], [], [("policy.gamma", ["0.9", "0.99"])], changes[:1])
+    assert [each.label for each in both] == ["gamma=0.9", "gamma=0.9, bucket-3", "gamma=0.99", "gamma=0.99, bucket-3"]
+
+
 def test_of_axes_and_buttons_the_buttons_count_and_of_several_behaviors_the_first_or_the_named_one(whole):
     (two,) = make_variants(["archer/hybrid"], ["layout=multiagent"], [])
     (one,) = make_variants(["archer/hybrid"], [], [])
@@ -297,7 +320,7 @@ def test_only_runs_of_games_with_snapshots_are_resumed_and_go_on_after_a_loss(wh
     assert spec is not None
     options = command.parse(["compare", "archer/hybrid", "--output", "out", "--game", "a:B"], "joybridge")
     job = make_job(variant, spec, 3, options)
-    assert (job.exact, job.overrides, job.arguments) == (False, ("restarts=0",), ("--game", "a:B"))
+    assert (job.exact, job.overrides, job.arguments) == (False, ("max_restarts=0",), ("--game", "a:B"))
     spec.snapshot_bytes_per_arena = 8
     job = make_job(variant, spec, 3, options)
     assert (job.exact, job.overrides, job.timesteps) == (True, (), 150_000)
@@ -318,6 +341,9 @@ def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
     options = command.parse(words, "joybridge")
     assert options.layouts == ["hybrid", "bucket-3, direction=hybrid"]
     assert sorted(options.overrides) == ["arenas=4", "seed=1"]
+    suite = ["compare", "--suite", "hybrid", "--output", "y", "--tasks", "goal", "moving", "arenas=4"]
+    options = command.parse(suite, "joybridge")
+    assert (options.tasks, options.overrides) == (["goal", "moving"], ["arenas=4"])
 
 
 def test_differences_name_the_innermost_key():
@@ -364,6 +390,18 @@ def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path
     path.write_text("timesteps,length\n100,\n")
     with pytest.raises(ConfigError, match="has no reward: no episode ended; lengthen the runs"):
         read()
+
+
+def test_what_was_measured_at_the_end_is_the_score_and_the_curve_is_that_of_the_training(tmp_path):
+    path = tmp_path / "run-s0.csv"
+    path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,\n200,2,4,9\n")
+    found = score_run(read_rows(path), path.name, 7, "held_out_reward")
+    assert (found.score, found.points) == (9.0, (Point(100, 1.0, 2.0), Point(200, 2.0, 4.0)))
+    path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,7\n200,2,4,9\n")
+    assert score_run(read_rows(path), path.name, 7, "held_out_reward").points == (Point(100, 1, 7), Point(200, 2, 9))
+    path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,\n200,2,4,nan\n")
+    with pytest.raises(CheckpointError, match="held_out_reward is nan at the end, expected a finite"):
+        score_run(read_rows(path), path.name, 7, "held_out_reward")
 
 
 def test_the_time_to_a_score_is_a_median_to_which_unsuccessful_runs_count():

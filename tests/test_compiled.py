@@ -38,7 +38,7 @@ print("numba" in sys.modules, sine(0.0), "numba" in sys.modules)
 
 
 def test_a_function_that_is_compiled_is_announced_once():
-    said = []
+    said: list[str] = []
     with announcing(said.append):
         for _ in range(2):
             assert numba.njit(lambda number: number + 1)(1) == 2

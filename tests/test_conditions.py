@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace, JointTable, make_acts, make_layouts
@@ -17,7 +17,7 @@ from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.loss import Batch, acted_log_probs, joint_log_probs
-from joybridge.ppo.networks import Network, Outputs, flatten_parameters
+from joybridge.ppo.networks import Network, Outputs, Towers, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 from joybridge.run.collect import collect, group_bounds, open_groups
@@ -55,7 +55,7 @@ def test_an_axis_that_does_not_count_adds_nothing_in_the_old_and_in_the_new_poli
     assert float(entropy) == pytest.approx(1.755444, abs=1e-6)
     (gradient,) = torch.autograd.grad(log_probs.sum(), means)
     assert gradient[0, 0] == gradient[0, 2] == 0.0 and gradient[0, 1] == pytest.approx(0.3 / 0.25)
-    network = Network(1, space, [4], False, 0)
+    network = Network(1, space, Towers([4]), 0)
     flat = flatten_parameters(network)
     with torch.no_grad():
         network.actor.head.weight.zero_()
@@ -131,7 +131,7 @@ def test_an_update_moves_nothing_of_a_part_that_never_counted(layout, autograd):
             policy.store(shown())
     for policy in policies:
         before = policy.actor.state()
-        counts = policy.conditions.counts(CHOICES[:1])[0] if policy.conditions else np.ones(0, bool)
+        counts = policy.conditions[0].counts(CHOICES[:1])[0] if policy.conditions else np.ones(0, bool)
         learn(policy, 0.1)
         moved = {name: (array != before[name]) for name, array in policy.actor.state().items()}
         network, branches = policy.actor.network, len(policy.actor.branches)
@@ -176,7 +176,9 @@ def test_with_memory_the_old_policy_is_that_of_whole_sequences():
 
 
 def test_training_notes_what_all_policies_chose_before_a_hand_acts(simulator):
-    config = small("hybrid", autograd=False, game="moving").model_copy(update={"hand_delay": 3, "groups": 1})
+    config = small("hybrid", autograd=False, game="moving").model_copy(
+        update={"hand": HandConfig(delay=3), "pipeline_groups": 1}
+    )
     (group,) = groups = open_groups(config, [simulator], None, {}, {})
     with closing(group.session):
         (actor,) = make_actors(config, group.session.spec)

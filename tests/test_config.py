@@ -161,8 +161,8 @@ def test_what_differs_for_one_policy_lies_on_top_of_what_all_share():
 
 def test_numbers_and_words_are_those_of_yaml_1_2(tmp_path):
     text = "game: g\ntotal_timesteps: 3e6\npolicy: {learning_rate: 1e-4}\noptions: {blink: off, walk: on}"
-    config = load_config(write(tmp_path, text), ["stop=1e6"])
-    assert (config.total_timesteps, config.stop, config.policy.learning_rate) == (3_000_000, 1_000_000, 1e-4)
+    config = load_config(write(tmp_path, text), ["stop_at=1e6"])
+    assert (config.total_timesteps, config.stop_at, config.policy.learning_rate) == (3_000_000, 1_000_000, 1e-4)
     assert config.options == {"blink": "off", "walk": "on"}
 
 
@@ -176,7 +176,7 @@ def test_every_name_of_another_library_leads_to_a_key_that_exists():
 def test_a_resumed_run_may_grow_but_neither_shrink_nor_change(tmp_path):
     keep_config(Config(game="g", total_timesteps=100), tmp_path)
     save_checkpoint(tmp_path, {}, Manifest(timesteps=50))
-    check_run(Config(game="g", total_timesteps=200, stop=150, log_interval=7), tmp_path, resume=True)
+    check_run(Config(game="g", total_timesteps=200, stop_at=150, log_interval=7), tmp_path, resume=True)
     with pytest.raises(
         ConfigError, match="total_timesteps was 100 and can only grow, got 50; to end earlier, set stop"
     ):
@@ -198,7 +198,7 @@ def test_a_run_that_has_saved_nothing_may_begin_anew_with_another_configuration(
     ("overrides", "name"),
     [
         ([], "g-base-s0"),
-        (["seed=3", "stop=500", "keep=5", "log_interval=7"], "g-base-s3"),
+        (["seed=3", "stop_at=500", "keep_checkpoints=5", "log_interval=7"], "g-base-s3"),
         (["policy.learning_rate=1e-3"], "g-base-learning_rate=1e-3-s0"),
         (["policy.epochs=2", "arenas=4"], "g-base-arenas=4-epochs=2-s0"),
         (["arenas=4", "policy.epochs=9", "policy.epochs=2"], "g-base-arenas=4-epochs=2-s0"),

@@ -226,7 +226,7 @@ def test_lessons_are_the_same_to_the_bit_in_two_sessions_in_three_and_after_a_re
     runs = [
         train(tmp_path / "whole", [simulator]),
         train(tmp_path / "shards", [simulator] * 3),
-        train(tmp_path / "parts", [simulator], "stop=800") and train(tmp_path / "parts", [simulator], "--resume"),
+        train(tmp_path / "parts", [simulator], "stop_at=800") and train(tmp_path / "parts", [simulator], "--resume"),
     ]
     output = capsys.readouterr().out
     assert "lesson 1 of 2: beast_speed=1.5" in output and "lesson 2 of 2: beast_speed={uniform: [0.5, 1.5]}" in output

@@ -39,6 +39,7 @@ from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.update import Learner
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from joybridge.simulator import axis, behavior, branch, button, sensor, spec
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from tests.support.broken_servers import BrokenServer, Gauntlet, serving
@@ -86,6 +87,34 @@ def test_a_demonstration_is_repeated_to_the_same_bytes(demos, simulator, capsys)
     assert replay_main(["replay", str(file), "--simulator", simulator]) == 0
     assert capsys.readouterr().out == "30 steps are as they were recorded, and none fails\n"
     assert record(demos / "again", simulator).read_bytes() == file.read_bytes()
+
+
+def test_what_was_played_by_numbers_is_recorded_anew_as_images_show_it(simulator, tmp_path, capsys):
+    file = record(tmp_path, simulator, "shooting_birds")
+    images = {"observation": "fovea+wide"}
+    again = ["replay", str(file), "--simulator", simulator, "--demos", str(tmp_path / "anew")]
+    assert replay_main([*again, "options.observation=fovea+wide"]) == 0
+    said = capsys.readouterr()
+    assert said.out == "30 steps are paid and end as they were recorded, and none fails\n"
+    anew = tmp_path / "anew" / "shooting_birds-0001.demo"
+    assert f"recorded anew: {anew}" in said.err
+    seen = record(tmp_path / "seen", simulator, "shooting_birds", options=images)
+    assert anew.read_bytes() == seen.read_bytes()
+    assert replay_main([*again, "parameters.bird_speed=2"]) == 1
+    assert "replay changes options only; leave it out" in capsys.readouterr().err
+
+
+def test_an_option_that_changes_more_than_what_is_observed_is_named(tmp_path):
+    class Generous(Gauntlet):
+        def step(self, acts):
+            steps = super().step(acts)
+            steps[0].rewards[:] += self.cells == 5
+            return steps
+
+    with serving(BrokenServer(set(), game=Generous)) as address:
+        played = load_recording(record(tmp_path, address, "gauntlet"))
+        with pytest.raises(FaultFound, match=r"step 1 has other rewards or ends .* so options\.size=large"):
+            replay(address, played, options={"size": "large"})
 
 
 @pytest.mark.promise("D3")
@@ -236,9 +265,9 @@ def test_a_run_that_clones_and_is_resumed_ends_in_the_same_bits(tmp_path):
             remarks: list[str] = []
             whole, parts = tmp_path / f"whole-{cloning}", tmp_path / f"parts-{cloning}"
             given = config(tmp_path / "demos", cloning=cloning, layout="bucket-5")
-            go_on = partial(train, report=lambda *_: None, say=remarks.append)
+            go_on = partial(train, audience=Audience(say=remarks.append))
             go_on(given, whole, [address], resume=False)
-            go_on(given.model_copy(update={"stop": 128}), parts, [address], resume=False)
+            go_on(given.model_copy(update={"stop_at": 128}), parts, [address], resume=False)
             record(tmp_path / "demos", address, "gauntlet", 3)
             go_on(given, parts, [address], resume=True)
             (one, _), (other, _) = load_checkpoint(whole), load_checkpoint(parts)

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
 from joybridge.contract.tensors import Array
 from joybridge.games.level_sets import SETS
 from joybridge.games.shooting_birds import generator, script
 from joybridge.games.shooting_birds.game import ShootingBirds
 from joybridge.simulator.compiled import compiled
+from tests.support.measured import interpreted
+from tests.support.sweeps import sweep
 
 CELLS = 152  # of a quarter of a unit, along the screen
 BATCH = 10_000
@@ -26,19 +27,6 @@ def new_game(
         ShootingBirds.options, {"levels": "generated", "locomotion": "axes", **options}, "shooting_birds"
     )
     return ShootingBirds(chosen, {"first_level": first, "level_count": count}, arenas, first_arena, seed)
-
-
-def sweep(game: Any, steps: int) -> list[str]:
-    """Play random actions, the same in every arena; return the digest of what each arena observes and earns."""
-    random, lanes = np.random.default_rng(3), len(game.arenas)
-    digests = [hashlib.sha256() for _ in range(lanes)]
-    for _ in range(steps):
-        axes, buttons = random.uniform(-1.0, 1.0, 2).astype(np.float32), random.integers(0, 2, 2).astype(np.int32)
-        (step,) = game.step([ActArrays(np.tile(axes, (lanes, 1)), np.tile(buttons, (lanes, 1)))])
-        for values in (*step.observations, step.rewards):
-            for digest, row in zip(digests, values, strict=True):
-                digest.update(row.tobytes())
-    return [digest.hexdigest() for digest in digests]
 
 
 def levels_of(numbers: Array) -> generator.Generated:
@@ -202,3 +190,14 @@ def test_the_scripted_player_hits_birds_in_each_of_1000_levels():
 @pytest.mark.parametrize("level_set", ["training", "test"])
 def test_the_scripted_player_earns_60_in_each_of_1000_levels(level_set):
     assert play_levels(SETS[level_set].start, 2000).min() >= 60.0
+
+
+def digest_of_a_short_run() -> str:
+    """Return the hash of a run in generated levels, with birds of every habit and a camera."""
+    game = new_game(2, birds="mixed", camera="edge", hints="on")
+    game.arenas.x, game.arenas.y = game.arenas.birds.x[:, 0], game.arenas.birds.y[:, 0]  # a bird sees the crosshair
+    return "".join(sweep(game, 60))
+
+
+def test_interpreted_rules_give_the_bytes_of_compiled_ones():
+    assert interpreted("tests.support.digest", "tests.test_generated_levels").split()[-1] == digest_of_a_short_run()

@@ -12,6 +12,8 @@ from joybridge.contract.tensors import Array
 from joybridge.games.beastly_rivals import pitches as p
 from joybridge.games.beastly_rivals.game import BeastlyRivals
 from joybridge.games.level_sets import SETS
+from tests.support.measured import interpreted
+from tests.support.sweeps import sweep
 
 BATCH = 10_000
 GOLDEN = {"state": "f8ce885f6470554a", "all": "3ca3aab508806ce9"}
@@ -24,24 +26,6 @@ def options(**others: str) -> dict[str, str]:
 
 def new_game(arenas: int = 1, first_arena: int = 0, seed: int = 5, **others: str) -> Any:
     return BeastlyRivals(options(**others), {}, arenas, first_arena, seed)
-
-
-def step(game: Any, axes: tuple[float, float] = (0.0, 0.0), buttons: tuple[int, int] = (0, 0)) -> Any:
-    lanes = len(game.arenas)
-    act = ActArrays(np.tile(np.array(axes, np.float32), (lanes, 1)), np.tile(np.array(buttons, np.int32), (lanes, 1)))
-    return game.step([act])[0]
-
-
-def sweep(game: Any, decisions: int) -> list[str]:
-    """Play random actions, the same in every arena; return the digest of what each arena observes and earns."""
-    random = np.random.default_rng(3)
-    digests = [hashlib.sha256() for _ in game.arenas]
-    for _ in range(decisions):
-        seen = step(game, tuple(random.uniform(-1.0, 1.0, 2)), tuple(random.integers(0, 2, 2)))
-        for values in (*seen.observations, seen.rewards):
-            for digest, row in zip(digests, values, strict=True):
-                digest.update(row.tobytes())
-    return [digest.hexdigest() for digest in digests]
 
 
 def made(numbers: Array) -> p.Pitches:
@@ -153,6 +137,16 @@ def test_a_restored_game_continues_on_the_same_pitches_to_the_same_bytes():
 def test_a_seeded_run_gives_the_bytes_it_always_gave(observation):
     seen = sweep(new_game(3, observation=observation), 200)
     assert hashlib.sha256("".join(seen).encode()).hexdigest()[:16] == GOLDEN[observation]
+
+
+def digest_of_a_short_run() -> str:
+    """Return the hash of a run on pitches."""
+    return "".join(sweep(new_game(2), 30))
+
+
+def test_interpreted_rules_give_the_bytes_of_compiled_ones():
+    digest = interpreted("tests.support.digest", "tests.test_generated_pitches").split()[-1]
+    assert digest == digest_of_a_short_run()
 
 
 def test_a_picture_shows_the_pitch():

@@ -119,10 +119,10 @@ def test_a_lengthened_run_goes_on_counting_and_gives_up_its_best_only_for_a_bett
 
 def test_the_lowest_value_may_be_the_best_and_an_unknown_metric_is_refused(config, simulator, tmp_path, capsys):
     run = ["--run", str(tmp_path / "run"), "--simulator", simulator]
-    assert main(["train", str(config), *SMALL, "best=pressed", *run]) == 1
-    wanted = "best: there is no metric 'pressed'; player has reward, length, game_length, presses"
+    assert main(["train", str(config), *SMALL, "best_metric=pressed", *run]) == 1
+    wanted = "best_metric: there is no metric 'pressed'; player has reward, length, game_length, presses"
     assert wanted in capsys.readouterr().err
-    assert main(["train", str(config), *SMALL, "best=-presses", *run]) == 0
+    assert main(["train", str(config), *SMALL, "best_metric=-presses", *run]) == 0
     rows = read_rows(tmp_path / "run/metrics-player.csv")
     score = load_checkpoint(tmp_path / "run", "best")[1].score
     assert score == pytest.approx(-min(row["presses"] for row in rows), rel=1e-4)
@@ -142,11 +142,11 @@ def test_a_run_that_ended_before_its_first_checkpoint_begins_anew_with_its_game_
         assert main(["train", str(config), *SMALL, *run]) == 130
     command = capsys.readouterr().err.partition("nothing is saved yet; begin again with: joybridge ")[2].splitlines()[0]
     assert "--resume" in command and "--game" not in command
-    assert main([*shlex.split(command), "stop=64"]) == 0
+    assert main([*shlex.split(command), "stop_at=64"]) == 0
     assert f"{tmp_path / 'run'} ended before anything was saved: it begins anew\n" in capsys.readouterr().err
     assert load_checkpoint(tmp_path / "run")[1].timesteps == 64
     new = ["--run", str(tmp_path / "next"), "--from", str(tmp_path / "run")]  # which knows where its game is
-    assert main(["train", str(config), *SMALL, "stop=64", *new]) == 0
+    assert main(["train", str(config), *SMALL, "stop_at=64", *new]) == 0
 
 
 def test_what_is_odd_in_the_first_rollouts_is_said_once(config, simulator, tmp_path, capsys):

@@ -786,3 +786,29 @@ def test_an_agents_wrong_action_names_the_agent(make):
 
 def test_the_spec_of_the_game_is_an_attribute(simulator, make):
     assert make(BridgeEnv, "brief").game_spec == describe(simulator, "brief", {})
+
+
+def test_others_hold_all_seats_but_the_first_of_each_arena(make):
+    env = make(BridgeEnv, "noughts", others=["script:perfect"])
+    returns: list[float] = []
+    _, info = env.reset(seed=3)
+    total = 0.0
+    for _ in range(120):
+        action = sample_allowed(env.action_space, info["action_mask"])
+        _, reward, terminated, _, info = env.step(action)
+        total += reward
+        if terminated:
+            returns.append(total)
+            total, (_, info) = 0.0, env.reset()
+    assert len(returns) > 10 and max(returns) <= 0 and min(returns) == -1  # nobody beats it
+    short = {"players": "3", "lives": "0", "pauses": "short", "locomotion": "axes"}
+    scripts = ["script:flee", "script:patient"]
+    envs = make(BridgeVectorEnv, "beastly_rivals_full", 3, others=scripts, options=short)
+    observations, infos = envs.reset(seed=1)
+    assert envs.num_envs == 3 and len(observations) == 3 and infos["deciding"].shape == (3,)
+    for _ in range(50):
+        envs.step(envs.action_space.sample())
+    with pytest.raises(ConfigError, match="archer has one agent, which plays alone"):
+        make(BridgeEnv, "archer", others=["script:perfect"])
+    with pytest.raises(ConfigError, match="noughts has no such script"):
+        make(BridgeEnv, "noughts", others=["script:fool"])

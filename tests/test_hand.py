@@ -7,7 +7,7 @@ from joybridge.config.config import load_config, make_config
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.policy.config_fit import check_fit
-from joybridge.policy.hand import hand_limits, make_hands
+from joybridge.policy.hand import make_hands
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button, sensor
@@ -107,7 +107,7 @@ def test_a_pointer_that_cannot_be_so_is_refused(pointer, kind, text):
 
 def test_an_action_answers_the_observation_of_some_decisions_ago_and_never_one_of_the_last_episode(tmp_path):
     chosen = [([number / 10, 1.0], [number % 2, 2]) for number in range(1, 7)]
-    axes, choices = play(make(tmp_path, "hand_delay=2"), chosen, ends={(4, 1)})
+    axes, choices = play(make(tmp_path, "hand.delay=2"), chosen, ends={(4, 1)})
     np.testing.assert_allclose([each[0, 0] for each in axes], [0, 0, 0.1, 0.2, 0.3, 0.4])
     np.testing.assert_allclose([each[1, 0] for each in axes], [0, 0, 0.1, 0.2, 0, 0])
     assert [each[0].tolist() for each in choices] == [[0, 0], [0, 0], [1, 2], [0, 2], [1, 2], [0, 2]]
@@ -116,20 +116,20 @@ def test_an_action_answers_the_observation_of_some_decisions_ago_and_never_one_o
 
 def test_a_choice_is_held_for_some_decisions_unless_it_is_forbidden(tmp_path):
     chosen = [(REST, [grip, 0]) for grip in (1, 0, 0, 0, 1, 0, 1)]
-    _, choices = play(make(tmp_path, "hand_hold=3"), chosen, ends={(5, 1)})
+    _, choices = play(make(tmp_path, "hand.hold=3"), chosen, ends={(5, 1)})
     assert [each[0, 0] for each in choices] == [1, 1, 1, 0, 0, 0, 1]
     assert [each[1, 0] for each in choices] == [1, 1, 1, 0, 0, 0, 1]  # a new episode begins with the button released
     masks = [np.ones((2, 2), bool), np.array([[True, True, True], [False, False, True]])]
-    _, choices = play(make(tmp_path, "hand_hold=3"), [(REST, [0, 1])] * 2, masks=masks)
+    _, choices = play(make(tmp_path, "hand.hold=3"), [(REST, [0, 1])] * 2, masks=masks)
     assert [each[:, 1].tolist() for each in choices] == [[1, 2], [1, 2]]
 
 
 def test_axes_stay_within_reach_and_move_slowly_from_where_they_are(tmp_path):
-    axes, _ = play(make(tmp_path, "hand_reach=0.5"), [([-1.0, 2.5], [0, 0]), ([0.2, 0.5], [0, 0])])
+    axes, _ = play(make(tmp_path, "hand.reach=0.5"), [([-1.0, 2.5], [0, 0]), ([0.2, 0.5], [0, 0])])
     np.testing.assert_allclose(axes[0][0], [-0.5, 1.5])
     np.testing.assert_allclose(axes[1][0], [0.2, 0.5])
     axes, _ = play(
-        make(tmp_path, "hand_change=0.25"), [([1.0, 2.5], [0, 0])] * 3 + [([0.9, 0.5], [0, 0])], ends={(2, 1)}
+        make(tmp_path, "hand.change=0.25"), [([1.0, 2.5], [0, 0])] * 3 + [([0.9, 0.5], [0, 0])], ends={(2, 1)}
     )
     np.testing.assert_allclose([each[0] for each in axes], [[0.5, 1.0], [1.0, 1.5], [1.0, 2.0], [0.9, 1.5]])
     np.testing.assert_allclose(axes[2][1], [0.5, 1.0])
@@ -137,21 +137,21 @@ def test_axes_stay_within_reach_and_move_slowly_from_where_they_are(tmp_path):
 
 def test_noise_grows_with_the_distance_from_rest_and_depends_on_seed_arena_and_decision_alone(tmp_path):
     chosen = [([0.5, 1.5], [0, 0])] * 400
-    whole, _ = play(make(tmp_path, "hand_noise=0.1", end=6), chosen, lanes=6)
-    part, _ = play(make(tmp_path, "hand_noise=0.1", first=2, end=5), chosen, lanes=3)
+    whole, _ = play(make(tmp_path, "hand.noise=0.1", end=6), chosen, lanes=6)
+    part, _ = play(make(tmp_path, "hand.noise=0.1", first=2, end=5), chosen, lanes=3)
     np.testing.assert_array_equal([each[2:5] for each in whole], part)
-    other, _ = play(make(tmp_path, "hand_noise=0.1", end=6, seed=8), chosen, lanes=6)
+    other, _ = play(make(tmp_path, "hand.noise=0.1", end=6, seed=8), chosen, lanes=6)
     assert not np.array_equal(whole, other)
     spread = np.std(whole, axis=(0, 1))
     np.testing.assert_allclose(spread, [0.05, 0.1], rtol=0.06)
-    still, _ = play(make(tmp_path, "hand_noise=0.1"), [(REST, [0, 0])])
+    still, _ = play(make(tmp_path, "hand.noise=0.1"), [(REST, [0, 0])])
     assert still[0].tolist() == [REST] * 2
-    edge, _ = play(make(tmp_path, "hand_noise=9"), [([1.0, 2.5], [0, 0])] * 50)
+    edge, _ = play(make(tmp_path, "hand.noise=9"), [([1.0, 2.5], [0, 0])] * 50)
     assert np.min(edge, axis=(0, 1)).tolist() == [-1, 0.5] and np.max(edge, axis=(0, 1)).tolist() == [1, 2.5]
 
 
 def test_a_hand_that_was_saved_goes_on_as_it_would_have(tmp_path):
-    limits = ["hand_delay=2", "hand_hold=2", "hand_change=0.2", "hand_noise=0.3"]
+    limits = ["hand.delay=2", "hand.hold=2", "hand.change=0.2", "hand.noise=0.3"]
     rng = np.random.default_rng(1)
     chosen = [(rng.uniform([-1, 0.5], [1, 2.5]), rng.integers(0, [2, 3])) for _ in range(20)]
     (hand,), (saved,) = make(tmp_path, *limits), make(tmp_path, *limits)
@@ -163,27 +163,21 @@ def test_a_hand_that_was_saved_goes_on_as_it_would_have(tmp_path):
     np.testing.assert_array_equal(axes, play([saved], chosen[9:])[0])
     assert axes[0][1].tolist() == REST != axes[0][0].tolist()
     with pytest.raises(ValueError, match="broadcast"):
-        make(tmp_path, "hand_delay=1")[0].load(hand.state())
+        make(tmp_path, "hand.delay=1")[0].load(hand.state())
 
 
 def test_a_run_with_a_hand_resumes_to_the_same_bits(simulator, tmp_path):
     (tmp_path / "small.yaml").write_text(
-        "{game: shooting_birds, arenas: 4, log_interval: 1000, total_timesteps: 160, hand_delay: 2, "
-        "hand_hold: 2, hand_noise: 0.2, "
+        "{game: shooting_birds, arenas: 4, log_interval: 1000, total_timesteps: 160, "
+        "hand: {delay: 2, hold: 2, noise: 0.2}, "
         "policy: {hidden_sizes: [8], rollout_steps: 10, time_horizon: 10, minibatch_size: 40, epochs: 1}}"
     )
 
     def trained(name, stop, *, resume=False):
-        config = load_config(tmp_path / "small.yaml", [f"stop={stop}"])
-        train(config, tmp_path / name, [simulator], resume=resume, report=lambda *_: None)
+        config = load_config(tmp_path / "small.yaml", [f"stop_at={stop}"])
+        train(config, tmp_path / name, [simulator], resume=resume)
         return {name: array.tobytes() for name, array in load_checkpoint(tmp_path / name)[0].items()}
 
     whole = trained("whole", 160)
     assert trained("parts", 80) != whole
     assert trained("parts", 160, resume=True) == whole
-
-
-def test_the_limits_are_keys_of_the_configuration(tmp_path):
-    (tmp_path / "table.yaml").write_text("game: table\n")
-    config = load_config(tmp_path / "table.yaml", ["hand_delay=3", "hand_hold=2", "hand_reach=0.5", "hand_change=0.1"])
-    assert hand_limits(config) == (3, 2, 0.5, 0.1, 0.0, 0.0)

@@ -10,7 +10,7 @@ import pytest
 from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.play.device_names import rest_choice
+from joybridge.layouts.device_names import rest_choice
 from joybridge.play.input_statistics import InputMeasures, Inputs
 from joybridge.run.train import train
 from joybridge.v1 import bridge_pb2 as pb
@@ -238,7 +238,7 @@ def run(simulator, tmp_path_factory):
     """Return a run with two policies for one device that has hardly begun."""
     folder = tmp_path_factory.mktemp("inputs") / "run"
     config = Config(game="hybrid", layout="multiagent", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 
@@ -266,11 +266,11 @@ def test_evaluate_measures_inputs_where_it_is_asked_to_and_prints_a_device_once(
 
 @pytest.mark.usefixtures("signals")
 def test_a_hand_that_holds_its_buttons_is_seen_in_rates_and_intervals(run, simulator, capsys):
-    report, lines = evaluate(run, simulator, capsys, "--inputs", "--over", "hand_hold=1,2,4")
+    report, lines = evaluate(run, simulator, capsys, "--inputs", "--over", "hand.hold=1,2,4")
     found = [next(iter(result.values()))["inputs"]["measures"] for result in report.values()]
     rates = [measures["clicks_per_minute.press"] for measures in found]
     assert rates == sorted(rates, reverse=True) and rates[2] < rates[0] / 1.5
     for measures, hold in zip(found, (1, 2, 4), strict=True):
         assert measures.get("click_interval_p5_seconds.press", math.inf) >= 2 * hold * 0.1 - 1e-6
     start = next(index for index, line in enumerate(lines) if "inputs of" in line)
-    assert lines[start + 1].split() == ["hand_hold=1", "hand_hold=2", "hand_hold=4"]
+    assert lines[start + 1].split() == ["hand.hold=1", "hand.hold=2", "hand.hold=4"]

@@ -34,7 +34,7 @@ MATCH = NOUGHTS.model_copy(
 
 
 def trained(config, folder, simulator, *, resume=False, **changes):
-    train(config.model_copy(update=changes), folder, [simulator], resume=resume, report=lambda *_: None)
+    train(config.model_copy(update=changes), folder, [simulator], resume=resume)
     return load_checkpoint(folder)
 
 
@@ -135,17 +135,18 @@ def test_results_count_every_meeting_of_the_learner_and_fade(simulator):
 
 
 REMEMBERS = {"policy": {**SMALL.model_dump(), "memory": {"kind": "gru", "size": 4}}, "total_timesteps": 900}
+SCRIPTED = {"opponents": {**PAST.model_dump(), "shares": {"past": 1, "script:patient": 1, "script:flee": 1}}}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", [{}, {"layout": "multiagent", "total_timesteps": 2400}, REMEMBERS])
+@pytest.mark.parametrize("changes", [{}, {"layout": "multiagent", "total_timesteps": 2400}, REMEMBERS, SCRIPTED])
 def test_a_league_resumes_to_the_same_bits(changes, simulator, tmp_path):
     config = make_config({**MATCH.model_dump(), **changes})
     whole, _ = trained(config, tmp_path / "whole", simulator)
     assert len(whole["league/pool"]) == 3 and whole["league/matches"].max() > 1
     assert len({*whole["league/tables.0.seats.holders"].ravel().tolist()}) > 2
     for stop in (1, config.total_timesteps // 2):
-        trained(config, tmp_path / "parts", simulator, resume=stop > 1, stop=stop)
+        trained(config, tmp_path / "parts", simulator, resume=stop > 1, stop_at=stop)
     parts, _ = trained(config, tmp_path / "parts", simulator, resume=True)
     assert parts.keys() == whole.keys()
     assert [name for name in whole if not np.array_equal(parts[name], whole[name])] == []
@@ -153,7 +154,7 @@ def test_a_league_resumes_to_the_same_bits(changes, simulator, tmp_path):
 
 def test_a_league_of_two_behaviors_in_a_game_without_snapshots_goes_on(simulator, tmp_path):
     ferry = NOUGHTS.model_copy(update={"game": "ferry", "total_timesteps": 1200})
-    trained(ferry, tmp_path / "run", simulator, stop=600)
+    trained(ferry, tmp_path / "run", simulator, stop_at=600)
     arrays, manifest = trained(ferry, tmp_path / "run", simulator, resume=True)
     assert manifest.snapshots is None and manifest.timesteps >= 1200 and len(arrays["league/pool"]) == 3
     for name in ("helmsman", "lookout"):
@@ -170,6 +171,17 @@ def test_a_policy_of_another_run_with_another_layout_and_other_sensors_plays(sim
     arrays, _ = trained(config, tmp_path / "run", simulator)
     assert set(arrays["league/tables.0.seats.holders"].ravel().tolist()) == {0, 1}
     assert len(arrays["league/pool"]) == 0 and arrays["league/results"][0, 2] > 0
+
+
+def test_a_script_plays_its_seats_and_the_learner_learns_from_the_others(simulator, tmp_path):
+    opponents = OpponentsConfig(shares={"script:perfect": 1})
+    arrays, _ = trained(NOUGHTS, tmp_path / "run", simulator, opponents=opponents)
+    seats = arrays["league/tables.0.seats.holders"] if "league/tables.0.seats.holders" in arrays else np.zeros(0)
+    assert set(seats.ravel().tolist()) <= {0, 1} and not any(
+        "policies." in name for name in arrays if "league/" in name
+    )
+    rows = read_rows(tmp_path / "run" / "metrics-player.csv")
+    assert all(row["ahead"] <= 0.5 and row["reward"] <= 0 for row in rows)  # nobody beats it
 
 
 def test_past_policies_of_a_run_are_rated_beside_its_checkpoints(simulator, tmp_path):
@@ -191,6 +203,9 @@ def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):
 
     assert "opponents.shares: archer has one agent, which plays alone" in refused(game="archer")
     assert "is not the folder of a run" in refused(opponents={"shares": {"gone": 1}})
+    assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
+        opponents={"shares": {"script:fool": 1}}
+    )
     assert "opponents.shares.past: got -1" in refused(opponents={"shares": {"past": -1}})
     assert "opponents.shares: got {'past': 0}; expected a share above 0" in refused(opponents={"shares": {"past": 0}})
     ferry = NOUGHTS.model_copy(update={"game": "ferry", "total_timesteps": 96, "opponents": OpponentsConfig()})

@@ -135,7 +135,7 @@ def test_a_dataset_is_cloned_by_a_run_that_resumes_and_cannot_be_replayed(export
     file.write_text("game: hybrid\narenas: 4\ntotal_timesteps: 128\nlog_interval: 64\n"
                     "policy: {frame_stack: 1, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n")  # fmt: skip
     command = ["train", str(file), "--run", str(run), "--simulator", simulator, "--demos", str(datasets)]
-    assert main([*command, "stop=64"]) == 0
+    assert main([*command, "stop_at=64"]) == 0
     assert re.search(r"player: \d+ decisions of \d+ episodes are cloned", capsys.readouterr().out)
     assert (run / "demonstrations.sha256").read_text().endswith("  hybrid/player-v0/data/main_data.hdf5\n")
     assert main([*command, "--resume"]) == 0

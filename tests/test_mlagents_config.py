@@ -35,7 +35,7 @@ def train_with(text, folder, *overrides, behavior="hunter"):
 def test_a_configuration_of_ml_agents_becomes_one_of_ours(tmp_path):
     config = train_with(THEIRS, tmp_path)
     assert (config.game, config.arenas, config.seed, config.total_timesteps) == ("shooting_birds", 16, 7, 500_000)
-    assert (config.log_interval, config.checkpoint_interval, config.keep) == (10_000, 500_000, 5)
+    assert (config.log_interval, config.checkpoint_interval, config.keep_checkpoints) == (10_000, 500_000, 5)
     assert config.parameters == {"bird_speed": 0.5}
     policy = config.policy
     assert (policy.minibatch_size, policy.rollout_steps, policy.epochs, policy.time_horizon) == (512, 512, 5, 64)

@@ -297,7 +297,7 @@ def test_a_configuration_is_not_overwritten(simulator, folder, capsys):
 @pytest.mark.slow
 def test_the_configuration_for_a_running_server_learns(simulator, folder):
     main(["new", "--for", simulator, "--game", "archer"])
-    short = ["stop=45000", "log_interval=15000"]
+    short = ["stop_at=45000", "log_interval=15000"]
     assert main(["train", "archer.yaml", *short, "--simulator", simulator, "--run", "run"]) == 0
     first, *_, last = read_rows(folder / "run/metrics-archer.csv")
     assert first["accuracy"] < 0.2 and last["accuracy"] > 0.3

@@ -18,7 +18,7 @@ CONFIG = Path(__file__).parents[1] / "configs" / "shooting_birds" / "bucket-11.y
 
 def test_one_decision_enters_18_files(simulator):
     """Calls in turn into one file count once. The profiler only measures, and so does not count."""
-    config = load_config(CONFIG, ["arenas=2", "groups=1"])
+    config = load_config(CONFIG, ["arenas=2", "pipeline_groups=1"])
     spec = describe(simulator, config.game, config.options)
     (actor,) = make_actors(config, spec)
     policy = Policy(actor, spec.behaviors[actor.behavior], group_bounds(config))

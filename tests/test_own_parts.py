@@ -74,7 +74,7 @@ def trained(simulator: str, *overrides: str, run: str = "run", more: tuple[str, 
 def test_the_network_of_the_page_is_trained_kept_played_and_continued_to_the_same_bits(folder, simulator):
     own = "policy.network=my_network:PerSensor"
     trained(simulator, own)
-    trained(simulator, own, "stop=160", run="parts")
+    trained(simulator, own, "stop_at=160", run="parts")
     trained(simulator, own, run="parts", more=("--resume",))
     whole, continued = (load_checkpoint(Path(run))[0] for run in ("run", "parts"))
     weights = [name for name in whole if "network.encoders.0.module.layers" in name]
@@ -85,6 +85,7 @@ def test_the_network_of_the_page_is_trained_kept_played_and_continued_to_the_sam
     assert json.loads(output.splitlines()[-1])
     status, _, errors = joybridge("export", "run", "policy.onnx", "--simulator", simulator)
     assert status and "has a network of its own, my_network:PerSensor, which no exported file can hold" in errors
+    assert "play its run with `joybridge.play.agent.load`" in errors
     status, _, errors = joybridge(
         "train", "hybrid_suite/catch_point", "--from", "run", "--run", "x", "--simulator", simulator
     )

@@ -39,11 +39,11 @@ def test_a_run_whose_results_could_not_be_kept_is_refused(run, tmp_path, capsys)
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_keys_are_set_for_every_run(run, capsys):
-    assert run("--experiments", "survive", "--set", "arenas=3", "groups=1", "--set", "policy.epochs=x") == 1
+    assert run("--experiments", "survive", "--set", "arenas=3", "pipeline_groups=1", "--set", "policy.epochs=x") == 1
     assert "policy.epochs: got 'x'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("setting", "option"), [("seed=3", "--seeds"), ("stop=9", "--timesteps")])
+@pytest.mark.parametrize(("setting", "option"), [("seed=3", "--seeds"), ("stop_at=9", "--timesteps")])
 def test_keys_with_an_option_of_their_own_cannot_be_set(setting, option, run, capsys):
     with pytest.raises(SystemExit):
         run("--experiments", "survive", "--set", setting)

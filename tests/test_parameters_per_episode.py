@@ -82,7 +82,7 @@ AXES = {"locomotion": "axes"}
 GAMES: dict[str, tuple[type[BatchedGame], dict[str, str], str]] = {
     "shooting_birds": (ShootingBirds, choose_options(ShootingBirds.options, AXES, "shooting_birds"), "bird_speed"),
     "beastly_rivals": (BeastlyRivals, choose_options(BeastlyRivals.options, AXES, "beastly_rivals"), "beast_speed"),
-    "beastly_rivals_full": (BeastlyRivalsFull, {**MATCH, "pauses": "short", "rivals": "flee"}, "ball_speed"),
+    "beastly_rivals_full": (BeastlyRivalsFull, {**MATCH, "pauses": "short"}, "ball_speed"),
     "archer": (batched(Archer), {}, "size"),
 }  # fmt: skip
 
@@ -94,7 +94,7 @@ def play(name, arenas, first_arena=0, decisions=150):
     """
     game, options, varied = GAMES[name]
     (behavior,) = game.describe(options).behaviors
-    device = behavior.device
+    device, agents = behavior.device, behavior.agents_per_arena
 
     def new(seed):
         made = game(options, {}, arenas, first_arena, seed)
@@ -110,15 +110,16 @@ def play(name, arenas, first_arena=0, decisions=150):
             playing.restore(state)
         if number % 40 == 39:
             playing.reset(None, {})
-        axes = np.full((arenas, len(device.axes)), 0.3 if number % 2 else -0.7, np.float32)
-        (step,) = playing.step([ActArrays(axes, np.zeros((arenas, len(device.branches)), np.int32))])
+        axes = np.full((arenas * agents, len(device.axes)), 0.3 if number % 2 else -0.7, np.float32)
+        (step,) = playing.step([ActArrays(axes, np.zeros((arenas * agents, len(device.branches)), np.int32))])
         if len(step.ended):
             reported |= {
-                (int(lane) + first_arena, number, float(values[0]))
+                (int(lane) // agents + first_arena, number, float(values[0]))
                 for lane, values in zip(step.ended, step.parameters, strict=True)
             }
         columns = [*step.observations, step.rewards]
-        played.append([b"".join(column[lane].tobytes() for column in columns) for lane in range(arenas)])
+        lanes = [slice(arena * agents, (arena + 1) * agents) for arena in range(arenas)]
+        played.append([b"".join(column[own].tobytes() for column in columns) for own in lanes])
     return list(zip(*played, strict=True)), reported
 
 

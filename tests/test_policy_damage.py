@@ -9,10 +9,11 @@ import subprocess
 import numpy as np
 import pytest
 
-from joybridge.play.playing import open_play
-from joybridge.play.policy_document import encode
+from joybridge.config.config import MemoryConfig
+from joybridge.play.playing import PlaySpec, open_play
+from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player
-from tests.test_export import EXAMPLES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run
+from tests.test_export import EXAMPLES, IMAGES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run, pointing
 
 FINE, REFUSED = 0, 1  # exit statuses; the sanitizer's are others
 FILES = 200
@@ -36,14 +37,16 @@ STRANGE: tuple[object, ...] = (
 )
 
 
-@pytest.fixture(scope="module")
-def policy(simulator, tmp_path_factory):
-    """Return a document with all that the format has: tables, positions, Gaussians, thresholds, scaling, masks."""
-    run = make_run(
-        tmp_path_factory.mktemp("run") / "run", simulator, layout="hybrid",
-        policy=SMALL.model_copy(update={"scale_observations": "bounds"}),
-    )  # fmt: skip
-    with open_play(run, simulator, seed=3, deterministic=False) as play:
+@pytest.fixture(scope="module", params=["numbers", "map"])
+def policy(request, simulator, tmp_path_factory):
+    """Return a document; two have all of the format: tables, Gaussians, scaling and memory; images and a map."""
+    memory = {"scale_observations": "bounds", "memory": MemoryConfig(kind="lstm", size=5)}
+    settings = {
+        "numbers": {"layout": "hybrid", "policy": SMALL.model_copy(update=memory)},
+        "map": pointing(IMAGES[1], "map-3x2"),
+    }[request.param]
+    run = make_run(tmp_path_factory.mktemp("run") / "run", simulator, **settings)
+    with open_play(PlaySpec(run, simulator, seed=3)) as play:
         return json.loads(encode(documents(play)))
 
 

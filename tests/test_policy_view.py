@@ -9,8 +9,9 @@ from PIL import Image
 
 from joybridge.client.client import describe
 from joybridge.commands.__main__ import main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
+from joybridge.play.memory_strip import ABOVE, BELOW, DARK, GAP, ROW
 from joybridge.play.policy_view import BACKGROUND, MARGIN, PolicyView
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.run.train import train
@@ -70,15 +71,34 @@ def test_a_policy_that_sees_no_image_adds_nothing():
     assert view.beside(picture, []) is picture and (view.width, view.height) == (64, 40)
 
 
+def test_what_each_agent_remembers_is_a_row_of_cells_below():
+    game = spec(GAME, [EYES], picture=(64, 40))
+    view = PolicyView(game, [(0, ObservationEncoder("eyes", EYES, ["place"], {}, "auto"))], [2])
+    picture = np.full((40, 64, 3), 9, np.uint8)
+    states = np.array([[0.0, 1.0, -1.0, 0.5], [3.0, 0.0, 0.0, -0.5]], np.float32)
+    whole = view.beside(picture, [], [states])
+    assert whole.shape == (view.height, view.width, 3) == (40 + 2 * (ROW + GAP), 64, 3)
+    np.testing.assert_array_equal(whole[:40], picture)
+    cells = whole[40 + GAP :: ROW + GAP, 8::16].astype(float)  # the middle of each, [agents, numbers]
+    np.testing.assert_array_equal(cells[0, :3], [DARK, ABOVE, BELOW])
+    np.testing.assert_allclose(cells[0, 3], (DARK + ABOVE) / 2, atol=1)
+    np.testing.assert_array_equal(cells[1, :3], [ABOVE, DARK, DARK])
+    np.testing.assert_allclose(cells[1, 3], (DARK + BELOW) / 2, atol=1)
+    assert (whole[40 + GAP, 16::16] == DARK // 2).all()  # a line between two cells
+    many = PolicyView(game, [], [1]).beside(picture, [], [np.linspace(-1, 1, 640, dtype=np.float32)[None]])
+    assert many.shape == (40 + ROW + GAP, 64, 3) and (np.diff(many[-1, :, 0].astype(int))[33:] >= 0).all()
+
+
 @pytest.fixture(scope="module")
 def run(simulator, tmp_path_factory):
-    """Return a run of a policy that sees an image of 2 x 2 pixels beside a picture of 8 x 6."""
+    """Return a run of a policy that sees an image of 2 x 2 pixels beside a picture of 8 x 6, and remembers."""
     policy = PolicyConfig(
-        image_encoder="simple", hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32
-    )
+        image_encoder="simple", hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32,
+        memory=MemoryConfig(kind="lstm", size=4),
+    )  # fmt: skip
     folder = tmp_path_factory.mktemp("seeing") / "run"
     config = Config(game="hybrid", arenas=4, total_timesteps=64, log_interval=64, policy=policy)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 
@@ -89,12 +109,13 @@ def test_a_video_shows_what_the_policy_sees(run, simulator, tmp_path):
     with av.open(str(video)) as file:
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
     assert describe(simulator, "hybrid", {}).picture.width == 8
-    assert frames[0].shape == (6, 8 + MARGIN + 2, 3)
+    assert frames[0].shape == (6 + ROW + GAP, 8 + MARGIN + 2, 3)
+    assert (frames[0][6 + GAP :] != frames[9][6 + GAP :]).any()
 
 
 def test_the_page_shows_what_the_policy_sees(run, simulator):
     with open_website(0, lambda page: watch(page, run, lambda: simulator, 1), "watch.html") as url:
         page = Page(url)
         with Image.open(BytesIO(page.take("turn")["picture"])) as picture:
-            assert picture.size == (8 + MARGIN + 2, 6)
+            assert picture.size == (8 + MARGIN + 2, 6 + ROW + GAP)
         page.close()

@@ -151,7 +151,7 @@ def test_a_server_a_training_and_an_evaluation_need_nothing_of_it(tmp_path, monk
         monkeypatch.setattr("socket.socketpair", PAIR)
         monkeypatch.setattr("joybridge.client.signals._SIGNALS", [signal.SIGINT, signal.SIGTERM])
         monkeypatch.chdir(tmp_path)
-        small = ["arenas=8", "groups=1", "total_timesteps=480", "policy.epochs=1", "policy.minibatch_size=240"]
+        small = ["arenas=8", "pipeline_groups=1", "total_timesteps=480", "policy.epochs=1", "policy.minibatch_size=240"]
         trained = joybridge("train", "archer/hybrid", *small, "--run", "run", "--simulator", place)
         assert trained.status == 0, trained.errors
         evaluated = joybridge("evaluate", "run", "--episodes", "8", "--simulator", place)

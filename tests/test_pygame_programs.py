@@ -321,7 +321,7 @@ game: {pygame: PROGRAM, reward: ['Score: (\d+)', 'sound:none'], done: Game over,
        max_decisions: 8, name: fruit}
 options: {screen: '48', colors: gray}
 arenas: 2
-groups: 1
+pipeline_groups: 1
 total_timesteps: 32
 log_interval: 16
 policy: {hidden_sizes: [4], rollout_steps: 8, frame_stack: 1, image_encoder: none, epochs: 1}

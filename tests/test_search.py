@@ -36,7 +36,7 @@ pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("signals")]
 SMALL = """
 game: archer
 arenas: 8
-groups: 1
+pipeline_groups: 1
 total_timesteps: 2000
 log_interval: 100
 policy: {frame_stack: 1, hidden_sizes: [16], rollout_steps: 20, time_horizon: 20, minibatch_size: 80}
@@ -331,7 +331,7 @@ def test_a_search_whose_ranges_have_changed_is_refused_by_name(run):
         'error: out holds another search: ranges.policy.epochs was "1..5" and is now "1..6"; repeat the command as it '
         "was, or name another folder with --output\n"
     )
-    assert "timesteps was 2000 and is now 1000" in run("stop=1000").errors
+    assert "timesteps was 2000 and is now 1000" in run("stop_at=1000").errors
     assert "seed was 0 and is now 1" in run("seed=1").errors
     assert "policy.gamma was 0.99 and is now 0.9" in run("policy.gamma=0.9").errors
     assert 'metric was "reward" and is now "length"' in run("--metric", "length").errors

@@ -4,31 +4,37 @@ import json
 
 import pytest
 
+from joybridge.compare import launch
 from joybridge.compare.compare import parse
 from joybridge.compare.suite import SUITES, write_suite
+from joybridge.compare.table import read_table
+from joybridge.config.config import Config
 from joybridge.config.config_files import config_names
 from joybridge.config.errors import ConfigError
 from tests.support.command_line import joybridge
+from tests.support.jobs import train_here
 
-TINY = ("arenas=2", "total_timesteps=64", "log_interval=32", "policy.rollout_steps=16", "policy.time_horizon=16",
-        "policy.minibatch_size=16", "policy.epochs=1")  # fmt: skip
+TINY = (
+    "arenas=2", "total_timesteps=64", "log_interval=32", "evaluate_during.episodes=2", "policy.rollout_steps=16",
+    "policy.time_horizon=16", "policy.minibatch_size=16", "policy.epochs=1",
+)  # fmt: skip
 
 
-def test_the_suite_has_all_installed_configurations_of_its_folder():
-    assert {task.config for task in SUITES["hybrid"].values()} == {
-        name for name in config_names() if name.startswith("hybrid_suite/")
+@pytest.mark.parametrize(("suite", "folder"), [("hybrid", "hybrid_suite/"), ("classic", "classic/")])
+def test_a_suite_has_all_installed_configurations_of_its_folder(suite, folder):
+    assert {task.config for task in SUITES[suite].tasks.values()} == {
+        name for name in config_names() if name.startswith(folder)
     }
 
 
 def test_tasks_are_trained_and_are_on_one_page(tmp_path, simulator, monkeypatch):
-    chosen = {name: SUITES["hybrid"][name] for name in ("catch_point", "hard_move-6")}
-    monkeypatch.setitem(SUITES, "hybrid", chosen)
-    words = "compare", "--suite", "hybrid", "--seeds", "1", "--output", str(tmp_path), "--simulator", simulator
+    monkeypatch.setattr(launch, "start", train_here)
+    words = ["compare", "--suite", "hybrid", "--tasks", "catch_point", "--seeds", "1", "--output", str(tmp_path)]
     status, output, errors = joybridge(*words, *TINY)
     assert status == 0, errors
     page = (tmp_path / "page.md").read_text()
-    assert all(f"| {name} | 64 |" in page for name in chosen) and "missing" not in page
-    assert "only_with=true" in page and "options.actuators=6" in (tmp_path / "hard_move-6" / "page.md").read_text()
+    assert "| catch_point | 64 | 0.85 / 0.93 |" in page and "missing" not in page
+    assert "| task | timesteps | pass / stretch | unchanged | only_with=false | bucket-16 |" in page
     assert f"{tmp_path / 'page.html'}" in output
     assert (tmp_path / "catch_point" / "page.html").exists()
 
@@ -40,20 +46,43 @@ def test_a_page_shows_variants_side_by_side_and_says_what_is_missing(tmp_path):
 
     for name, variants in (("platform", [variant("a", 0.5, 0.75), variant("b", 0.25)]), ("goal", [variant("b", 1.0)])):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "compare.json").write_text(json.dumps({"variants": variants}))
+        times = {each["label"]: {"seconds": [10.0, 20.0]} for each in variants}
+        (tmp_path / name / "compare.json").write_text(json.dumps({"variants": variants, "wall_clock": times}))
+        kept = {"config": Config(game=name, layout="bucket-3", policy={"gamma": 0.5, "epochs": 9}).model_dump()}
+        (tmp_path / name / "variants.json").write_text(json.dumps({"a": kept | {"spec": {}}}))
     write_suite("hybrid", tmp_path, "joybridge compare --suite hybrid", {"moving": "it does not fit"})
     page = (tmp_path / "page.md").read_text()
-    assert (
-        "| platform | 200,000 | **0.500** [0.000, 1.000]<br>0.500, 0.750 | **0.250** [0.000, 1.000]<br>0.250 |" in page
-    )
-    assert "| goal | 200,000 | – | **1.000** [0.000, 1.000]<br>1.000 |" in page and "- moving: it does not fit" in page
+    cells = "**0.500** [0.000, 1.000]<br>0.500, 0.750 | **0.250** [0.000, 1.000]<br>0.250 |"
+    assert f"| platform | 200,000 | 0.90 / 0.98 | {cells}" in page and "| platform | 2 | 15 | 15 |" in page
+    assert "| goal | 200,000 | 0.50 / 0.78 | – | **1.000** [0.000, 1.000]<br>1.000 |" in page
+    assert "- moving: it does not fit" in page
     (tmp_path / "goal" / "compare.json").write_text("{")
     with pytest.raises(ConfigError, match="cannot be read"):
         write_suite("hybrid", tmp_path, "", {})
 
 
+def test_ours_and_another_trainer_are_side_by_side(tmp_path):
+    words = "compare", "--suite", "classic", "--tasks", "cartpole", "--seeds", "1", "--output", str(tmp_path)
+    status, _, errors = joybridge(*words, *TINY)
+    assert status == 0, errors
+    page = (tmp_path / "page.md").read_text()
+    assert "| task | timesteps | hybrid | hybrid, Stable-Baselines3 |" in page and "| cartpole | 64 |" in page
+    assert (tmp_path / "pictures" / "seconds-light.png").stat().st_size > 4000
+    models = [path.stat().st_mtime_ns for path in tmp_path.rglob("model.zip")]
+    assert joybridge(*words, *TINY).status == 0  # what is finished is not trained again
+    assert models == [path.stat().st_mtime_ns for path in tmp_path.rglob("model.zip")] != []
+    assert {name.run.experiment for name in read_table(tmp_path / "cartpole")} == {"hybrid", "hybrid-Stable-Baselines3"}
+
+
 @pytest.mark.parametrize(
-    "words", [[], ["archer/hybrid", "--suite", "hybrid"], ["--suite", "hybrid", "--also", "a"], ["--suite", "nothing"]]
+    "words",
+    [
+        [],
+        ["archer/hybrid", "--suite", "hybrid"],
+        ["--suite", "hybrid", "--also", "a"],
+        ["--suite", "nothing"],
+        ["archer/hybrid", "--tasks", "goal"],
+    ],
 )
 def test_a_suite_or_a_configuration_is_named(words, capsys):
     with pytest.raises(SystemExit):

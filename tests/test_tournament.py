@@ -14,7 +14,6 @@ from joybridge.commands.__main__ import main
 from joybridge.compare import rate as rating_command
 from joybridge.compare import rating_page
 from joybridge.compare.matches import read_matches
-from joybridge.compare.rate import places_beside
 from joybridge.compare.rating import rate
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import StepArrays
@@ -22,6 +21,7 @@ from joybridge.contract.parts import rows_of
 from joybridge.layouts import make_acts
 from joybridge.play.tournament import deal, play_tournament
 from joybridge.policy.actor import Actor, make_actors
+from joybridge.policy.player import Player
 from joybridge.policy.seats import Seats
 from joybridge.policy.table import Table
 from joybridge.run.pool import thinned
@@ -33,7 +33,13 @@ pytestmark = pytest.mark.usefixtures("signals")
 
 SMALL = PolicyConfig(frame_stack=2, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=64)
 NOUGHTS = Config(
-    game="noughts", arenas=4, total_timesteps=512, log_interval=512, checkpoint_interval=128, keep=9, policy=SMALL
+    game="noughts",
+    arenas=4,
+    total_timesteps=512,
+    log_interval=512,
+    checkpoint_interval=128,
+    keep_checkpoints=9,
+    policy=SMALL,
 )
 
 
@@ -41,7 +47,7 @@ NOUGHTS = Config(
 def run(simulator, tmp_path_factory):
     """Return a run with four checkpoints."""
     folder = tmp_path_factory.mktemp("tournament") / "run"
-    train(NOUGHTS, folder, [simulator], resume=False, report=lambda *_: None)
+    train(NOUGHTS, folder, [simulator], resume=False)
     return folder
 
 
@@ -177,6 +183,7 @@ def test_a_player_plays_in_some_lanes_as_it_does_in_all_of_them(simulator):
             for holder in (1, 2):
                 table.join(holder, make_actors(config, session.spec))
                 for player in table.players[holder]:
+                    assert isinstance(player, Player)
                     player.deterministic = True
             for arena in range(3):
                 table.seats.begin(arena, holders)
@@ -203,15 +210,17 @@ def test_a_run_is_evaluated_with_another_one_in_all_seats_but_its_own(run, simul
     alone, against = evaluated(), evaluated("--others", str(run))
     assert alone["episodes"] == 80 and alone["means"]["reward"] == 0  # both agents of a match, and one wins
     assert against["episodes"] == 40 and against["means"]["reward"] != 0
+    perfect = evaluated("--others", "script:perfect", "--others", "script:random")
+    assert perfect["episodes"] == 40 and perfect["means"]["reward"] < 0
     video = ["record", str(run), str(tmp_path / "play.mp4"), "--seconds", "1", "--others", str(run)]
     assert main([*video, "--simulator", simulator]) == 0
 
 
 def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, capsys):
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
-    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    train(archer, tmp_path / "archer", [simulator], resume=False)
     for played, message in (
-        (tmp_path / "archer", "--others: archer has one agent, which plays alone; leave the option out"),
+        (tmp_path / "archer", "others: archer has one agent, which plays alone; leave them out"),
         (run, f"opponents: {tmp_path / 'archer'} plays archer, expected noughts; name a run of this game"),
     ):
         assert main(["evaluate", str(played), "--others", str(tmp_path / "archer"), "--simulator", simulator]) == 1
@@ -259,25 +268,16 @@ def test_another_seed_adds_matches_and_the_same_one_replaces_its_own(run, simula
     assert "| 0 [0, 0] |" in next(line for line in done.output.splitlines() if "other" in line)
 
 
-@pytest.mark.slow
-def test_scripts_of_a_game_are_players_and_can_be_the_anchor(simulator, tmp_path):
-    quick = {"players": "3", "lives": "0", "pauses": "short", "locomotion": "axes"}
-    config = NOUGHTS.model_copy(update={"game": "beastly_rivals_full", "options": quick, "total_timesteps": 192})
-    train(config, tmp_path / "run", [simulator], resume=False, report=lambda *_: None)
-    scripts = ["--script", "options.rivals=flee", "--script", "options.rivals=at_once"]
-    rated(simulator, tmp_path / "run", *scripts, "--policies", 1, "--anchor", "options.rivals=flee")
-    log = read_matches(tmp_path / "run" / "rating")
-    assert len(log) == 40 and {match.players[1:] for match in log} == {(script,) * 2 for script in scripts[1::2]}
-    assert all(sum(match.places) == 6 for match in log) and len({match.places[0] for match in log}) > 1
-    numbers = json.loads((tmp_path / "run" / "rating" / "rating.json").read_text())
-    assert numbers["ratings"]["options.rivals=flee"]["value"] == 0 and numbers["seats"] == []
-
-
-@pytest.mark.parametrize(
-    ("place", "places"), [(1.0, (1, 2, 3, 4)), (4.0, (4, 1, 2, 3)), (1.5, (1.5, 1.5, 3, 4)), (3.5, (3.5, 3.5, 1, 2))]
-)
-def test_places_beside_a_script_are_those_that_are_left(place, places):
-    assert places_beside(place, 4) == places
+def test_scripts_of_a_game_are_players_and_can_be_the_anchor(run, simulator, tmp_path):
+    scripts = ["--others", "script:perfect", "--others", "script:random"]
+    rated(simulator, run, *scripts, "--policies", 1, "--anchor", "script:random", "--output", tmp_path)
+    log = read_matches(tmp_path)
+    assert len(log) == 40 and {name for match in log for name in match.players} == {"run@512", *scripts[1::2]}
+    places = [dict(zip(match.players, match.places, strict=True)) for match in log]
+    assert all(one["script:perfect"] <= 1.5 for one in places if "script:perfect" in one)
+    assert any(one["script:random"] == 2 for one in places if "script:random" in one)
+    numbers = json.loads((tmp_path / "rating.json").read_text())
+    assert numbers["ratings"]["script:random"]["value"] == 0 < numbers["ratings"]["script:perfect"]["value"]
 
 
 def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
@@ -287,13 +287,14 @@ def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
         return done.errors
 
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
-    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    train(archer, tmp_path / "archer", [simulator], resume=False)
     assert "archer has one agent, and a match needs two" in refused(tmp_path / "archer")
     assert f"{tmp_path / 'archer'} plays archer, expected noughts as {run}" in refused(run, tmp_path / "archer")
     assert "has one checkpoint, and a tournament needs two players" in refused(run, "--policies", 1)
     assert "--anchor got 'perfect', expected one of run@128, run@256" in refused(run, "--anchor", "perfect")
-    script = ["--script", "parameters.beast_speed=1"]
-    assert "parameters.beast_speed" in refused(run, *script)
+    assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
+        run, "--others", "script:fool"
+    )
     shutil.copytree(run, tmp_path / "damaged")
     (tmp_path / "damaged" / "rating").mkdir()
     (tmp_path / "damaged" / "rating" / "matches.jsonl").write_text("{}\n")

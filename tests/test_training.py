@@ -69,7 +69,7 @@ def other():
 def whole(address, tmp_path_factory) -> Path:
     """Return a run of 24 updates that was never interrupted."""
     run = tmp_path_factory.mktemp("whole") / "run"
-    result = train(run, *SMALL, "stop=1900", "--simulator", address)
+    result = train(run, *SMALL, "stop_at=1900", "--simulator", address)
     assert result.status == 0, result.errors
     return run
 
@@ -92,12 +92,12 @@ def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
 
 @pytest.mark.promise("D2")
 def test_the_same_seed_gives_the_same_weights_bit_for_bit_with_a_simulator_of_its_own(whole, tmp_path):
-    assert train(tmp_path / "run", *SMALL, "stop=1900").status == 0
+    assert train(tmp_path / "run", *SMALL, "stop_at=1900").status == 0
     assert_same(weights(tmp_path / "run"), weights(whole))
 
 
 def test_another_seed_gives_other_weights(whole, address, tmp_path):
-    assert train(tmp_path / "run", *SMALL, "stop=1900", "seed=1", "--simulator", address).status == 0
+    assert train(tmp_path / "run", *SMALL, "stop_at=1900", "seed=1", "--simulator", address).status == 0
     name = "hunter/policy/network.actor.head.weight"
     assert (weights(tmp_path / "run")[name] != weights(whole)[name]).any()
 
@@ -112,7 +112,7 @@ def test_groups_are_assigned_to_simulators_and_simulators_to_groups():
 @pytest.mark.promise("D1")
 def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, address, other, tmp_path):
     several = ["--simulator", address, "--simulator", other, "--simulator", other]
-    result = train(tmp_path / "run", *SMALL, "stop=1900", *several)
+    result = train(tmp_path / "run", *SMALL, "stop_at=1900", *several)
     assert result.status == 0, result.errors
     for name, array in weights(whole).items():
         if not name.startswith("simulator/"):
@@ -122,12 +122,12 @@ def test_arenas_spread_over_three_simulators_play_and_learn_the_same(whole, addr
 @pytest.mark.promise("C3")
 def test_a_stopped_run_resumes_to_the_same_bits(whole, address, other, tmp_path):
     run = tmp_path / "run"
-    assert train(run, *SMALL, "stop=700", "--simulator", address).status == 0
-    again = train(run, *SMALL, "stop=1900", "--simulator", address)
+    assert train(run, *SMALL, "stop_at=700", "--simulator", address).status == 0
+    again = train(run, *SMALL, "stop_at=1900", "--simulator", address)
     assert again.status == 1
     assert "continue it with --resume, or name another folder with --run" in again.errors
     both = ["--simulator", address, "--simulator", other]  # one for each group, where there was one for both
-    assert train(run, *SMALL, "stop=1900", "--resume", *both).status == 0
+    assert train(run, *SMALL, "stop_at=1900", "--resume", *both).status == 0
     assert_same(weights(run), weights(whole))
     figures = [{k: v for k, v in r.items() if k in ("timesteps", "value", "entropy", "policy_loss")}
                for path in (run, whole) for r in read_rows(path / "metrics-hunter.csv")]  # fmt: skip
@@ -160,7 +160,7 @@ def trainer_with_a_row(run: Path, *command: str) -> Iterator[tuple[subprocess.Po
 def resume_and_compare(run: Path, tmp_path: Path, address: str, *more: str, config: Path = CONFIG) -> None:
     """Resume a run that was cut off; it must end like one that was not."""
     done = load_checkpoint(run)[1].timesteps
-    settings = [*SMALL, *more, f"stop={done + 300}", "--simulator", address]
+    settings = [*SMALL, *more, f"stop_at={done + 300}", "--simulator", address]
     assert train(run, *settings, "--resume", config=config).status == 0
     assert train(tmp_path / "straight", *settings, config=config).status == 0
     assert_same(weights(run), weights(tmp_path / "straight"))
@@ -204,7 +204,7 @@ def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly_as_ofte
         assert not simulator.exists()
         command = errors.partition("continue with: joybridge ")[2].splitlines()[0].split()
         assert "--resume" in command
-    assert joybridge(*command, "stop=20").status == 0
+    assert joybridge(*command, "stop_at=20").status == 0
     resume_and_compare(run, tmp_path, address)
 
 
@@ -231,7 +231,7 @@ def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):
             servers.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
 
     monkeypatch.setattr(trainer, "say", serve)
-    result = train(tmp_path / "run", *SMALL, "stop=160", "--simulator", address)
+    result = train(tmp_path / "run", *SMALL, "stop_at=160", "--simulator", address)
     (server,) = servers
     server.terminate()
     server.wait()
@@ -240,10 +240,10 @@ def test_a_simulator_that_is_not_up_yet_is_waited_for(tmp_path, monkeypatch):
 
 def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(address, tmp_path):
     run = tmp_path / "run"
-    assert train(run, *SMALL, "stop=100", "--simulator", address).status == 0
+    assert train(run, *SMALL, "stop_at=100", "--simulator", address).status == 0
     changed = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
     assert "seed changed" in changed.errors
-    three = train(run, *SMALL, "stop=400", "--resume", *["--simulator", address] * 3)
+    three = train(run, *SMALL, "stop_at=400", "--resume", *["--simulator", address] * 3)
     assert (
         "the checkpoint holds 2 sessions, but 2 groups at 3 simulators make 3; resume with 2 simulators" in three.errors
     )
@@ -276,7 +276,7 @@ def test_multiagent_trains_two_policies_with_their_own_rollouts_on_the_same_lane
     run = tmp_path / "run"
     config = CONFIG.with_name("multiagent.yaml")
     small = ["arenas=4", "policy.rollout_steps=20", "policies.axes.rollout_steps=40", "log_interval=800"]
-    result = train(run, *small, "stop=1600", "--simulator", address, config=config)
+    result = train(run, *small, "stop_at=1600", "--simulator", address, config=config)
     assert result.status == 0, result.errors
     arrays = weights(run)
     assert int(arrays["axes/policy/updates"]) * 2 == int(arrays["buttons/policy/updates"]) == 20

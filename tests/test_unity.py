@@ -161,7 +161,7 @@ def test_arenas_that_a_session_does_not_have_are_played_with_zeros():
 def test_a_player_goes_from_session_to_session():
     game, player = serve([TWO, TWO, TWO], "areas=2 any_seed=true")
     first = game({}, {}, 2, 0, 7)
-    with pytest.raises(GameError, match=r"player 0, .* is not free: another session plays with it; set groups=1"):
+    with pytest.raises(GameError, match=r"player 0, .* is not free: another session .* set pipeline_groups=1"):
         game({}, {}, 2, 0, 0)
     with pytest.raises(GameError, match=r"player 1, for the arenas from 2 on, is not free: nobody listens"):
         game({}, {}, 2, 2, 0)

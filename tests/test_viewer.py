@@ -19,9 +19,10 @@ from websockets.sync.client import connect
 
 from joybridge.cli import main
 from joybridge.client.client import Session
+from joybridge.compare.matches import read_matches
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button
 from joybridge.v1 import bridge_pb2 as pb
@@ -30,7 +31,7 @@ from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
 from joybridge.viewer.rival import load_others, open_rival, run_settings
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import play
+from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.games import PICTURE
 from tests.support.wire import SECONDS
@@ -86,7 +87,9 @@ class Page:
 
 @contextmanager
 def website(source, game, settings=SETTINGS, against=None, others=None):
-    with open_website(0, lambda page: play(page, source, game, settings, SECONDS, against, others=others)) as url:
+    with open_website(
+        0, lambda page: play(page, source, PageGame(game, SECONDS, against, others=others), settings)
+    ) as url:
         yield url
 
 
@@ -295,7 +298,7 @@ def begun(simulator, folder, game, options):
     """Return a run that has hardly begun."""
     policy = PolicyConfig(hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
     config = Config(game=game, arenas=4, total_timesteps=64, log_interval=64, policy=policy, options=options)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 
@@ -309,16 +312,16 @@ def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
     run = begun(simulator, tmp_path / "run", "ferry", {})
     pressed = ([[0.5], []], [[], [1]])
     with (
-        website(Simulator(simulator, ()), "ferry", others=partial(load_others, run)) as url,
+        website(Simulator(simulator, ()), "ferry", others=partial(load_others, [str(run)], "ferry", "")) as url,
         Session(simulator, "ferry", arenas=1, seed=3) as session,
     ):
-        page, policies = Page(url), load_others(run, session.spec, SETTINGS)
+        page, policies = Page(url), load_others([str(run)], "ferry", "", session.spec, SETTINGS)
         assert page.begin()[0]["seat"] == 0
         policies.begin(session.steps)
         for number in range(30):
             seat = number // 10  # the person takes another one
             turn = page.act(*pressed, seat=seat)["behaviors"]
-            acts = policies.act(session.steps)
+            acts = policies.act(session.steps, seat)
             if seat == 0:
                 acts[0].axes[0] = 0.5
             else:
@@ -330,12 +333,35 @@ def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
         page.close()
 
 
+def test_matches_of_a_person_with_one_seat_go_to_the_log_that_rate_reads(simulator, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    others = partial(load_others, ["script:perfect"], "noughts", "Ada")
+    with website(Simulator(simulator, ()), "noughts", others=others) as url:
+        page, ends = Page(url), 0
+        page.begin()
+        for _ in range(30):
+            ends += bool(page.act([[]], [[0]], seat=1)["ended"])
+        for number in range(30):  # in each match it takes another seat
+            page.act([[]], [[0]], seat=number % 2)
+        page.close()
+    matches = read_matches(tmp_path / "rating")
+    assert ends > 2 and len(matches) in (ends, ends + 1)  # one may end with its first decision
+    assert all(match.players == ("script:perfect", "Ada") and match.places[0] <= match.places[1] for match in matches)
+
+
+@pytest.mark.usefixtures("signals")
+def test_who_wants_to_be_rated_names_others(capsys):
+    with pytest.raises(SystemExit):
+        main(["play", "noughts", "--rate", "Ada"])
+    assert "--rate needs others to play against" in capsys.readouterr().err
+
+
 def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):
     settings = run_settings("--against", run, "hybrid", SETTINGS)
     assert settings == Settings(3, {"masks": "off"}, {})
     with (
         website(Simulator(simulator, ()), "hybrid", settings, partial(open_rival, run)) as url,
-        open_play(run, simulator, seed=3) as alone,
+        open_play(PlaySpec(run, simulator, seed=3)) as alone,
     ):
         page, score, ends = Page(url), 0.0, 0
         page.begin()

@@ -19,7 +19,7 @@ from tests.test_viewer import Page
 
 POLICY = PolicyConfig(hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
 CONFIG = Config(
-    game="hybrid", layout="bucket-5", arenas=4, total_timesteps=128, stop=64, log_interval=64, policy=POLICY
+    game="hybrid", layout="bucket-5", arenas=4, total_timesteps=128, stop_at=64, log_interval=64, policy=POLICY
 )
 
 
@@ -28,7 +28,7 @@ def files(run):
 
 
 def go_on(run, simulator, *, resume=True, **more):
-    train(CONFIG.model_copy(update=more), run, [simulator], resume=resume, report=lambda *_: None)
+    train(CONFIG.model_copy(update=more), run, [simulator], resume=resume)
 
 
 def first_of(page, *kinds):
@@ -62,7 +62,7 @@ def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(sim
             assert sum(choice["chance"] for choice in choices) == pytest.approx(1, abs=1e-5)
         assert page.take("turn")["turn"] > turn["turn"] and turn["picture"][:2] == b"\xff\xd8"
         assert files(run) == before
-        go_on(run, simulator, stop=None)
+        go_on(run, simulator, stop_at=None)
         assert len(page.take("curves")["policies"]["player"]["reward"]) == 2
         while page.take("turn")["timesteps"] != 128:
             pass

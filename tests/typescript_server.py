@@ -151,7 +151,7 @@ def trained(address, tmp_path_factory) -> Path:
     """Return a run that has learned the game."""
     folder = tmp_path_factory.mktemp("trained") / "run"
     command = [sys.executable, "-m", "joybridge", "train", str(CONFIG), "--simulator", address, "--run", str(folder)]
-    done = run(*command, "seed=0", "stop=80000")
+    done = run(*command, "seed=0", "stop_at=80000")
     assert done.returncode == 0, done.stderr
     return folder
 

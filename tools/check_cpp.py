@@ -35,7 +35,7 @@ PROGRAMS = {  # and the packages of Debian 12 that have them
     "grpc_cpp_plugin": "protobuf-compiler-grpc",
 }
 LIBRARIES = {"grpc++": "libgrpc++-dev", "protobuf": "libprotobuf-dev"}
-UNTRAINED = ("stop=4000", "policy.learning_rate=1e-9")  # a run that learns nothing
+UNTRAINED = ("stop_at=4000", "policy.learning_rate=1e-9")  # a run that learns nothing
 GAIN = 25.0  # reward of a trained policy above an untrained one's; three seeds gained 36
 MOST_APART = 1.0  # of mean rewards; over so many episodes, the standard error of the difference is about 0.15
 ENDING_SECONDS = 10.0

@@ -92,7 +92,7 @@ def run(folder: Path, *arguments: str, **variables: str) -> str:
 
 def check(folder: Path) -> None:
     """Train, stop, resume, and compare what came. Raises Failed and CalledProcessError."""
-    run(folder, "-m", "joybridge", *TRAIN, "stop=30000")
+    run(folder, "-m", "joybridge", *TRAIN, "stop_at=30000")
     run(folder, "-m", "joybridge", *TRAIN, "--resume")
     rows = read_rows(folder / "run" / "metrics-archer.csv")
     got = json.loads(run(folder, "-c", READ, MLFLOW_ALLOW_FILE_STORE="true").splitlines()[-1])

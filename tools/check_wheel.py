@@ -292,7 +292,7 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
         return digests
     trainer = Environment(python, wheel, "train", folder / "train")
     trainer.expect_absent("gymnasium", "pettingzoo", "pygame", "ray", "matplotlib")
-    trainer.run("joybridge", "train", "archer/hybrid", "--run", "run", "arenas=8", "stop=960")
+    trainer.run("joybridge", "train", "archer/hybrid", "--run", "run", "arenas=8", "stop_at=960")
     output = trainer.run("joybridge", "evaluate", "run", "--episodes", "8", "--json")
     (result,) = json.loads(output.splitlines()[-1]).values()
     if result["timesteps"] < 960:
@@ -317,7 +317,9 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     trainer.install(wheel, "minari")
     trainer.run("joybridge", "evaluate", "run", "--episodes", "8", "--demos", "demos")
     trainer.expect("archer-v0: ", "joybridge", "minari", "demos", "datasets")
-    trainer.run("joybridge", "train", "archer/hybrid", "--run", "clone", "--demos", "datasets", "arenas=8", "stop=960")
+    trainer.run(
+        "joybridge", "train", "archer/hybrid", "--run", "clone", "--demos", "datasets", "arenas=8", "stop_at=960"
+    )
     done("joybridge[minari]")
 
     trainer.expect("pip install 'joybridge[export]'", "joybridge", "export", "run", "policy.onnx", status=2)

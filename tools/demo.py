@@ -20,7 +20,7 @@ def main() -> int:
     parser.add_argument("--run", type=Path, default=Path("runs/demo"), help="folder of the run; default: %(default)s")
     options = parser.parse_args()
     run, video, picture = options.run, options.run / "play.mp4", options.run / "curves.png"
-    stop = [f"stop={options.timesteps}"] if options.timesteps is not None else []
+    stop = [f"stop_at={options.timesteps}"] if options.timesteps is not None else []
     resume = ["--resume"] if (run / "checkpoints").exists() else []
     commands = (
         ["train", CONFIG, "--run", str(run), *stop, *resume],

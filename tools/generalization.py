@@ -25,7 +25,7 @@ UNSEEN = 1000  # levels of the test set
 EPISODES = 600  # of an evaluation, and of the scripted player
 PAGE = Path(__file__).parents[1] / "results" / "generalization.md"
 CONFIG = "shooting_birds/fast"
-OPTIONS = ["evaluate_over=null", "options.levels=generated"]
+OPTIONS = ["stratify_by=null", "options.levels=generated"]
 
 
 def joybridge(*arguments: str) -> str:

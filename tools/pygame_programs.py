@@ -1,10 +1,10 @@
-"""Play pygame programs of other packages twice, and say whether every frame is the same: one row of a table for each.
+"""Play pygame programs of other packages twice, and go on from snapshots: is every frame the same? A row for each.
 
     python -m tools.pygame_programs pygame.examples.chimp "xboing keys=LEFT,RIGHT,SPACE" --frames 10000
     python -m tools.pygame_programs --names NAMES --seed 46 --count 20
 
 The programs are installed by hand, beside this project. The second form draws names from a file by a seed, so that
-nobody has chosen them. Exit status: 1 if a program was not the same twice.
+nobody has chosen them. Exit status: 1 if a program was not the same twice or did not go on from a snapshot as before.
 """
 
 import argparse
@@ -13,14 +13,19 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from hashlib import blake2b
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from joybridge.adapters.pygame_programs.first_play import branch_off, playing
+from joybridge.adapters.pygame_programs.game import PygameGame
 from joybridge.adapters.pygame_programs.rerun import opened, random_acts
 from joybridge.contract.errors import JoybridgeError
 
 FRAMES = 10_000
 EPISODES = 1000  # at most: some programs end at once
+AFTER_SNAPSHOTS = 2_000  # frames
+BEFORE_SNAPSHOTS = 50  # frames, of each episode
 
 
 class Row(NamedTuple):
@@ -28,12 +33,13 @@ class Row(NamedTuple):
 
     program: str
     result: str
+    snapshots: str
     seconds: float
     same: bool
 
     def __str__(self) -> str:
         """Return the row of a Markdown table."""
-        return f"| {self.program} | {self.result} | {self.seconds:.1f} |"
+        return f"| {self.program} | {self.result} | {self.snapshots} | {self.seconds:.1f} |"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Play pygame programs twice, and compare every frame.")
     parser.add_argument("programs", nargs="*", help="as after --pygame")
     parser.add_argument("--frames", type=int, default=FRAMES, help="of each program; default %(default)s")
+    parser.add_argument(
+        "--snapshots", type=int, default=AFTER_SNAPSHOTS, help="frames after snapshots, 0: none; default %(default)s"
+    )
     parser.add_argument("--names", type=Path, help="draw names from the lines of this file, and print them")
     parser.add_argument("--count", type=int, default=20, help="how many are drawn; default %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="of the draw and of what is played; default %(default)s")
@@ -48,10 +57,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.names:
         print("\n".join(draw(options.names.read_text(encoding="utf-8").split(), options.count, options.seed)))
         return 0
-    print(f"| program | {options.frames:,} frames twice | seconds |\n| --- | --- | --- |", flush=True)
+    print(f"| program | {options.frames:,} frames twice | after snapshots | seconds |\n| --- | --- | --- | --- |")
     rows = []
     for program in options.programs:
-        rows.append(look_at(program, options.frames, options.seed))
+        rows.append(look_at(program, options.frames, options.snapshots, options.seed))
         print(rows[-1], flush=True)
     return 0 if all(row.same for row in rows) else 1
 
@@ -61,20 +70,38 @@ def draw(names: Sequence[str], count: int, seed: int) -> list[str]:
     return sorted(random.Random(seed).sample(sorted(names), count))
 
 
-def look_at(program: str, frames: int, seed: int) -> Row:
-    """Play a program twice."""
+def look_at(program: str, frames: int, after_snapshots: int, seed: int) -> Row:
+    """Play a program twice, and so many frames after snapshots."""
     begin = time.monotonic()
     try:
         with opened(program, {}) as (rerun, game):
             started = time.monotonic() - begin
             first, second = (_hash(rerun, frames, seed) for _ in range(2))
+            compared, different = _continued(game, after_snapshots, seed)
     except JoybridgeError as error:
         text = str(error).replace("|", "/").replace("\n", " ")
-        return Row(program, f"refused: {text}", time.monotonic() - begin, True)
-    same = first == second
-    exact = "" if game.exact else ", without snapshots"
-    text = f"the same, {first}" if same else f"**not the same**: {first}, {second}"
-    return Row(program, f"{text}; served after {started:.1f} s{exact}", time.monotonic() - begin, same)
+        return Row(program, f"refused: {text}", "", time.monotonic() - begin, True)
+    text = f"the same, {first}" if first == second else f"**not the same**: {first}, {second}"
+    snapshots = f"**not the same** after {different:,} frames" if different else f"the same, {compared:,} frames"
+    note = "" if game.exact else ", which are not served"
+    same = first == second and (not different or not game.exact)
+    return Row(program, f"{text}; served after {started:.1f} s", snapshots + note, time.monotonic() - begin, same)
+
+
+def _continued(game: type[PygameGame], frames: int, seed: int) -> tuple[int, int]:
+    """Return how many frames after snapshots were the same, and which was the first in an episode that was not."""
+    compared = 0
+    with playing(game.processes, game.look, hashes=True) as (players, form):
+        for episode in range(seed, seed + EPISODES):
+            if compared >= frames:
+                break
+            acts = list(random_acts(form, episode, BEFORE_SNAPSHOTS + frames - compared))
+            trial = branch_off(players, episode, acts[:BEFORE_SNAPSHOTS], acts[BEFORE_SNAPSHOTS:])
+            if trial.original != trial.copied:
+                pairs = zip_longest(trial.original, trial.copied)
+                return compared, 1 + next(at for at, (one, other) in enumerate(pairs) if one != other)
+            compared += len(trial.original)
+    return compared, 0
 
 
 def _hash(rerun: Any, frames: int, seed: int) -> str:
@@ -90,7 +117,7 @@ def _hash(rerun: Any, frames: int, seed: int) -> str:
 
 
 def _episode(rerun: Any, seed: int, frames: int) -> Iterator[Any]:
-    for _, hashes in rerun.play(seed, random_acts(rerun, seed, frames)):
+    for _, hashes in rerun.play(seed, random_acts(rerun.form, seed, frames)):
         yield hashes
         frames -= len(hashes)
         if frames <= 0:

@@ -7,6 +7,7 @@
 | `joybridge.layouts` | a function that makes a layout | `joybridge.layouts` |
 | `joybridge.demonstrations` | a `Format` of demonstrations | `joybridge.demonstrations` |
 | `joybridge.configurations` | a function that translates configurations of another trainer | `joybridge.config` |
+| `joybridge.opponents` | a function that seats others beside a player of `joybridge.gym` | `joybridge.gym` |
 | `joybridge.clusters` | what starts simulators or runs on other machines | `joybridge.client`, `joybridge.compare` |
 """
 

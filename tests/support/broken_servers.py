@@ -15,7 +15,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from joybridge.conformance.client import OPEN
-from joybridge.contract.codec import StepArrays, pack
+from joybridge.contract.codec import ActArrays, StepArrays, pack
 from joybridge.contract.credentials import AUTHORIZATION, NO_COMPRESSION, Credentials, bearer
 from joybridge.contract.tensors import NUMPY_TYPES
 from joybridge.contract.versions import own_version
@@ -67,7 +67,8 @@ class Gauntlet(BatchedGame):
             channels=[channel("gain"), channel("cost", 0.5)], metrics=["length", "presses"],
         )  # fmt: skip
         judge = behavior("judge", sensors=[sensor("lead", [1])], branches=[button("verdict")], agents=2)
-        runner = behavior("runner", sensors=[sensor("track", [1])], axes=[axis("pace")], metrics=["pace"])
+        runner = behavior("runner", sensors=[sensor("track", [1])], axes=[axis("pace")], metrics=["pace"],
+                          scripts={"walker": "a quarter of the way", "sprinter": "all of it"})  # fmt: skip
         return spec(
             cls, [player, judge, runner], parameters=[parameter("drift", 0.0, 2.0, 1.0)], tick_seconds=0.1,
             max_episode_decisions=LONGEST, max_arenas=16, snapshot_bytes_per_arena=96, picture=(8, 6),
@@ -115,6 +116,9 @@ class Gauntlet(BatchedGame):
 
     def step(self, acts):
         player, judge, runner = acts
+        if runner.scripts is not None:
+            paces = np.choose(runner.scripts, [runner.axes[:, 0], 0.25, 1.0])
+            runner = ActArrays(paces[:, None].astype(np.float32), runner.choices)
         self.counts[:, LENGTH] += 1
         self.counts[:, PRESSES] += player.choices[:, 1]
         self.counts[:, GEAR] = player.choices[:, 0]
@@ -754,6 +758,26 @@ class IgnoresExtraBehaviors(Honest):
         if request.HasField("act"):
             del request.act.behaviors[3:]
         return request
+
+
+@broken(
+    "actions_of_lanes_that_a_script_plays_are_ignored", "script_after_the_last_is_refused",
+    "negative_script_is_refused", "scripts_with_an_extra_lane_are_refused", "scripts_of_another_dtype_are_refused",
+)  # fmt: skip
+class KnowsNoScripts(Honest):
+    def request(self, request):
+        for act in request.act.behaviors:
+            act.ClearField("scripts")
+        return request
+
+
+@broken("scripts_of_0_leave_all_lanes_to_the_client")
+class CountsScriptsFrom0(Gauntlet):
+    def step(self, acts):
+        for act in acts:
+            if act.scripts is not None:
+                act.scripts = np.minimum(act.scripts + 1, 2)
+        return super().step(acts)
 
 
 # ----------------------------------------------------------------------------------------------------------- seeds

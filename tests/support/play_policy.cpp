@@ -24,6 +24,10 @@ int main(int, char** words) try {
         masks[decision["masks"].names[k]].push_back(value.number == 1);
       }
     }
+    if (decision["waits"].number == 1) {
+      policy.watch(sensors, state);
+      continue;
+    }
     auto uniform = decision["uniform"].items.begin(), normal = decision["normal"].items.begin();
     const joybridge::Noise noise{[&] { return (uniform++)->number; }, [&] { return (normal++)->number; }};
     const joybridge::Action action = policy.act(sensors, state, noise, masks);

@@ -29,9 +29,19 @@ def disks(folder: Path, faults: int) -> Outcome:
         disk.mkdir(exist_ok=True)
         copy.mkdir()
         script = SCRIPT.format(mount=mount.format(disk=disk), disk=disk, copy=copy)
-        train = [sys.executable, "-m", "joybridge", "train", CONFIG, *SETTINGS, "keep=1000", "--run", f"{disk}/run"]
+        train = [
+            sys.executable,
+            "-m",
+            "joybridge",
+            "train",
+            CONFIG,
+            *SETTINGS,
+            "keep_checkpoints=1000",
+            "--run",
+            f"{disk}/run",
+        ]
         done = subprocess.run(
-            ["unshare", "-rm", "sh", "-c", script, "sh", *train, "stop=96000"],
+            ["unshare", "-rm", "sh", "-c", script, "sh", *train, "stop_at=96000"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
         )  # fmt: skip
         errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]

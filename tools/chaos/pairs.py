@@ -16,7 +16,7 @@ def pairs(folder: Path, faults: int) -> Outcome:
     winners = []
     for number in range(faults):
         run = folder / f"run-{number}"
-        both = [Training(run, f"policy.learning_rate={rate}", "stop=960") for rate in RATES]
+        both = [Training(run, f"policy.learning_rate={rate}", "stop_at=960") for rate in RATES]
         statuses = sorted(one.process.wait(DEADLINE_SECONDS) for one in both)
         said = both[0].said()
         kept = run_config(run).policy.learning_rate

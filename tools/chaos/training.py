@@ -23,7 +23,7 @@ from tools.chaos.proxy import Proxy
 CONFIG = "shooting_birds/bucket-3"
 SETTINGS = [
     "arenas=16", "policy.rollout_steps=60", "policy.minibatch_size=240", "checkpoint_interval=1", "timeout_seconds=3",
-    "restarts=1000000",
+    "max_restarts=1000000",
 ]  # fmt: skip
 LONGEST_PAUSE = 3.0  # seconds between a recovery and the next fault
 DEADLINE_SECONDS = 300.0  # for the next checkpoint
@@ -81,7 +81,7 @@ def disturb(folder: Path, faults: int, strike: Strike, *more: str) -> Outcome:
         training.process.kill()
         training.process.wait()
     arrays, manifest = load_checkpoint(training.run)
-    whole = Training(folder / "straight", f"stop={manifest.timesteps}")
+    whole = Training(folder / "straight", f"stop_at={manifest.timesteps}")
     whole.process.wait()
     others, _ = load_checkpoint(whole.run)
     same = arrays.keys() == others.keys() and all((arrays[name] == others[name]).all() for name in arrays)

@@ -2,7 +2,7 @@
 
 python -m tools.paper run --results mine                            every experiment, seed 0, 3 M timesteps each
 python -m tools.paper run --results mine --experiments shooting_birds/bucket-11 --seeds 0 1 2 --timesteps 30000000
-python -m tools.paper run --results mine --jobs 2 --set groups=1    two runs at a time, one key of all configurations
+python -m tools.paper run --results mine --jobs 2 --set pipeline_groups=1    two runs at a time, one key of all
 python -m tools.paper run --results mine --backend ray              on a Ray cluster; without --address a local one
 python -m tools.paper report --results mine                         write mine/README.md and its figures
 
@@ -46,8 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     run.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE",
-        help="set keys of every configuration. groups=1 saves about a third of the CPU time when several runs share "
-        "the cores. Keys that change the experiment need separate --runs and --results",
+        help="set keys of every configuration. pipeline_groups=1 saves about a third of the CPU time when several runs "
+        "share the cores. Keys that change the experiment need separate --runs and --results",
     )  # fmt: skip
     run.add_argument("--backend", choices=("local", "ray"), default="local", help="where to run; default: %(default)s")
     run.add_argument("--address", help="address of a running Ray cluster; default: start a local one for this command")
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     """Run the grid that the options describe and return the exit status."""
-    for key, option in {"seed": "--seeds", "stop": "--timesteps"}.items():
+    for key, option in {"seed": "--seeds", "stop_at": "--timesteps"}.items():
         if any(text.split("=")[0] == key for text in options.set):
             parser.error(f"--set {key}=…: use {option} instead")
     jobs = [

@@ -22,7 +22,7 @@ from joybridge.client.client import SimulatorError
 from joybridge.client.launch import simulator_process
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.folder import run_config
 from tools.paper.behavior_figure import draw
 from tools.paper.birds import measure_birds, watch
@@ -163,10 +163,10 @@ def measure(run: Path, address: str, *, episodes: int, seed: int) -> tuple[str, 
 def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, int]:
     """Play one time limit in enough arenas. Return the trace and the timesteps of the policy's training.
 
-    With `evaluate_over` in the configuration, the choices of that option are the groups of the trace. Raises the same
+    With `stratify_by` in the configuration, the choices of that option are the groups of the trace. Raises the same
     errors as `measure`.
     """
-    with open_play(run, address, seed=seed, episodes=episodes, arenas_limit=episodes) as played:
+    with open_play(PlaySpec(run, address, seed=seed), episodes=episodes, arenas_limit=episodes) as played:
         spec = played.spec
         behavior, decisions = spec.behaviors[0], spec.max_episode_decisions
         shape = (decisions, played.arenas)

@@ -22,8 +22,8 @@ INTRODUCTION = """\
 
 `python -m tools.paper report` computes this page from the metrics in this folder, in the table `runs.csv.xz`, which
 `pandas.read_csv` reads. If there are several lengths of a run, the longest is used. Two runs of the same seed are
-different runs if their first rows differ. For example, the number of `groups` (a setting of the trainer) changes
-rounding errors.
+different runs if their first rows differ. For example, the number of `pipeline_groups` (a setting of the trainer)
+changes rounding errors.
 
 The original's numbers are from its logs of ten runs per experiment. Its click accuracies are printed in the paper only.
 Reward is the mean over the episodes of the last 300 000 timesteps (20 000 steps of the original), as in its logs. The

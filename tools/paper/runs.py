@@ -76,7 +76,7 @@ def read_results(folder: Path) -> Results:
     """Return the runs of the paper's games in a folder of results; of several lengths of a run the longest.
 
     Runs of the same seed with the same first reward are lengths of one run. Others differ in a setting that changes
-    rounding errors, for example `groups`. Runs in the folder `alone` count for speed only.
+    rounding errors, for example `pipeline_groups`. Runs in the folder `alone` count for speed only.
     """
     alone = _read_runs(folder / "alone")
     return {key: Experiment(*key, runs, alone.get(key, ())) for key, runs in _read_runs(folder).items()}

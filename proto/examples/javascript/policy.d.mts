@@ -27,5 +27,6 @@ export class Policy {
   readonly deterministic: boolean;
 
   begin(): State;
+  watch(sensors: Values, state: State): State;
   act(sensors: Values, state: State, masks?: Values, noise?: Noise): Action;
 }

@@ -7,15 +7,16 @@
  *   const action = policy.act({ target: [0.1, -0.3], bow: [1] }, state, { draw: [true, false] });
  *   state = action.state; // begin() again for the next episode
  *
- * It plays one agent. Decide only when the game lets the agent decide, and also for the first observation of each
- * episode, whose action may be ignored.
+ * It plays one agent. Decide only when the game lets the agent decide; if it waits with the first observation of an
+ * episode, call `watch` with it.
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
-const MAX_NUMBERS = 2 ** 24; // that a network remembers
-const FORMAT = "joybridge.policy.v4";
+const MAX_NUMBERS = 2 ** 24; // that a network remembers, and of an image
+const FORMAT = "joybridge.policy.v5";
+const sigmoid = (x) => 1 / (1 + Math.exp(-x));
 const ACTIVATIONS = {
-  swish: (x) => x / (1 + Math.exp(-x)),
+  swish: (x) => x * sigmoid(x),
   tanh: Math.tanh,
   relu: (x) => Math.max(x, 0),
   elu: (x) => (x > 0 ? x : Math.expm1(x)),
@@ -43,21 +44,33 @@ export class Policy {
     this.networks = document.policies.map((network) => ({
       ...network,
       images: network.images.map((image) => ({ ...image, steps: image.steps.map(decoded) })),
+      discrete: network.discrete.map((table) => ({ ...table, places: table.places?.map(decoded) })),
       sizes: [count(network.sensors), ...network.images.map(({ sensor }) => count([sensor]))],
-      layers: network.layers.map(({ weight, bias }) => ({ weight: floats(weight), bias: floats(bias) })),
+      layers: network.layers.map(decoded),
+      memory: network.memory && new Memory(network.memory),
       deviations: floats(network.deviations),
       shift: network.scaling && floats(network.scaling.shift),
       scale: network.scaling && floats(network.scaling.scale),
     }));
-    for (const { sizes, frame_stack } of this.networks) {
-      const numbers = frame_stack * sizes.reduce((sum, size) => sum + size, 0);
+    for (const { sizes, frame_stack, memory } of this.networks) {
+      const numbers = frame_stack * sizes.reduce((sum, size) => sum + size, memory?.numbers ?? 0);
       if (!(numbers <= MAX_NUMBERS)) throw new Error("the policy is damaged");
     }
   }
 
-  /** Return the state of a new episode: for each network, the frames and pictures that it remembers, none yet. */
+  /** Return the state of a new episode: for each network, its last frames and pictures, and its memory; all zero. */
   begin() {
-    return this.networks.map(({ sizes, frame_stack }) => sizes.map((n) => new Float32Array((frame_stack - 1) * n)));
+    return this.networks.map(({ sizes, frame_stack, memory }) =>
+      [...sizes.map((n) => (frame_stack - 1) * n), memory?.numbers ?? 0].map((numbers) => new Float32Array(numbers)),
+    );
+  }
+
+  /** Return the state after an observation with which the agent waits, the first of an episode. */
+  watch(sensors, state) {
+    return this.networks.map((network, index) => {
+      const { newest, seen } = see(network, sensors, state[index]);
+      return [...seen.map((values, part) => values.slice(newest[part].length)), state[index].at(-1)];
+    });
   }
 
   /**
@@ -73,13 +86,12 @@ export class Policy {
     const axes = new Float32Array(this.axes.length);
     const choices = new Int32Array(this.branches.length);
     const next = this.networks.map((network, index) => {
-      const frame = scale(network, network.sensors.flatMap((name) => Array.from(sensors[name], Number)));
-      const newest = [frame, ...network.images.map(({ sensor }) => Array.from(sensors[sensor], Number))];
-      const seen = newest.map((values, part) => Float32Array.from([...state[index][part], ...values]));
-      const features = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
-      const outputs = finite(
-        dense(network, Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part)))),
-      );
+      const { newest, seen } = see(network, sensors, state[index]);
+      const images = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
+      const features = images.map((steps) => steps.at(-1).values);
+      const inputs = Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part)));
+      const { values, memory } = dense(network, inputs, state[index].at(-1));
+      const outputs = finite(point(network, Array.from(values), images));
       let begin = 0;
       for (const table of network.discrete) {
         const logits = outputs.slice(begin, begin + table.values.length);
@@ -102,7 +114,7 @@ export class Policy {
           choices[target.branch] = mask[pressed] ? pressed : mask.indexOf(true);
         }
       });
-      return seen.map((values, part) => values.slice(newest[part].length));
+      return [...seen.map((values, part) => values.slice(newest[part].length)), memory];
     });
     return { axes: finite(axes), choices, state: next };
   }
@@ -121,6 +133,44 @@ export class Policy {
   }
 }
 
+/** A recurrent layer. `numbers`: of what it remembers. */
+class Memory {
+  constructor({ kind, input, state }) {
+    [this.kind, this.input, this.state] = [kind, decoded(input), decoded(state)];
+    this.size = this.state.bias.length / (kind === "lstm" ? 4 : 3);
+    this.numbers = this.size * (kind === "lstm" ? 2 : 1);
+  }
+
+  /** Return { values, memory }: what it puts out for some features, and what it remembers next. */
+  remember(features, memory) {
+    const [last, cells] = [memory.slice(0, this.size), memory.slice(this.size)];
+    const [given, kept] = [linear(this.input, features), linear(this.state, last)];
+    const gate = (gates, number) => (k) => gates[number * this.size + k];
+    if (this.kind === "gru") {
+      const [[reset, update, fresh], [byReset, byUpdate, byFresh]] = [given, kept].map((gates) =>
+        [0, 1, 2].map((number) => gate(gates, number)),
+      );
+      const values = last.map((before, k) => {
+        const fresher = Math.tanh(fresh(k) + sigmoid(reset(k) + byReset(k)) * byFresh(k));
+        const share = sigmoid(update(k) + byUpdate(k));
+        return (1 - share) * fresher + share * before;
+      });
+      return { values, memory: values };
+    }
+    const [write, keep, fresh, show] = [0, 1, 2, 3].map((n) => gate(given.map((sum, row) => sum + kept[row]), n));
+    const next = cells.map((cell, k) => sigmoid(keep(k)) * cell + sigmoid(write(k)) * Math.tanh(fresh(k)));
+    const values = next.map((cell, k) => sigmoid(show(k)) * Math.tanh(cell));
+    return { values, memory: Float32Array.from([...values, ...next]) };
+  }
+}
+
+/** Return what a network sees now, `newest`, and with it what it saw before, `seen`: a frame, then each picture. */
+function see(network, sensors, state) {
+  const frame = scale(network, network.sensors.flatMap((name) => Array.from(sensors[name], Number)));
+  const newest = [frame, ...network.images.map(({ sensor }) => Array.from(sensors[sensor], Number))];
+  return { newest, seen: newest.map((values, part) => Float32Array.from([...state[part], ...values])) };
+}
+
 /** Return a frame as the network was trained with it. */
 function scale({ scaling, shift, scale }, frame) {
   if (!scaling) return frame;
@@ -128,7 +178,7 @@ function scale({ scaling, shift, scale }, frame) {
   return frame.map((x, index) => clip((x - shift[index]) * scale[index], -limit, limit));
 }
 
-/** Return the features of the last pictures of an image. */
+/** Return an image, its last pictures, after each step of its encoder. */
 function encode({ shape: [height, width, channels], white, steps }, stack, activate) {
   const size = height * width * channels;
   const values = new Float32Array(stack.length); // [frames * channels, height, width]
@@ -136,8 +186,27 @@ function encode({ shape: [height, width, channels], white, steps }, stack, activ
     const [frame, pixel, channel] = [Math.floor(k / size), Math.floor((k % size) / channels), k % channels];
     values[(frame * channels + channel) * height * width + pixel] = byte / white;
   });
-  const image = { channels: stack.length / (height * width), height, width, values };
-  return steps.reduce((before, step) => take(step, before, activate), image).values;
+  let image = { channels: stack.length / (height * width), height, width, values };
+  return steps.map((step) => (image = take(step, image, activate)));
+}
+
+/** Return outputs in which what a map looks for, a weight for each channel, has become the logits of its cells. */
+function point({ discrete }, outputs, images) {
+  const take = (count) => outputs.splice(0, count);
+  const logits = discrete.flatMap(({ places, values: cells }) => {
+    if (!places) return take(cells.length);
+    const sums = cells.map(() => 0);
+    for (const { image, step, channels, weight } of places) {
+      const [wanted, { height, width, values }] = [take(channels), images[image][step]];
+      const size = height * width;
+      for (let k = 0; k < size; k++) {
+        const found = wanted.reduce((sum, share, channel) => sum + share * values[channel * size + k], 0);
+        for (let cell = 0; cell < sums.length; cell++) sums[cell] += weight[cell * size + k] * found;
+      }
+    }
+    return sums;
+  });
+  return [...logits, ...outputs];
 }
 
 /** Return an image after a step of an encoder. */
@@ -152,6 +221,7 @@ function take(step, image, activate) {
 function slide({ size: [rows, columns], stride, padding, weight, bias }, { channels, height, width, values }) {
   const [down, across] = [height - rows, width - columns].map((room) => Math.floor((room + 2 * padding) / stride) + 1);
   const outputs = weight ? bias.length : channels;
+  if (!(outputs * down * across <= MAX_NUMBERS)) throw new Error("the policy is damaged");
   const result = new Float32Array(outputs * down * across);
   for (let place = 0; place < result.length; place++) {
     const output = Math.floor(place / (down * across));
@@ -171,17 +241,22 @@ function slide({ size: [rows, columns], stride, padding, weight, bias }, { chann
   return { channels: outputs, height: down, width: across, values: result };
 }
 
-/** Return the outputs of the dense layers of a network, with its activation between them. */
-function dense({ layers, activation }, inputs) {
-  let values = inputs;
-  layers.forEach(({ weight, bias }, number) => {
-    const given = number ? values.map(ACTIVATIONS[activation]) : values;
-    values = bias.map((sum, row) => {
-      for (let column = 0; column < given.length; column++) sum += weight[row * given.length + column] * given[column];
-      return sum;
-    });
+/** Return what the dense layers of a network put out, with its activation between them, and its next memory. */
+function dense({ layers, activation, memory: recurrent }, inputs, before) {
+  let [values, memory] = [inputs, before];
+  layers.forEach((layer, number) => {
+    if (number) values = values.map(ACTIVATIONS[activation]);
+    if (recurrent && number === layers.length - 1) ({ values, memory } = recurrent.remember(values, memory));
+    values = linear(layer, values);
   });
-  return Array.from(values);
+  return { values, memory };
+}
+
+function linear({ weight, bias }, given) {
+  return bias.map((sum, row) => {
+    for (let column = 0; column < given.length; column++) sum += weight[row * given.length + column] * given[column];
+    return sum;
+  });
 }
 
 /** Return numbers. Throws an Error if one is none. */
@@ -200,7 +275,7 @@ function clip(value, low, high) {
   return Math.min(Math.max(value, low), high);
 }
 
-/** Return a step of an encoder, and what it contains, with arrays as numbers. */
+/** Return a layer or a step of an encoder, and what it contains, with arrays as numbers. */
 function decoded({ weight, bias, steps, ...step }) {
   return { ...step, weight: weight && floats(weight), bias: bias && floats(bias), steps: steps?.map(decoded) };
 }

@@ -4,8 +4,8 @@
     state, random = policy.begin(lanes=1), np.random.default_rng()
     axes, choices, state = policy.act({"target": target, "bow": bow}, state, random, masks={"draw": allowed})
 
-All arrays have a row per lane, which is one agent of the behavior. Decide only for agents that the game lets decide,
-and also for the first observation of each episode, whose action may be ignored. Where an episode begins, set the row of
+All arrays have a row per lane, which is one agent of the behavior. Decide only for agents that the game lets decide; if
+an agent waits with the first observation of an episode, call `watch` with it. Where an episode begins, set the row of
 the state to 0.
 """
 
@@ -19,9 +19,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
 MAX_NUMBERS = 2**24  # that a policy remembers
-FORMAT = "joybridge.policy.v4"
+FORMAT = "joybridge.policy.v5"
 ACTIVATIONS = {
-    "swish": lambda x: x / (1 + np.exp(-np.clip(x, -80, None))),
+    "swish": lambda x: x * _sigmoid(x),
     "tanh": np.tanh,
     "relu": lambda x: np.maximum(x, 0),
     "elu": lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0))),
@@ -44,14 +44,24 @@ class Policy:
         self._shapes = {sensor["name"]: sensor["shape"] for sensor in self.sensors}
 
     def begin(self, lanes):
-        """Return the state of new episodes, float32 [lanes, numbers]: the last frames, of which there are none yet."""
-        older = 0
+        """Return the state of new episodes, float32 [lanes, numbers]: for each network, last frames and its memory."""
+        numbers = 0
         for network in self._networks:
             seen = [*network["sensors"], *(image["sensor"] for image in network["images"])]
-            older += (network["frame_stack"] - 1) * sum(int(np.prod(self._shapes[name])) for name in seen)
-        if older > MAX_NUMBERS:
+            numbers += (network["frame_stack"] - 1) * sum(int(np.prod(self._shapes[name])) for name in seen)
+            numbers += _remembers(network)
+        if numbers > MAX_NUMBERS:
             raise ValueError("the policy is damaged")
-        return np.zeros((lanes, older), np.float32)
+        return np.zeros((lanes, numbers), np.float32)
+
+    def watch(self, sensors, state):
+        """Return the state after an observation with which an agent waits, the first of an episode."""
+        flat, following = self._flat(sensors), []
+        for network in self._networks:
+            _, _, kept, state = self._see(network, flat, state)
+            memory, state = np.split(state, [_remembers(network)], axis=1)
+            following += [*kept, memory]
+        return np.concatenate(following, axis=1)
 
     def act(self, sensors, state, random, masks=None):
         """Return axes, float32 [lanes, axes], choices, int32 [lanes, branches], and the state of the next decision.
@@ -67,13 +77,14 @@ class Policy:
             np.asarray((masks or {}).get(branch["name"], np.ones((lanes, len(branch["choices"])))), bool)
             for branch in self.branches
         ]
-        flat = {name: np.asarray(sensors[name], np.float32).reshape(lanes, -1) for name in self._shapes}
-        following = []
+        flat, following = self._flat(sensors), []
         for network in self._networks:
-            features, kept, state = self._see(network, flat, state)
-            following += kept
+            features, images, kept, state = self._see(network, flat, state)
+            memory, state = np.split(state, [_remembers(network)], axis=1)
             normal, uniform = self._noise(network, lanes, random)
-            outputs, begin = _dense(network, features), 0
+            outputs, memory = _dense(network, features, memory)
+            outputs, begin = _point(network, outputs, images), 0
+            following += [*kept, memory]
             if not np.isfinite(outputs).all():
                 raise ValueError("a sensor is not finite, or the policy is damaged")
             for column, table in enumerate(network["discrete"]):
@@ -105,11 +116,17 @@ class Policy:
                     choices[:, target["branch"]] = np.where(fits, pressed, mask.argmax(axis=1))
         return axes, choices, np.concatenate(following, axis=1)
 
+    def _flat(self, sensors):
+        return {name: np.asarray(sensors[name], np.float32).reshape(len(sensors[name]), -1) for name in self._shapes}
+
     def _see(self, network, flat, state):
-        """Return what the dense layers get, [lanes, numbers], what is remembered of it, and the rest of a state."""
+        """Return what the dense layers get, [lanes, numbers], images, what is remembered, and the rest of a state.
+
+        Of each image there is what each step of its encoder makes of it.
+        """
         nothing = np.zeros((len(state), 0), np.float32)
         frame = _scale(network, np.concatenate([nothing, *(flat[name] for name in network["sensors"])], axis=1))
-        features, kept = [], []
+        features, images, kept = [], [], []
         for newest, image in [(frame, None), *((flat[image["sensor"]], image) for image in network["images"])]:
             older, state = np.split(state, [(network["frame_stack"] - 1) * newest.shape[1]], axis=1)
             seen = np.concatenate([older, newest], axis=1)
@@ -118,9 +135,10 @@ class Policy:
                 height, width, channels = image["shape"]
                 stack = np.moveaxis(seen.reshape(len(seen), -1, height, width, channels), 4, 2)
                 pixels = stack.reshape(len(seen), -1, height, width) / np.float32(image["white"])
-                seen = _encode(image["steps"], pixels, ACTIVATIONS[network["activation"]]).reshape(len(seen), -1)
+                images.append(_encode(image["steps"], pixels, ACTIVATIONS[network["activation"]]))
+                seen = images[-1][-1].reshape(len(seen), -1)
             features.append(seen)
-        return np.concatenate(features, axis=1), kept, state
+        return np.concatenate(features, axis=1), images, kept, state
 
     def _noise(self, network, lanes, random):
         """Return noise for the Gaussians and the branches of a network, [lanes, number] each, or None and None."""
@@ -151,18 +169,38 @@ def _scale(network, frame):
 
 
 def _encode(steps, values, activation):
-    """Return an image [lanes, channels, height, width] after the steps of an encoder."""
+    """Return an image [lanes, channels, height, width] after each of the steps of an encoder."""
+    after = []
     for step in steps:
         if step["kind"] == "activation":
             values = activation(values)
         elif step["kind"] == "residual":
-            values = values + _encode(step["steps"], values, activation)
+            values = values + _encode(step["steps"], values, activation)[-1]
         elif step["kind"] == "convolution":
             sums = np.tensordot(_windows(step, values, 0), step["weight"], ([1, 4, 5], [1, 2, 3])) + step["bias"]
             values = np.moveaxis(sums, 3, 1)
         else:
             values = _windows(step, values, -np.inf).max(axis=(4, 5))
-    return values
+        after.append(values)
+    return after
+
+
+def _point(network, outputs, images):
+    """Return outputs in which what a map looks for, a weight for each channel, has become the logits of its cells."""
+    parts, begin = [], 0
+    for table in network["discrete"]:
+        if "places" not in table:
+            parts.append(outputs[:, begin : begin + len(table["values"])])
+            begin += len(table["values"])
+            continue
+        logits = 0
+        for place in table["places"]:
+            weights = outputs[:, begin : begin + place["channels"]]
+            found = np.einsum("lchw,lc->lhw", images[place["image"]][place["step"]], weights)
+            logits = logits + found.reshape(len(found), -1) @ place["weight"].T
+            begin += place["channels"]
+        parts.append(logits)
+    return np.concatenate([*parts, outputs[:, begin:]], axis=1)
 
 
 def _windows(step, values, beyond):
@@ -172,14 +210,47 @@ def _windows(step, values, beyond):
     return sliding_window_view(padded, step["size"], axis=(2, 3))[:, :, ::stride, ::stride]
 
 
-def _dense(network, values):
-    """Return the outputs of the dense layers of a network, with its activation between them."""
+def _dense(network, values, memory):
+    """Return what the dense layers of a network put out, with its activation between them, and its next memory."""
     activation = ACTIVATIONS[network["activation"]]
     for number, layer in enumerate(network["layers"]):
         if number:
             values = activation(values)
-        values = values @ layer["weight"].T + layer["bias"]
-    return values
+        if "memory" in network and number == len(network["layers"]) - 1:
+            values, memory = _remember(network["memory"], values, memory)
+        values = _linear(layer, values)
+    return values, memory
+
+
+def _linear(layer, values):
+    return values @ layer["weight"].T + layer["bias"]
+
+
+def _remembers(network):
+    """Return how many numbers the memory of a network has."""
+    if "memory" not in network:
+        return 0
+    return network["memory"]["state"]["weight"].shape[1] * (2 if network["memory"]["kind"] == "lstm" else 1)
+
+
+def _remember(layer, values, memory):
+    """Return what a recurrent layer puts out, and its next memory, [lanes, numbers] each."""
+    last, cells = np.split(memory, [layer["state"]["weight"].shape[1]], axis=1)
+    given, kept = _linear(layer["input"], values), _linear(layer["state"], last)
+    if layer["kind"] == "gru":
+        (reset, update, new), (by_reset, by_update, by_new) = (np.split(gates, 3, axis=1) for gates in (given, kept))
+        update = _sigmoid(update + by_update)
+        new = np.tanh(new + _sigmoid(reset + by_reset) * by_new)
+        last = (1 - update) * new + update * last
+        return last, last
+    write, keep, new, show = np.split(given + kept, 4, axis=1)
+    cells = _sigmoid(keep) * cells + _sigmoid(write) * np.tanh(new)
+    last = _sigmoid(show) * np.tanh(cells)
+    return last, np.concatenate([last, cells], axis=1)
+
+
+def _sigmoid(x):
+    return 1 / (1 + np.exp(-np.clip(x, -80, None)))
 
 
 def _sample(logits, uniform):

@@ -39,6 +39,12 @@ class ActArrays:
 
     axes: Array  # float32 [lanes, axes]
     choices: Array  # int32 [lanes, branches]
+    scripts: Array | None = None  # int32 [lanes]: 0, or the script of the spec that acts, from 1 on; None: 0 for all
+
+    def rows(self, lanes: "Array | slice") -> "ActArrays":
+        """Return the actions of some lanes."""
+        scripts = None if self.scripts is None else self.scripts[lanes]
+        return ActArrays(self.axes[lanes], self.choices[lanes], scripts)
 
 
 @dataclass
@@ -75,6 +81,8 @@ def fill_act(message: pb.BehaviorAct, act: ActArrays) -> None:
         fill(message.axes, act.axes)
     if act.choices.shape[1]:
         fill(message.choices, act.choices)
+    if act.scripts is not None:
+        fill(message.scripts, act.scripts)
 
 
 def fill_step(message: pb.BehaviorStep, step: StepArrays) -> None:
@@ -179,6 +187,8 @@ class Codec:
         self._counts = np.array([len(choices) for _, choices in self._branches], np.int32)
         self._axes = Format(pb.DTYPE_FLOAT32, (lanes, len(device.axes)), f"{name}.axes", "axes")
         self._choices = Format(pb.DTYPE_INT32, (lanes, len(device.branches)), f"{name}.choices", "choices")
+        self._scripts = Format(pb.DTYPE_INT32, (lanes,), f"{name}.scripts", "scripts")
+        self._script_names = [script.name for script in behavior.scripts]
         self._sensors = [(sensor.name, sensor.dtype, tuple(sensor.shape)) for sensor in behavior.sensors]
         self._observations = self._sensor_formats(lanes, "observations")
         self._rewards = Format(pb.DTYPE_FLOAT32, (lanes, len(behavior.channels)), f"{name}.rewards")
@@ -198,8 +208,8 @@ class Codec:
     def unpack_act(self, message: pb.BehaviorAct, previous: StepArrays) -> ActArrays:
         """Return the actions, checked against the device and the masks of the previous step.
 
-        Raises TensorError naming the lane and the axis or branch that is out of range or masked. The rows
-        of lanes that do not decide must be well-formed; their values are ignored.
+        Raises TensorError naming the lane and the axis or branch that is out of range or masked. The rows of lanes
+        that do not decide, or that a script plays, must be well-formed; their values are ignored.
         """
         axes = np.empty(self._axes.shape, np.float32)
         choices = np.empty(self._choices.shape, np.int32)
@@ -207,16 +217,28 @@ class Codec:
             axes = self._axes.unpack(message.axes)
         if self._branches or message.HasField("choices"):
             choices = self._choices.unpack(message.choices)
-        if previous.deciding is not None:  # actions of the other lanes are ignored: replace them by valid ones
-            axes = np.where(previous.deciding[:, None], axes, self._low)
-            choices = np.where(previous.deciding[:, None], choices, np.int32(0))
+        scripts = self._unpack_scripts(message) if message.HasField("scripts") else None
+        counts = previous.deciding
+        if scripts is not None:
+            counts = scripts == 0 if counts is None else counts & (scripts == 0)
+        if counts is not None:  # actions of the other lanes are ignored: replace them by valid ones
+            axes = np.where(counts[:, None], axes, self._low)
+            choices = np.where(counts[:, None], choices, np.int32(0))
         if not ((axes >= self._low) & (axes <= self._high)).all():
             self._refuse_axes(axes)
         if not (choices.view(np.uint32) < self._counts).all():  # negative numbers are large as unsigned ones
             self._refuse_choices(choices)
         if previous.masks is not None:
-            self._refuse_masked(choices, previous.masks, previous.deciding)
-        return ActArrays(axes, choices)
+            self._refuse_masked(choices, previous.masks, counts)
+        return ActArrays(axes, choices, scripts)
+
+    def _unpack_scripts(self, message: pb.BehaviorAct) -> Array:
+        scripts, known = self._scripts.unpack(message.scripts), self._script_names
+        for lane in np.flatnonzero((scripts < 0) | (scripts > len(known))):
+            names = f" for {', '.join(known)}" if known else ": it has no scripts"
+            text = f"got {scripts[lane]} in lane {lane}, expected 0..{len(known)}{names}"
+            raise TensorError(f"{self.name}.scripts: {text}", pb.REASON_ACTION_OUT_OF_RANGE, "scripts")
+        return scripts
 
     def _refuse_axes(self, axes: Array) -> None:
         for axis, low, high, column in zip(self._axis_names, self._low, self._high, axes.T, strict=True):
@@ -230,11 +252,11 @@ class Codec:
                 text = f"branch {branch!r} got {column[lane]} in lane {lane}, expected 0..{len(names) - 1}"
                 raise TensorError(f"{self.name}.choices: {text}", pb.REASON_ACTION_OUT_OF_RANGE, "choices")
 
-    def _refuse_masked(self, choices: Array, masks: list[Array], deciding: Array | None) -> None:
+    def _refuse_masked(self, choices: Array, masks: list[Array], counts: Array | None) -> None:
         for (branch, names), mask, column in zip(self._branches, masks, choices.T, strict=True):
             forbidden = ~mask[np.arange(self.lanes), column]
-            if deciding is not None:
-                forbidden &= deciding
+            if counts is not None:
+                forbidden &= counts
             for lane in np.flatnonzero(forbidden):
                 text = (
                     f"branch {branch!r} got {names[column[lane]]!r} in lane {lane}, which its mask forbids in this step"

@@ -74,6 +74,9 @@ def response_bytes(spec: pb.GameSpec, arenas: int, pictures: int = 0) -> int:
 
 def request_bytes(spec: pb.GameSpec, arenas: int) -> int:
     """Return an upper bound of the size of a PlayRequest: an Act, or a Start with a snapshot."""
-    rows = sum(lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches)) for b in spec.behaviors)
+    rows = sum(
+        lane_count(b, arenas) * 4 * (len(b.device.axes) + len(b.device.branches) + bool(b.scripts))
+        for b in spec.behaviors
+    )
     distributions = DISTRIBUTION_BYTES * len(spec.parameters) if spec.parameters_per_episode else 0
     return min((1 << 16) + distributions + max(rows, arenas * spec.snapshot_bytes_per_arena), MAX_MESSAGE)

@@ -17,10 +17,7 @@ def split(arenas: int, parts: int) -> list[int]:
 
 def part_of(acts: Sequence[ActArrays], bounds: Sequence[Sequence[int]], part: int) -> list[ActArrays]:
     """Return the actions of one part. bounds: per behavior, those of the lanes of the parts."""
-    return [
-        ActArrays(act.axes[lanes[part] : lanes[part + 1]], act.choices[lanes[part] : lanes[part + 1]])
-        for act, lanes in zip(acts, bounds, strict=True)
-    ]
+    return [act.rows(slice(lanes[part], lanes[part + 1])) for act, lanes in zip(acts, bounds, strict=True)]
 
 
 def rows_of(step: StepArrays, lanes: Array) -> StepArrays:

@@ -126,6 +126,7 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
         (device.branches, "branches"),
         (behavior.channels, "channels"),
         (behavior.metrics, "metrics"),
+        (behavior.scripts, "scripts"),
     ):
         _check_names(things, f"{where}: {kind}")
     for axis in device.axes:

@@ -229,7 +229,7 @@ class Parameter(_message.Message):
     def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., low: _Optional[float] = ..., high: _Optional[float] = ..., default_value: _Optional[float] = ...) -> None: ...
 
 class Behavior(_message.Message):
-    __slots__ = ("name", "description", "agents_per_arena", "sensors", "device", "channels", "metrics")
+    __slots__ = ("name", "description", "agents_per_arena", "sensors", "device", "channels", "metrics", "scripts")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     AGENTS_PER_ARENA_FIELD_NUMBER: _ClassVar[int]
@@ -237,6 +237,7 @@ class Behavior(_message.Message):
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     CHANNELS_FIELD_NUMBER: _ClassVar[int]
     METRICS_FIELD_NUMBER: _ClassVar[int]
+    SCRIPTS_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     agents_per_arena: int
@@ -244,7 +245,16 @@ class Behavior(_message.Message):
     device: Device
     channels: _containers.RepeatedCompositeFieldContainer[RewardChannel]
     metrics: _containers.RepeatedCompositeFieldContainer[Metric]
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., agents_per_arena: _Optional[int] = ..., sensors: _Optional[_Iterable[_Union[Sensor, _Mapping]]] = ..., device: _Optional[_Union[Device, _Mapping]] = ..., channels: _Optional[_Iterable[_Union[RewardChannel, _Mapping]]] = ..., metrics: _Optional[_Iterable[_Union[Metric, _Mapping]]] = ...) -> None: ...
+    scripts: _containers.RepeatedCompositeFieldContainer[Script]
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., agents_per_arena: _Optional[int] = ..., sensors: _Optional[_Iterable[_Union[Sensor, _Mapping]]] = ..., device: _Optional[_Union[Device, _Mapping]] = ..., channels: _Optional[_Iterable[_Union[RewardChannel, _Mapping]]] = ..., metrics: _Optional[_Iterable[_Union[Metric, _Mapping]]] = ..., scripts: _Optional[_Iterable[_Union[Script, _Mapping]]] = ...) -> None: ...
+
+class Script(_message.Message):
+    __slots__ = ("name", "description")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    description: str
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ...) -> None: ...
 
 class Sensor(_message.Message):
     __slots__ = ("name", "description", "dtype", "shape", "elements", "low", "high", "image")
@@ -467,12 +477,14 @@ class Act(_message.Message):
     def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorAct, _Mapping]]] = ..., draw: _Optional[_Iterable[int]] = ..., distributions: _Optional[_Mapping[str, Distribution]] = ...) -> None: ...
 
 class BehaviorAct(_message.Message):
-    __slots__ = ("axes", "choices")
+    __slots__ = ("axes", "choices", "scripts")
     AXES_FIELD_NUMBER: _ClassVar[int]
     CHOICES_FIELD_NUMBER: _ClassVar[int]
+    SCRIPTS_FIELD_NUMBER: _ClassVar[int]
     axes: Tensor
     choices: Tensor
-    def __init__(self, axes: _Optional[_Union[Tensor, _Mapping]] = ..., choices: _Optional[_Union[Tensor, _Mapping]] = ...) -> None: ...
+    scripts: Tensor
+    def __init__(self, axes: _Optional[_Union[Tensor, _Mapping]] = ..., choices: _Optional[_Union[Tensor, _Mapping]] = ..., scripts: _Optional[_Union[Tensor, _Mapping]] = ...) -> None: ...
 
 class Reset(_message.Message):
     __slots__ = ("seed", "parameters", "distributions")

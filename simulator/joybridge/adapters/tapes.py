@@ -22,7 +22,7 @@ def record(program: str, tape: str | Path, *, seed: int = 0, decisions: int = 25
     options: of the game. Raises TapeError, and AdapterError for a program that cannot be run.
     """
     with opened(program, options) as (rerun, _):
-        return write_tape(Path(tape), rerun, seed, random_acts(rerun, seed, decisions))
+        return write_tape(Path(tape), rerun, seed, random_acts(rerun.form, seed, decisions))
 
 
 def replay(tape: str | Path, program: str = "", pictures: str | Path | None = None) -> int:

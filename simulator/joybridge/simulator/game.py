@@ -119,6 +119,13 @@ class Game(ABC):
     def step(self, action: Any) -> TimeStep | list[TimeStep]:
         """Advance by one decision and return the result. A game with shorter ticks repeats the action itself."""
 
+    def script(self, name: str, agent: int) -> Action:
+        """Return what a script does now for an agent that decides. Required if a behavior has scripts.
+
+        agent: its index in the lists of `step`.
+        """
+        raise NotImplementedError(f"{self.name} has scripts in its spec but no script method")
+
     def draw(self) -> Array:
         """Return a picture, uint8 [height, width, 3]. Required if the spec has a picture size."""
         raise NotImplementedError(f"{self.name} has a picture size in its spec but no draw method")

@@ -57,6 +57,7 @@ class BehaviorFormat:
         self.choices = {branch.name: len(branch.choices) for branch in device.branches}
         self.channels = {channel.name: index for index, channel in enumerate(behavior.channels)}
         self.metrics = [metric.name for metric in behavior.metrics]
+        self.scripts = [script.name for script in behavior.scripts]
         self.sensors = [
             SensorFormat(
                 sensor.name, f"{behavior.name}: sensor {sensor.name!r}", NUMPY_TYPES[sensor.dtype], tuple(sensor.shape)
@@ -128,6 +129,9 @@ class GameAdapter(BatchedGame):
         """Advance every arena by one decision. Where the episode ends, the next one begins in the same step."""
         ended: dict[int, End] = {}
         actions = [self._actions(act, behavior) for act, behavior in zip(acts, self.behaviors, strict=True)]
+        for act, behavior, chosen in zip(acts, self.behaviors, actions, strict=True):
+            if act.scripts is not None:
+                self._play_scripts(act.scripts, behavior, chosen)
         by_agent = [actions[b][agent :: self.behaviors[b].agents] for b, agent in self.agents]
         by_arena = by_agent[0] if len(by_agent) == 1 else map(list, zip(*by_agent, strict=True))
         for arena, (game, own) in enumerate(zip(self.games, by_arena, strict=True)):
@@ -167,6 +171,21 @@ class GameAdapter(BatchedGame):
         names = behavior.actions
         lanes = zip(act.axes.tolist(), act.choices.tolist(), strict=True)
         return [dict(zip(names, axes + choices)) for axes, choices in lanes]  # noqa: B905, for speed
+
+    def _play_scripts(self, scripts: Array, behavior: BehaviorFormat, actions: list[Action]) -> None:
+        """Put what the author's scripts do into the actions of a behavior, lane by lane. scripts [lanes]."""
+        for lane in np.flatnonzero(scripts).tolist():
+            arena, agent = divmod(lane, behavior.agents)
+            slot = behavior.slots[agent]
+            timestep = self.timesteps[arena][slot]
+            if timestep.deciding:
+                name = behavior.scripts[scripts[lane] - 1]
+                try:
+                    action = self.games[arena].script(name, slot)
+                    _require_action(f"{behavior.name}: script {name!r}", action, behavior, timestep)
+                except BaseException as error:
+                    raise _named(arena, error) from error
+                actions[lane] = action
 
     def _timesteps(self, arena: int, play: Callable[..., Any], *actions: Any) -> list[TimeStep]:
         """Call `reset` or `step` of one arena and return a timestep per agent, checked."""
@@ -303,6 +322,16 @@ def _require_known(what: str, given: Iterable[str], known: Collection[str]) -> N
 
 def _unknown(what: str, name: object, known: Collection[str]) -> GameError:
     return GameError(f"{what} {name!r} is not in the spec, which has {list(known)}")
+
+
+def _require_action(what: str, action: Action, behavior: BehaviorFormat, timestep: TimeStep) -> None:
+    """Raise GameError unless an action names all of a device and presses what it has and the masks allow."""
+    if set(action) != set(behavior.actions):
+        raise GameError(f"{what} returned {action!r}, expected a value for each of {behavior.actions}")
+    for branch, count in behavior.choices.items():
+        choice = action[branch]
+        if choice not in range(count) or not timestep.masks.get(branch, [True] * count)[int(choice)]:
+            raise GameError(f"{what} chose {choice!r} of {branch!r}, expected one of {count} that is not masked")
 
 
 def _require_finite(what: str, rows: Array, timesteps: Rows) -> None:

@@ -36,6 +36,7 @@ def _game(spec: pb.GameSpec) -> Iterator[str]:
         channels = (f"{channel.name} (weight {channel.default_weight:g})" for channel in behavior.channels)
         yield from _line(4, "rewards", _joined(channels))
         yield from _line(4, "metrics", _joined(metric.name for metric in behavior.metrics))
+        yield from _line(4, "scripts", _joined(script.name for script in behavior.scripts))
 
 
 def _sensor(sensor: pb.Sensor) -> str:

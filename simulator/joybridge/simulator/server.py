@@ -21,10 +21,10 @@ from grpc_reflection.v1alpha import reflection
 from joybridge.contract.address import READY
 from joybridge.contract.credentials import NO_COMPRESSION
 from joybridge.contract.limits import request_bytes
+from joybridge.contract.memory import keep_memory
 from joybridge.simulator.catalog import Catalog, specs
 from joybridge.simulator.doors import Door, Protection
 from joybridge.simulator.game_thread import game_threads
-from joybridge.simulator.memory import keep_memory
 from joybridge.simulator.service import Limits, Service
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc

@@ -16,11 +16,11 @@ import grpc
 from google.protobuf.message import DecodeError
 
 from joybridge.contract.limits import request_bytes
+from joybridge.contract.memory import free_memory
 from joybridge.contract.versions import own_version
 from joybridge.simulator.catalog import Catalog
 from joybridge.simulator.game_thread import GameThread
 from joybridge.simulator.local_socket import LocalSocket
-from joybridge.simulator.memory import free_memory
 from joybridge.simulator.session import Refusal, Session, check_version, describe
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc

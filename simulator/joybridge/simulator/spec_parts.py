@@ -87,13 +87,15 @@ def behavior(
     branches: Sequence[pb.Branch] = (),
     channels: Sequence[pb.RewardChannel] = (),
     metrics: Sequence[str | pb.Metric] = (),
+    scripts: Mapping[str, str] | None = None,
     agents: int = 1,
     description: str = "",
 ) -> pb.Behavior:
     """Return a kind of agent: what it observes, its actions, its rewards, and how many there are per arena.
 
     An agent uses all axes and branches at the same time; it needs at least one of them. Without channels it has a
-    single one named "reward".
+    single one named "reward". scripts: players of yours that may play an agent, each with a description; see
+    `Game.script`. A BatchedGame obeys `ActArrays.scripts`.
     """
     return pb.Behavior(
         name=name,
@@ -103,6 +105,7 @@ def behavior(
         device=pb.Device(axes=axes, branches=branches),
         channels=channels or [channel("reward")],
         metrics=[metric(one) if isinstance(one, str) else one for one in metrics],
+        scripts=[pb.Script(name=name, description=text) for name, text in (scripts or {}).items()],
     )
 
 

@@ -5,8 +5,9 @@ import json
 import math
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
@@ -105,15 +106,21 @@ def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
     as keys: {pygame: PROGRAM, KEY: VALUE}. A simulator that is running has the program already. Raises ConfigError.
     """
     over = read_overrides(options.overrides)
-    places = {_own_place(merge(read_yaml(find_config(config)), over).get("game")) for config in configs}
-    if len(places) > 1:
+    found = [_own_places(merge(read_yaml(find_config(config)), over)) for config in configs]
+    if any(places != found[0] for places in found):
         raise ConfigError("the configurations are of several games; compare those of one game")
-    place = places.pop()
-    if place is None:
-        return
-    options.overrides.append(f"game={json.dumps(choose_game(place, (), None)[0], ensure_ascii=False)}")
+    for key, place in found[0].items():
+        options.overrides.append(f"{key}={json.dumps(choose_game(place, (), None)[0], ensure_ascii=False)}")
     if not options.simulator:
-        options.game = list(dict.fromkeys([place, *options.game]))
+        options.game = list(dict.fromkeys([*found[0].values(), *options.game]))
+
+
+def _own_places(data: Mapping[str, Any]) -> dict[str, str]:
+    """Return the places of programs that a configuration names, by the keys that name them. Raises ConfigError."""
+    named = {"game": data.get("game")}
+    if isinstance(games := data.get("games"), dict):
+        named |= {f"games.{name}.game": one.get("game") for name, one in games.items() if isinstance(one, dict)}
+    return {key: place for key, game in named.items() if (place := _own_place(game)) is not None}
 
 
 def _own_place(game: object) -> str | None:

@@ -152,7 +152,9 @@ def choose_simulators(
     try:
         for place in remembered.protected():
             wait_for(place, LAST_SECONDS, lambda text: None)
-            describe(place, config.game, {})
+            for game in config.played.values():
+                if not game.simulator:
+                    describe(place, game.game, {})
     except (SimulatorError, CredentialsError) as error:
         say(f"the simulator of the training cannot be used: {error}; starting one")
         return Simulators(games=remembered.games)

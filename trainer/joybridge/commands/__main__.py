@@ -13,6 +13,7 @@ from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
+from typing import TYPE_CHECKING
 
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
@@ -51,6 +52,9 @@ from joybridge.run.origin import remark
 from joybridge.run.own_code import check_code, sign_code, trust
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 from joybridge.run.sinks import check_sinks
+
+if TYPE_CHECKING:
+    from joybridge.play.playing import PlaySpec
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
 
@@ -110,6 +114,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     plays.add_argument(
         "--checkpoint", default="", metavar="WHICH", help="timesteps of a checkpoint, or best; default: the newest"
     )
+    plays.add_argument(
+        "--only-game", default="", metavar="NAME", help="play only this one of the several games of the run"
+    )
     plays.add_argument("--deterministic", action="store_true", help="take the most probable action instead of sampling")
     evaluates = commands.add_parser("evaluate", parents=[plays, shared], help="measure how well a run's policy plays")
     evaluates.set_defaults(function=_evaluate)
@@ -145,8 +152,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
     for with_others in (evaluates, records):
         with_others.add_argument(
-            "--others", type=Path, metavar="RUN",
-            help="let the policies of a run hold all seats but one of each arena, in a game of several agents",
+            "--others", action="append", default=[], metavar="WHO",
+            help="who holds all seats but one of each arena, in a game of several agents: the folder of a run, "
+            "script:NAME, a script of the game's author, or an exported policy.json; given several times, they take "
+            "seats in turn",
         )  # fmt: skip
     for plays_run in (evaluates, records, exports):
         add_overrides(
@@ -160,7 +169,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     if options.command != "train" and len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     if options.command == "evaluate" and options.others and options.inputs:
-        parser.error("--inputs measures all agents, --others those of another run, too; give one of the two")
+        parser.error("--inputs measures all agents, also those of --others; give one of the two")
     if options.command == "train" and options.ray and options.simulator:
         parser.error("--ray starts simulators, --simulator names running ones; give one of the two")
     if options.command == "train" and options.simulators and not options.ray:
@@ -218,6 +227,7 @@ def _train(options: argparse.Namespace) -> None:
             from joybridge.ppo.fast.announce import announcing
             from joybridge.run.progress import Display
             from joybridge.run.train import train
+            from joybridge.run.training import Audience
 
         saved = checkpoints(run)
         begin = int(saved[-1].name) if saved else 0
@@ -231,9 +241,8 @@ def _train(options: argparse.Namespace) -> None:
                     run,
                     addresses,
                     resume=options.resume,
-                    report=display.report,
+                    audience=Audience(display.report, display.say),
                     revive=connect,
-                    say=display.say,
                     record_faults=options.record_faults,
                 )
         except (KeyboardInterrupt, SimulatorError, StorageError) as error:
@@ -260,27 +269,33 @@ def _continuation(run: Path, options: argparse.Namespace) -> str:
 
 def _evaluate(options: argparse.Namespace) -> None:
     run, sweep = options.run, read_sweep(options.over) if options.over else None
-    plays = {"": options.overrides}
+    games = _games(options)
+    if sweep and len(games) > 1:
+        raise ConfigError(f"--over is for one game; name it with --only-game: {', '.join(games)}")
+    plays = {game: (game, options.overrides) for game in games}
     if sweep:
-        plays = {setting: [*options.overrides, setting] for setting in sweep.settings}
-    for overrides in plays.values():
+        plays = {setting: (games[0], [*options.overrides, setting]) for setting in sweep.settings}
+    for _, overrides in plays.values():
         play_config(run, overrides)
     with _player(options) as simulator:
         from joybridge.play.evaluate import evaluate, inputs_table, summary
         from joybridge.policy.config_fit import fitting_spec
 
-        for overrides in plays.values():  # all of them before the first is played
+        for _, overrides in plays.values():  # all of them before the first is played
             fitting_spec(simulator, play_config(run, overrides))
         results = {
             setting: evaluate(
-                run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
-                say=say, overrides=overrides, checkpoint=options.checkpoint, demos=options.demos,
-                inputs=options.inputs, others=options.others,
+                replace(_play_spec(options, simulator, game), overrides=overrides),
+                episodes=options.episodes,
+                say=say,
+                demos=options.demos,
+                inputs=options.inputs,
             )
-            for setting, overrides in plays.items()
-        }  # fmt: skip
+            for setting, (game, overrides) in plays.items()
+        }
     if not sweep:
-        print(summary(results[""]))
+        for game, found in results.items():
+            print(summary({f"{game}: {name}" if game else name: result for name, result in found.items()}))
     else:
         print(table(sweep, results))
         if find_spec("matplotlib") is None:
@@ -293,32 +308,58 @@ def _evaluate(options: argparse.Namespace) -> None:
     say_next("record", str(run), "play.mp4")
     if options.json:
         objects = {s: {name: asdict(result) for name, result in found.items()} for s, found in results.items()}
-        print(json.dumps(objects if sweep else objects[""]))
+        print(json.dumps(objects if sweep or games != [""] else objects[""]))
+
+
+def _games(options: argparse.Namespace) -> list[str]:
+    """Return which of several games a command plays; "": the run has one. Raises ConfigError."""
+    config = play_config(options.run, options.overrides)
+    if options.only_game:
+        config.of_game(options.only_game)
+    return [options.only_game] if options.only_game else [*config.games] or [""]
 
 
 def _record(options: argparse.Namespace) -> None:
     video_format(options.output)
+    games = _games(options)
+    if len(games) > 1 and options.inputs:
+        raise ConfigError(f"--inputs is for one game; name it with --only-game: {', '.join(games)}")
     with _player(options) as simulator:
         from joybridge.play.record import record
+        from joybridge.play.record_games import record_games
 
-        frames = record(
-            options.run, simulator, options.output, seconds=options.seconds, seed=options.seed,
-            deterministic=options.deterministic, say=say, overrides=options.overrides,
-            checkpoint=options.checkpoint, inputs=options.inputs, others=options.others,
-        )  # fmt: skip
+        plays = _play_spec(options, simulator, games[0])
+        if len(games) > 1:
+            frames = record_games(plays, options.output, games=games, seconds=options.seconds)
+        else:
+            frames = record(plays, options.output, seconds=options.seconds, say=say, inputs=options.inputs)
     print(f"{options.output}: {frames} frames")
     say_next("export", str(options.run), "policy.onnx")
 
 
 def _export(options: argparse.Namespace) -> None:
+    games = _games(options)
     with _player(options) as simulator:
         from joybridge.play.export import export
 
-        exported = export(
-            options.run, simulator, options.output, behavior=options.behavior, seed=options.seed,
-            deterministic=options.deterministic, overrides=options.overrides, checkpoint=options.checkpoint,
-        )  # fmt: skip
+        exported = export(_play_spec(options, simulator, games[0]), options.output, behavior=options.behavior)
     print(exported)
+
+
+def _play_spec(options: argparse.Namespace, address: str, game: str) -> "PlaySpec":
+    """Return what the command line lets play at the simulator at an address."""
+    from joybridge.play.playing import PlaySpec
+
+    return PlaySpec(
+        options.run,
+        address,
+        options.seed,
+        options.deterministic,
+        options.overrides,
+        options.checkpoint,
+        getattr(options, "others", ()),
+        game,
+    )
 
 
 @contextmanager

@@ -1,10 +1,11 @@
 """`joybridge replay`: repeat a recorded session on any simulator, and name the step where it fails or differs.
 
-A session is recorded where something went wrong (a fault), or to show how something is done (a demonstration).
+A session is recorded where something went wrong (a fault), or to show how something is done (a demonstration). Under
+other options that change only what is observed, a demonstration is recorded anew as they show it.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from joybridge.client.client import CALL_SECONDS, Session
@@ -18,7 +19,12 @@ from joybridge.client.command_line import (
 from joybridge.client.errors import SimulatorError
 from joybridge.client.recording import Recording, RecordingError, digest, load_recording
 from joybridge.client.simulator_source import open_simulators
+from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import read_settings
+from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.codec import StepArrays
 from joybridge.demonstrations.files import foreign_kind
+from joybridge.v1 import bridge_pb2 as pb
 
 
 class FaultFound(SimulatorError):
@@ -31,9 +37,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     commands = parser.add_subparsers(dest="command", required=True)
     replays = commands.add_parser("replay", help="repeat what led to a fault, or a demonstration")
     replays.add_argument("file", type=Path, help="a file of the folder faults of a run, or a demonstration")
-    replays.set_defaults(overrides=[])
+    replays.add_argument("--demos", type=Path, metavar="DIR", help="record a demonstration anew, into this folder")
     add_simulator_options(replays)
-    options = parser.parse_args(arguments)
+    add_overrides(replays, "options that change only what is observed, as in options.observation=screen")
+    options = parse_overrides(parser, arguments)
+    options.changed, options.overrides = options.overrides, []
     check_simulator_options(replays, options)
     if len(options.simulator) > 1:
         replays.error(f"replay uses one simulator, got {len(options.simulator)}")
@@ -51,34 +59,74 @@ def _replay(options: argparse.Namespace) -> None:
         say(f"the fault was: {recording.error}")
     if recording.cut:
         say(f"its last record was not written to its end: {recording.cut} bytes are left out")
+    changed = read_settings(options.changed)
+    if changed.parameters:
+        raise ConfigError(f"parameters.{next(iter(changed.parameters))}=…: replay changes options only; leave it out")
+    if recording.spec is None and (changed.options or options.demos):
+        raise RecordingError(f"{options.file} holds a fault, expected a demonstration; repeat it as it was recorded")
     with open_simulators(wanted_simulators(options), options.wait, say) as connect:
-        steps = replay(connect()[0], recording, options.timeout or CALL_SECONDS)
-    print(f"{steps} steps are as they were recorded, and none fails")
+        steps = replay(connect()[0], recording, options.timeout or CALL_SECONDS, changed.options, options.demos)
+    how = "are paid and end as they were recorded" if changed.options else "are as they were recorded"
+    print(f"{steps} steps {how}, and none fails")
 
 
-def replay(address: str, recording: Recording, timeout: float = CALL_SECONDS) -> int:
+def replay(
+    address: str,
+    recording: Recording,
+    timeout: float = CALL_SECONDS,
+    options: Mapping[str, str] | None = None,
+    demos: Path | None = None,
+) -> int:
     """Repeat a recorded session at a simulator and return how many steps it has.
 
-    Raises FaultFound at the first step that fails or that has other bytes than were recorded.
+    options: of the game, which differ from those of the recording, a demonstration, and change only observations.
+    demos: record it anew, into this folder.
+
+    Raises FaultFound at the first step that fails or that has other bytes than were recorded; if options differ, other
+    rewards or ends.
     """
-    start = recording.start
+    start, options = recording.start, options or {}
     step = 0
     try:
         with Session(
             address, start.game, arenas=start.arenas, seed=start.seed, first_arena=start.first_arena,
-            options=start.options, parameters=start.parameters, distributions=start.distributions,
+            options={**start.options, **options}, parameters=start.parameters, distributions=start.distributions,
             snapshot=start.snapshot.parts if start.HasField("snapshot") else None, timeout=timeout,
         ) as session:  # fmt: skip
             if session.server != recording.server:
                 say(f"recorded with {recording.server}, replayed with {session.server}")
+            anew = session.record_demonstration(demos) if demos else None
             for exchange in recording.exchanges:
+                if anew:
+                    anew.hold(exchange.held)
                 if not exchange.request.HasField("start"):
                     step += exchange.request.HasField("act")
                     session.repeat(exchange.request)
-                if exchange.digest is not None and digest(session.steps) != exchange.digest:
+                if options and exchange.step and _earned(session.steps) != _recorded(exchange.step):
+                    raise FaultFound(
+                        f"step {step} has other rewards or ends than were recorded, so {_named(options)} changes more "
+                        "than what is observed"
+                    )
+                if not options and exchange.digest is not None and digest(session.steps) != exchange.digest:
                     raise FaultFound(f"step {step} has other bytes than were recorded")
+            if anew:
+                say(f"recorded anew: {anew.path}")
     except FaultFound:
         raise
     except SimulatorError as error:
         raise FaultFound(f"step {step} fails: {error}") from error
     return step
+
+
+def _earned(steps: Iterable[StepArrays]) -> list[bytes]:
+    """Return the bytes of what lanes earn, and of which episodes end."""
+    return [array.tobytes() for step in steps for array in (step.rewards, step.terminated, step.truncated)]
+
+
+def _recorded(step: pb.Step) -> list[bytes]:
+    """Return the same bytes of a recorded step."""
+    return [tensor.data for one in step.behaviors for tensor in (one.rewards, one.terminated, one.truncated)]
+
+
+def _named(options: Mapping[str, str]) -> str:
+    return " ".join(f"options.{name}={choice}" for name, choice in options.items())

@@ -30,12 +30,23 @@ from joybridge.compare.ranges import is_fixed
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.suite import SUITES, compare_suite
 from joybridge.compare.table import TABLE, Results, read_table
-from joybridge.compare.variants import SEARCH, Variant, check_unchanged, kept_spec, make_variants, read_values
+from joybridge.compare.variants import (
+    SEARCH,
+    TRAINERS,
+    Variant,
+    beside,
+    check_unchanged,
+    kept_spec,
+    make_variants,
+    read_change,
+    read_values,
+)
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.errors import JoybridgeError
+from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -63,15 +74,26 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     compares.add_argument(
         "--suite", choices=SUITES, help="compare on all tasks of a suite instead of one configuration, on one page"
     )
+    compares.add_argument("--tasks", nargs="+", default=[], metavar="TASK", help="of the suite; default: all")
     compares.add_argument("--layouts", nargs="+", default=[], metavar="LAYOUT", help="e.g. hybrid bucket-5 multiagent")
     compares.add_argument(
         "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE,VALUE,…",
         help="any other key that varies, as in policy.learning_rate=1e-3,3e-3; all combinations are trained",
     )  # fmt: skip
     compares.add_argument(
+        "--change", nargs="+", action="extend", default=[], metavar="KEY=VALUE",
+        help="one change at a time: each is compared with the configuration as it is; quoted, several keys are one "
+        "change, as in 'policy.gamma=0.9 policy.epochs=8'",
+    )  # fmt: skip
+    compares.add_argument(
         "--also", action="append", default=[], metavar="CONFIG",
         help="another configuration of the same game that is compared; may be repeated",
     )  # fmt: skip
+    compares.add_argument(
+        "--beside", choices=TRAINERS,
+        help="train each variant also with PPO of Stable-Baselines3, on the same environment of Gymnasium",
+    )  # fmt: skip
+    compares.add_argument("--ppo", default="{}", metavar="JSON", help="further arguments of PPO there")
     compares.add_argument(
         "--search", nargs="+", action="extend", default=[], metavar="KEY=RANGE",
         help="search for the best settings instead, within ranges and choices: "
@@ -96,23 +118,26 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     add_simulator_options(compares)
     add_overrides(compares, "keys that all variants share, e.g. total_timesteps=100000")
     options = parse_overrides(parser, arguments)
-    overrides = [word for word in options.layouts if OVERRIDE.match(word)]  # they may stand behind the layouts
-    options.layouts = [word for word in options.layouts if word not in overrides]
-    options.overrides += overrides
+    for name in ("layouts", "tasks"):  # overrides may stand behind them
+        words = getattr(options, name)
+        options.overrides += [word for word in words if OVERRIDE.match(word)]
+        setattr(options, name, [word for word in words if not OVERRIDE.match(word)])
     check_simulator_options(parser, options)
     if options.suite and options.config and OVERRIDE.match(options.config):
         options.overrides, options.config = [options.config, *options.overrides], None
     if bool(options.suite) == bool(options.config):
         parser.error("name a configuration, or a suite with --suite")
-    if options.suite and (options.search or options.also):
-        parser.error("--search and --also are for one configuration, not for a suite")
+    if options.suite and (options.search or options.also or options.beside):
+        parser.error("--search, --also and --beside are for one configuration, not for a suite")
+    if options.tasks and not options.suite:
+        parser.error("--tasks are those of a suite; name it with --suite")
     fixed = list(filter(is_fixed, options.search))  # they may stand behind what is searched
     if fixed and fixed == options.search:
         parser.error(f"--search {' '.join(fixed)}: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,VALUE")
     options.search = [word for word in options.search if word not in fixed]
     options.overrides += fixed
     if options.search:
-        for name in ("layouts", "set", "also", "seeds", "score"):
+        for name in ("layouts", "set", "change", "also", "seeds", "score"):
             if getattr(options, name) not in ([], None):
                 parser.error(f"--{name} is not for a search; write what varies as --search KEY=VALUE,VALUE")
     elif options.trials:
@@ -141,8 +166,13 @@ def compare(options: argparse.Namespace) -> int:
     add_own_game(options, [options.config, *options.also])
     grid = [("layout", options.layouts)] if options.layouts else []
     variants = make_variants(
-        [options.config, *options.also], options.overrides, [*grid, *map(read_values, options.set)]
+        [options.config, *options.also],
+        options.overrides,
+        [*grid, *map(read_values, options.set)],
+        [*map(read_change, options.change)],
     )
+    if options.beside:
+        variants += beside(variants, options.beside)
     for variant in variants:
         check_unchanged(variant, options.output)
     specs = find_specs(variants, options)
@@ -183,7 +213,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     setting = Setting(variants[0].config.game, [job.timesteps for job in jobs], policies, repetition(options), missing)
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")
-    if (best := best_run(analysis, jobs)).exists():
+    if has_checkpoint(best := best_run(analysis, jobs)):
         say_next("evaluate", str(best))
     return 1 if missing else 0
 

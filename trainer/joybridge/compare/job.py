@@ -92,7 +92,7 @@ class Job:
 
     def settings(self) -> list[str]:
         """Return everything that differs from the configuration, each KEY=VALUE."""
-        return [*self.overrides, f"seed={self.seed}", f"stop={self.timesteps}"]
+        return [*self.overrides, f"seed={self.seed}", f"stop_at={self.timesteps}"]
 
     def command(self, config: Path, run: Path) -> list[str]:
         """Return the command that starts the run in the folder `run`, or resumes it.
@@ -110,6 +110,26 @@ class Job:
         log = self.run / "log.txt"
         lines = log.read_text(errors="replace").split("\n") if log.exists() else []
         return next((line.strip() for line in reversed(lines) if line.strip()), f"exit status {status}, empty log.txt")
+
+
+@dataclass(frozen=True)
+class PeerJob(Job):
+    """A training run by another trainer, which always begins anew. arguments: of its command."""
+
+    def finished(self) -> bool:
+        """Return whether the run has ended with the configuration as it is now."""
+        try:
+            return run_config(self.run) == load_config(self.config, self.settings())
+        except ConfigError:
+            return False
+
+    def prepare(self) -> None:
+        """Nothing is left that another process could still be writing, or that could be resumed."""
+
+    def command(self, config: Path, run: Path) -> list[str]:
+        """Return the command that starts the run."""
+        trainer = [sys.executable, "-m", "joybridge.compare.sb3"]
+        return [*trainer, str(config), "--run", str(run), *self.arguments, *self.settings()]
 
 
 class Process(Protocol):

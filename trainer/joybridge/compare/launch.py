@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from joybridge.client.command_line import say, wanted_simulators
 from joybridge.client.simulator_source import open_simulators
-from joybridge.compare.job import Job, Process, start
+from joybridge.compare.job import Job, PeerJob, Process, start
 from joybridge.compare.variants import Variant, check_game, keep
 from joybridge.config.errors import ConfigError
 from joybridge.layouts import list_roles
@@ -43,10 +43,12 @@ def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.N
 
     Without snapshots, a run that goes on after a loss has other figures; such a run ends, and is repeated as a whole.
     """
+    place = variant.name, seed, variant.config.end, options.output / "configs", options.output / "runs"
+    if variant.by:
+        return PeerJob(*place, arguments=("--ppo", options.ppo), exact=False)
     exact = bool(spec.snapshot_bytes_per_arena)
     return Job(
-        variant.name, seed, variant.config.end, options.output / "configs", options.output / "runs",
-        overrides=() if exact else ("restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
+        *place, overrides=() if exact else ("max_restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
         exact=exact,
     )  # fmt: skip
 
@@ -78,9 +80,12 @@ def repetition(options: argparse.Namespace) -> str:
     words += [word for config in options.also for word in ("--also", config)]
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
+    words += ["--change", *options.change] if options.change else []
     words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
     words += ["--seeds", f"{options.seeds}"] if not options.search else []
     words += ["--metric", options.metric] if options.metric != "reward" else []
+    words += ["--beside", options.beside] if options.beside else []
+    words += ["--ppo", options.ppo] if options.ppo != "{}" else []
     words += ["--behavior", options.behavior] if options.behavior else []
     words += ["--score", f"{options.score:g}"] if options.score is not None else []
     words += [word for game in options.game for word in ("--game", game)]

@@ -160,11 +160,19 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
     lengths = sorted(set(setting.timesteps))
     runs = f"{counts[0]} to {counts[-1]} runs" if len(counts) > 1 else _count(counts[0], "run")
     length = f"{lengths[0]:,}" + (f" to {lengths[-1]:,}" if len(lengths) > 1 else "")
+    metric = escaped(analysis.metric)
+    measured = any(run.measured is not None for result in analysis.results for run in result.runs)
+    score = (
+        f"mean *{metric}* of the episodes that its policy plays at the end without learning; curves and times are of "
+        "the same metric in training"
+        if measured
+        else f"mean *{metric}* of the last tenth of its rows of metrics"
+    )
     policies = [f"{escaped(name)} for {escaped(label)}" for label, name in setting.policies.items() if name]
     several = f" Where several policies play, it is that of one of them: {', '.join(policies)}."
     return (
-        f"{runs} of {length} timesteps per variant. The score of a run is the mean *{escaped(analysis.metric)}* of the "
-        f"last tenth of its rows of metrics; higher is better.{several if policies else ''} The interquartile mean "
+        f"{runs} of {length} timesteps per variant. The score of a run is the {score}; "
+        f"higher is better.{several if policies else ''} The interquartile mean "
         "(IQM) leaves out the lowest and the highest quarter of the runs. Intervals are 95 % confidence intervals of "
         "a stratified bootstrap over runs, as in [rliable](https://github.com/google-research/rliable)."
     )

@@ -1,10 +1,10 @@
 """The pictures of a comparison, and how pictures are drawn: each for pages with a light and with a dark background."""
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -16,6 +16,7 @@ from joybridge.compare.analysis import Analysis, Band
 from joybridge.config.files import storing, write_atomically
 
 COLORS = ("#2f8fd6", "#e07b39", "#2ca58d", "#c45ab3", "#d9a400", "#7a6ff0", "#d64550", "#8a8f98")
+COLUMNS = 3  # of panels in a picture of several tasks
 LINES = ("-", "--", ":", "-.")  # one after the other when the colors are used up
 INK = {"light": ("#1f2328", "#ffffff"), "dark": ("#e6edf3", "#0d1117")}  # text and background
 CAPTIONS = {
@@ -46,6 +47,33 @@ def draw_themes(draws: Mapping[str, Callable[[], Figure]], folder: Path) -> None
         with mpl.rc_context(style):
             for name, draw in draws.items():
                 save_figure(draw(), folder / picture(name, theme))
+
+
+class Line(NamedTuple):
+    """How the score of one run rose."""
+
+    label: str  # of its variant
+    seconds: list[float]
+    scores: list[float]
+
+
+def draw_times(tasks: Mapping[str, Sequence[Line]]) -> Figure:
+    """Return a panel for each task, with a line per run over seconds; runs of a variant share a color."""
+    labels = list(dict.fromkeys(line.label for lines in tasks.values() for line in lines))
+    rows = -(-len(tasks) // COLUMNS)
+    figure = Figure(figsize=(9, 0.4 + 2.3 * max(rows, 1)), layout="constrained")
+    panels = figure.subplots(max(rows, 1), COLUMNS, squeeze=False).ravel()
+    drawn: dict[str, Any] = {}
+    for axes, (task, lines) in zip(panels, tasks.items(), strict=False):
+        axes.set_title(without_formula(task), fontsize=10)
+        for line in lines:
+            color, style = _style(labels.index(line.label))
+            (drawn[line.label],) = axes.plot(line.seconds, line.scores, color=color, ls=style, lw=1.2)
+    for axes in panels[len(tasks) :]:
+        axes.set_visible(False)
+    figure.supxlabel("seconds", fontsize=10)
+    figure.legend([*drawn.values()], [*map(without_formula, drawn)], loc="outside upper left", ncols=2, fontsize=9)
+    return figure
 
 
 def picture(name: str, theme: str) -> str:

@@ -20,7 +20,7 @@ ELSEWHERE = {  # keys that are not searched, and why
     "game": "scores of two games cannot be compared; search once for each",
     "options": "options change what a game pays; search once for each",
     "total_timesteps": "trials of other lengths cannot be compared",
-    "stop": "trials of other lengths cannot be compared",
+    "stop_at": "trials of other lengths cannot be compared",
     "log_interval": "trials are compared where they have rows of metrics",
 }
 MAX_WHOLE = 2**53  # larger whole numbers are not exact as float64

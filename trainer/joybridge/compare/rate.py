@@ -6,10 +6,8 @@ many among those that were finished.
 """
 
 import argparse
-import math
 import shlex
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from joybridge.client.command_line import (
@@ -24,14 +22,12 @@ from joybridge.client.command_line import (
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.compare.matches import Match, read_matches, write_matches
 from joybridge.compare.rating import rate
-from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.run.folder import play_config, run_config
 
 MATCHES, POLICIES = 1000, 8
-PLACE = "place"  # the metric that says how the only agent did against a script
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
@@ -48,9 +44,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         "--matches", type=at_least(1), default=MATCHES, metavar="N", help="played at least; default %(default)s"
     )
     rates.add_argument(
-        "--script", action="append", default=[], metavar="options.NAME=CHOICE",
-        help="another player: under this option, a script of the game's author plays all agents but one, as in "
-        "options.rivals=flee; each policy plays it; may be repeated",
+        "--others", action="append", default=[], metavar="WHO",
+        help="another player: script:NAME, a script of the game's author, or an exported policy.json; may be repeated",
     )  # fmt: skip
     rates.add_argument("--seed", type=at_least(0), default=1, help="of games, seats and samples; default %(default)s")
     rates.add_argument(
@@ -83,6 +78,7 @@ def rate_runs(options: argparse.Namespace) -> None:
         address = connect()[0]
         from joybridge.play.tournament import find_trained, load_actors, play_tournament
         from joybridge.policy.config_fit import fitting_spec
+        from joybridge.run.others import load_other
 
         spec = fitting_spec(address, config)
         agents = sum(behavior.agents_per_arena for behavior in spec.behaviors)
@@ -93,24 +89,21 @@ def rate_runs(options: argparse.Namespace) -> None:
             for run in configs
             for one in find_trained(run, options.policies)
         }
-        if len(trained) + len(options.script) < 2:
-            raise ConfigError(f"{first} has one checkpoint, and a tournament needs two players; set keep, or add a run")
-        scripts = {script: one_agent(script, options, address) for script in options.script}
+        if len(trained) + len(options.others) < 2:
+            raise ConfigError(
+                f"{first} has one checkpoint, and a tournament needs two players; set keep, or add a run or --others"
+            )
+        players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
+        players |= {name: load_other(name, config.game, spec) for name in options.others}
+        names = list(players)
         anchor = options.anchor or next(iter(trained))
-        if anchor not in (known := {*trained, *scripts, *(player for match in log for player in match.players)}):
+        if anchor not in (known := {*names, *(player for match in log for player in match.players)}):
             raise ConfigError(f"--anchor got {anchor!r}, expected one of {', '.join(sorted(known))}")
-        actors = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
-        say(f"{len(trained)} players: {', '.join(trained)}")
-        names, play = list(trained), partial(play_tournament, actors, address=address, seed=options.seed, say=say)
-        for result in play(config, matches=options.matches) if len(trained) > 1 else ():
-            players = tuple(names[holder] for holder in result.holders)
-            log.append(Match(players=players, places=tuple(result.places.tolist()), seed=options.seed))
-        for script, alone in scripts.items():
-            say(f"matches with {script}")
-            for result in play(alone, matches=max(1, options.matches // len(scripts))):
-                places = places_beside(-float(result.scores[0]), agents)
-                players = (names[result.holders[0]], *[script] * (agents - 1))
-                log.append(Match(players=players, places=places, seed=options.seed))
+        say(f"{len(names)} players: {', '.join(names)}")
+        played = play_tournament(players, config, address=address, matches=options.matches, seed=options.seed, say=say)
+        for result in played:
+            seated = tuple(names[holder] for holder in result.holders)
+            log.append(Match(players=seated, places=tuple(result.places.tolist()), seed=options.seed))
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_matches(folder, log)
@@ -120,30 +113,10 @@ def rate_runs(options: argparse.Namespace) -> None:
     tournament = Tournament(
         title=config.game, matches=log, ratings=rate(log, anchor), anchor=anchor,
         trained={name: (name.rpartition("@")[0], one.timesteps) for name, one in trained.items()},
-        scripts=frozenset(scripts),
         command=shlex.join(["joybridge", "rate", *map(str, options.runs), *repeated(options)]),
     )  # fmt: skip
     paths = write_rating_page(tournament, folder)
     print(rating_table(tournament), "", *paths, sep="\n")
-
-
-def one_agent(script: str, options: argparse.Namespace, address: str) -> Config:
-    """Return the configuration of matches against a script. Raises ConfigError unless the game has one agent then."""
-    from joybridge.policy.config_fit import fitting_spec
-
-    config = play_config(options.runs[0], [*options.overrides, script])
-    spec = fitting_spec(address, config)
-    (first, *others) = spec.behaviors
-    if others or first.agents_per_arena > 1 or PLACE not in (metric.name for metric in first.metrics):
-        raise ConfigError(f"--script got {script!r}, expected an option with which {spec.name} has one agent, and a "
-                          f"metric {PLACE!r}")  # fmt: skip
-    return config
-
-
-def places_beside(place: float, seats: int) -> tuple[float, ...]:
-    """Return the places of all seats, if the first has this one, and all others are held by one player."""
-    shared = {math.floor(place), math.ceil(place)}
-    return (place, *[place] * (len(shared) - 1), *(float(p) for p in range(1, seats + 1) if p not in shared))
 
 
 def unclear(run: Path, runs: Sequence[Path]) -> bool:
@@ -155,5 +128,5 @@ def repeated(options: argparse.Namespace) -> list[str]:
     """Return the options that play the same tournament again."""
     given = ["--policies", f"{options.policies}", "--matches", f"{options.matches}", "--seed", f"{options.seed}"]
     given += ["--anchor", options.anchor] if options.anchor else []
-    given += [word for script in options.script for word in ("--script", script)]
+    given += [word for name in options.others for word in ("--others", name)]
     return given + (["--output", str(options.output)] if options.output else []) + list(options.overrides)

@@ -31,7 +31,6 @@ class Tournament:
     """Rated matches.
 
     ratings: the best first. trained: (run, timesteps) of the players that are policies. command: that repeats it.
-    scripts: players whose seats are not drawn.
     """
 
     title: str
@@ -40,7 +39,6 @@ class Tournament:
     anchor: str
     trained: Mapping[str, tuple[str, int]]
     command: str
-    scripts: frozenset[str] = frozenset()
 
     @cached_property
     def payoff(self) -> Payoff:
@@ -49,9 +47,9 @@ class Tournament:
 
     @cached_property
     def seats(self) -> list[float]:
-        """Return the share of wins of each seat, in matches whose seats are all drawn; none if there are none."""
-        drawn = [match for match in self.matches if self.scripts.isdisjoint(match.players)]
-        return seat_shares(drawn).tolist() if drawn else []
+        """Return the share of wins of each seat."""
+        shares: list[float] = seat_shares(self.matches).tolist()
+        return shares
 
     @cached_property
     def runs(self) -> dict[str, list[tuple[int, Estimate]]]:
@@ -68,8 +66,7 @@ def write_rating_page(tournament: Tournament, folder: Path) -> list[Path]:
 
     Raises StorageError.
     """
-    draws = {"payoff": _draw_payoff}
-    draws |= {"seats": _draw_seats} if tournament.seats else {}
+    draws = {"payoff": _draw_payoff, "seats": _draw_seats}
     draws |= {"training": _draw_training} if tournament.runs else {}
     draw_themes({name: partial(draw, tournament) for name, draw in draws.items()}, folder / PICTURES)
     text = page_text(tournament)
@@ -100,8 +97,7 @@ def page_text(tournament: Tournament) -> str:
                 f"- {escaped(run)}: {grown} of {len(points) - 1} policies are rated higher than the one before."
             )
         blocks += ["## Over training", picture_block("training", CAPTIONS["training"]), "\n".join(lines)]
-    if tournament.seats:
-        blocks += ["## Seats", picture_block("seats", CAPTIONS["seats"])]
+    blocks += ["## Seats", picture_block("seats", CAPTIONS["seats"])]
     blocks += ["## Again", f"```\n{tournament.command}\n```"]
     return "\n\n".join(blocks) + "\n"
 

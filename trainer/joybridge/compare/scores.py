@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import mean
 from typing import NamedTuple
 
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.config.metrics import Row
+from joybridge.config.metrics import HELD_OUT, Row
 
 FINAL = 0.1  # of the rows of metrics: their mean is the score of a run
 
@@ -27,10 +27,13 @@ class Run:
 
     seed: int
     points: tuple[Point, ...]  # at least one
+    measured: float | None = None  # by an evaluation at the end, of which the points are none
 
     @cached_property
     def score(self) -> float:
-        """Return the mean value of the last tenth of the rows, at least one."""
+        """Return what was measured at the end, or the mean value of the last tenth of the rows, at least one."""
+        if self.measured is not None:
+            return self.measured
         return mean(point.value for point in self.points[-math.ceil(FINAL * len(self.points)) :])
 
     @property
@@ -53,18 +56,28 @@ def score_at(run: Run, timesteps: int, interval: int, rows: int) -> float | None
 
 
 def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
-    """Return a run from its rows of metrics. Raises CheckpointError and ConfigError, which name the source."""
+    """Return a run from its rows of metrics. Raises CheckpointError and ConfigError, which name the source.
+
+    A metric that was only measured at the end, by `evaluate_during`, is the score, and the points are those of the same
+    metric in training.
+    """
+    values = [row[metric] for row in rows if metric in row]
+    if metric.startswith(HELD_OUT) and len(values) == 1 and metric in rows[-1]:
+        trained = score_run(rows, source, seed, metric.removeprefix(HELD_OUT))
+        return replace(trained, measured=_finite(values[0], f"{metric} is {values[0]} at the end", source))
     points = tuple(
         Point(int(row["timesteps"]), row.get("seconds", math.nan), row[metric]) for row in rows if metric in row
     )
     for point in points:
-        if not math.isfinite(point.value):
-            raise CheckpointError(
-                f"{source}: {metric} is {point.value} after {point.timesteps:,} timesteps, expected a finite number; "
-                "move it away"
-            )
+        _finite(point.value, f"{metric} is {point.value} after {point.timesteps:,} timesteps", source)
     if not points:
         known = sorted({name for row in rows for name in row} - {"timesteps", "seconds"})
         why = "no episode ended; lengthen the runs" if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
         raise ConfigError(f"{source} has no {metric}: {why}")
     return Run(seed, points)
+
+
+def _finite(value: float, what: str, source: str) -> float:
+    if not math.isfinite(value):
+        raise CheckpointError(f"{source}: {what}, expected a finite number; move it away")
+    return value

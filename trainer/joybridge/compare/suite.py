@@ -4,18 +4,32 @@ import argparse
 import json
 import shlex
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from statistics import mean
 from typing import Any, NamedTuple
 
 from joybridge.client.command_line import say
-from joybridge.compare.page import page_html
+from joybridge.compare.page import PICTURES, page_html, picture_block, table
+from joybridge.compare.pictures import Line, draw_themes, draw_times
+from joybridge.compare.table import read_table
+from joybridge.compare.variants import differences, file_name, read_variants
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
+from joybridge.config.metrics import HELD_OUT, numbers
 from joybridge.contract.files import read_file
 
 MAX_BYTES = 2**26  # of the numbers of a comparison
-COUNTING = ("policy.only_with=true,false",)  # for tasks whose choices have parameters of their own
+ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own
+STATE_DEPENDENT = '{"use_sde": true, "sde_sample_freq": 4}'  # exploration of Stable-Baselines3 that we have not
+# Keys that say what is trained, how long and how it is watched, not how.
+NO_SETTINGS = {
+    *("game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best_metric"),
+    "pipeline_groups",
+}
+TIMES = "seconds"  # the picture of scores over them
 
 
 class Task(NamedTuple):
@@ -23,37 +37,81 @@ class Task(NamedTuple):
 
     config: str  # the name of an installed configuration
     overrides: tuple[str, ...] = ()
-    grid: tuple[str, ...] = ()  # what else varies, KEY=VALUE,VALUE each
+    changes: tuple[str, ...] = ()  # of the configuration, one at a time, KEY=VALUE each
+    layouts: tuple[str, ...] = ()
+    metric: str = "reward"  # of the episodes at the end, with the most probable actions
+    aim: str = ""  # what is good, for people
+    gym: str = ""  # the environment, if the game is one
+    ppo: str = "{}"  # further arguments of PPO in Stable-Baselines3, JSON
+
+
+class Suite(NamedTuple):
+    """Tasks that are compared in the same way."""
+
+    tasks: Mapping[str, Task]
+    beside: str = ""  # another trainer
+    aims: str = ""  # head of their column; "": there are none
+
+
+def _hybrid(name: str, aim: str, layout: str, metric: str = "success") -> Task:
+    return Task(f"hybrid_suite/{name}", (), (ALL_IN_THE_LOSS, f"layout={layout}"), metric=metric, aim=aim)
+
+
+def _hard_move(actuators: int, stretch: str) -> Task:
+    layouts, aim = ("hybrid", "hybrid, power=bucket-5"), f"0.85 / {stretch}"
+    return Task("hybrid_suite/hard_move", (f"options.actuators={actuators}",), (), layouts, "success", aim)
 
 
 SUITES = {
-    "hybrid": {
-        **{
-            name: Task(f"hybrid_suite/{name}", grid=COUNTING)
-            for name in ("platform", "goal", "hard_goal", "catch_point", "moving", "sliding")
+    "hybrid": Suite(
+        {
+            "platform": _hybrid("platform", "0.90 / 0.98", "bucket-11", "reward"),
+            "goal": _hybrid("goal", "0.50 / 0.78", "bucket-11"),
+            "hard_goal": _hybrid("hard_goal", "0.40 / 0.60", "bucket-11"),
+            "catch_point": _hybrid("catch_point", "0.85 / 0.93", "bucket-16"),
+            "moving": _hybrid("moving", "0.90 / 0.98", "bucket-11"),
+            "sliding": _hybrid("sliding", "0.80 / 0.95", "bucket-11"),
+            **{f"hard_move-{n}": _hard_move(n, "0.94" if n == 4 else "0.95") for n in (4, 6, 8, 10)},
         },
-        **{f"hard_move-{n}": Task("hybrid_suite/hard_move", (f"options.actuators={n}",)) for n in (4, 6, 8, 10)},
-    }
+        aims="pass / stretch",
+    ),
+    "classic": Suite(
+        {
+            "cartpole": Task("classic/cartpole", gym="CartPole-v1"),
+            "acrobot": Task("classic/acrobot", gym="Acrobot-v1"),
+            "pendulum": Task("classic/pendulum", gym="Pendulum-v1", ppo=STATE_DEPENDENT),
+            "lunarlander": Task("classic/lunarlander", gym="LunarLander-v3"),
+            "lunarlander_continuous": Task("classic/lunarlander_continuous", gym="LunarLanderContinuous-v3"),
+            "bipedalwalker": Task("classic/bipedalwalker", gym="BipedalWalker-v3"),
+        },
+        beside="sb3",
+    ),
 }
-METRICS = {"hybrid": "success"}
 
 
 def compare_suite(options: argparse.Namespace, compare: Callable[[Namespace], int]) -> int:
     """Compare on every task, each in a folder of its name, and write the page; return 1 if anything is missing."""
-    missing: dict[str, str] = {}
-    status = 0
-    for name, task in SUITES[options.suite].items():
+    suite, missing, status = SUITES[options.suite], dict[str, str](), 0
+    if unknown := [name for name in options.tasks if name not in suite.tasks]:
+        raise ConfigError(f"--tasks got {' '.join(unknown)}; {options.suite} has {', '.join(suite.tasks)}")
+    for name, task in suite.tasks.items():
+        if options.tasks and name not in options.tasks:
+            continue
         say(f"{options.suite}: {name}")
         given = Namespace(**vars(options))
         given.config, given.output = task.config, options.output / name
-        given.overrides, given.set = [*task.overrides, *options.overrides], [*task.grid, *options.set]
-        given.metric = METRICS[options.suite]
+        given.overrides = [*task.overrides, *options.overrides]
+        if not (options.layouts or options.set or options.change):  # then these are what varies
+            given.layouts, given.change = [*task.layouts], [*task.changes]
+        given.metric, given.beside, given.ppo = f"{HELD_OUT}{task.metric}", suite.beside, task.ppo
+        if task.gym and not options.simulator:
+            given.game = [f"gym:{task.gym}"]
         try:
             status |= compare(given)
         except ConfigError as error:
             missing[name] = str(error)
             say(f"missing: {name}: {error}")
-    if len(missing) == len(SUITES[options.suite]):
+    if len(missing) == len(options.tasks or suite.tasks):
         raise ConfigError("there is nothing to compare, because every task is missing")
     for path in write_suite(options.suite, options.output, again(options), missing):
         print(path)
@@ -63,32 +121,47 @@ def compare_suite(options: argparse.Namespace, compare: Callable[[Namespace], in
 def again(options: argparse.Namespace) -> str:
     """Return the command that makes the comparison again."""
     words = ["joybridge", "compare", "--suite", options.suite]
+    words += ["--tasks", *options.tasks] if options.tasks else []
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
+    words += ["--change", *options.change] if options.change else []
     return shlex.join([*words, "--seeds", f"{options.seeds}", "--output", options.output.name, *options.overrides])
 
 
-def write_suite(suite: str, folder: Path, command: str, missing: dict[str, str]) -> list[Path]:
+def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) -> list[Path]:
     """Write the page of a suite, from the numbers of the comparisons in the folder. Raises StorageError."""
-    found = {name: data for name in SUITES[suite] if (data := _numbers(folder / name)) is not None}
+    suite = SUITES[name]
+    found = {task: data for task in suite.tasks if (data := _numbers(folder / task)) is not None}
     labels = list(dict.fromkeys(each["label"] for data in found.values() for each in data["variants"]))
-    head = [f"| task | timesteps | {' | '.join(labels)} |", f"|{'---|' * (2 + len(labels))}"]
-    rows = [f"| {name} | {_timesteps(data):,} | {' | '.join(_cells(data, labels))} |" for name, data in found.items()]
-    notes = [f"- {name}: {reason}" for name, reason in missing.items()]
+    heads = ["task", "timesteps", *([suite.aims] if suite.aims else []), *labels]
+    rows = []
+    for task, data in found.items():
+        aim = [suite.tasks[task].aim] if suite.aims else []
+        rows.append([task, f"{_timesteps(data):,}", *aim, *_cells(data, labels, _score_cell)])
+    costs = [[task, _settings(folder / task), *_cells(data, labels, _seconds_cell)] for task, data in found.items()]
+    lines = {task: _lines(folder / task, data, suite.tasks[task].metric) for task, data in found.items()}
+    draw_themes({TIMES: partial(draw_times, lines)}, folder / PICTURES)
+    notes = [f"- {task}: {reason}" for task, reason in missing.items()]
     blocks = [
-        f"# The suite {suite}",
-        f"The mean *{METRICS[suite]}* of the last tenth of the rows of metrics, of sampled actions while learning: the "
-        "interquartile mean over seeds, with its 95 % interval, and below it the score of each seed.",
-        "\n".join([*head, *rows]),
+        f"# The suite {name}",
+        f"The mean {', '.join(sorted({f'*{task.metric}*' for task in suite.tasks.values()}))} of the episodes that "
+        "each run's policy plays at the end, with the most probable actions and without learning: the interquartile "
+        "mean over seeds, with its 95 % interval, and below it the score of each seed.",
+        table(heads, rows),
         *(["These tasks are missing:\n\n" + "\n".join(notes)] if notes else []),
         "Each task has a page of its own, with curves and tests, in the folder of its name.",
-        f"## Again\n\n```\n{command}\n```",
+        "## What it took",
+        "Settings are the keys that differ from the preset, or from our defaults without one. Seconds are the mean "
+        "wall-clock time of a training, beside whatever else the machine did.",
+        table(["task", "settings", *labels], costs),
+        picture_block(TIMES, "Each run: the score of its episodes in training, with sampled actions, over seconds"),
+        f"## Again\n\n```sh\n{command}\n```",
     ]
     text = "\n\n".join(blocks) + "\n"
     files = {"page.md": text, "page.html": page_html(text, folder)}
-    for name, content in files.items():
-        write_atomically(folder / name, content.encode())
-    return [folder / name for name in files]
+    for path, content in files.items():
+        write_atomically(folder / path, content.encode())
+    return [folder / path for path in files]
 
 
 def _numbers(folder: Path) -> dict[str, Any] | None:
@@ -108,15 +181,39 @@ def _timesteps(data: dict[str, Any]) -> int:
     return max(int(each["curve"]["timesteps"][-1]) for each in data["variants"])
 
 
-def _cells(data: dict[str, Any], labels: list[str]) -> list[str]:
-    """Return a cell for each label: the mean with its interval, and the score of each seed."""
-    cells = []
+def _settings(folder: Path) -> str:
+    """Return how many keys of the first variant differ from its preset."""
+    config = next(iter(read_variants(folder).values())).config
+    before, now = Config(game=config.game, preset=config.preset).model_dump(), config.model_dump()
+    changed = {key for key, _, _ in differences(before, now)}
+    return f"{len({key for key in changed if key.partition('.')[0] not in NO_SETTINGS})}"
+
+
+def _lines(folder: Path, data: dict[str, Any], metric: str) -> list[Line]:
+    """Return a line over seconds for each run of a task."""
+    labels = {file_name(each["label"]): each["label"] for each in data["variants"]}
+    lines = []
+    for name, cells in read_table(folder).items():
+        points = [(row["seconds"], row[metric]) for row in numbers(cells) if metric in row and "seconds" in row]
+        if name.run.experiment in labels and points:
+            lines.append(Line(labels[name.run.experiment], *map(list, zip(*points, strict=True))))
+    return lines
+
+
+def _cells(data: dict[str, Any], labels: list[str], cell: Callable[[dict[str, Any], dict[str, Any]], str]) -> list[str]:
+    """Return a cell for each label, from the numbers of its variant and its times."""
     variants = {each["label"]: each for each in data["variants"]}
-    for label in labels:
-        if (each := variants.get(label)) is None:
-            cells.append("–")
-            continue
-        iqm = each["iqm"]
-        scores = ", ".join(f"{score:.3f}" for score in each["scores"])
-        cells.append(f"**{iqm['value']:.3f}** [{iqm['low']:.3f}, {iqm['high']:.3f}]<br>{scores}")
-    return cells
+    return [cell(variants[label], data["wall_clock"][label]) if label in variants else "–" for label in labels]
+
+
+def _score_cell(variant: dict[str, Any], _: dict[str, Any]) -> str:
+    """Return the mean with its interval, and the score of each seed."""
+    iqm = variant["iqm"]
+    digits = 3 if abs(iqm["value"]) < 10 else 1
+    scores = ", ".join(f"{score:.{digits}f}" for score in variant["scores"])
+    return f"**{iqm['value']:.{digits}f}** [{iqm['low']:.{digits}f}, {iqm['high']:.{digits}f}]<br>{scores}"
+
+
+def _seconds_cell(_: dict[str, Any], times: dict[str, Any]) -> str:
+    seconds = [each for each in times["seconds"] if each is not None]
+    return f"{mean(seconds):.0f}" if seconds else "–"

@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,8 @@ ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys th
 FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a comparison is repeated
 SEARCH = "search.journal"  # of Optuna, in the folder of a search
 VARIANTS = "variants.json"
+TRAINERS = {"sb3": "Stable-Baselines3"}  # others than ours, with their names for people
+MODULES = {"sb3": "stable_baselines3"}
 MAX_BYTES = 2**26  # of this file
 MAX_DIFFERENCES = 3  # differences that an error names
 # What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
@@ -35,11 +38,12 @@ class Variant:
 
     label: str  # what differs, for people: "bucket-11", or "hybrid, gamma=0.9"
     config: Config
+    by: str = ""  # the trainer, "sb3"; "": ours
 
     @property
     def name(self) -> str:
         """Return the name of its files."""
-        return re.sub(r"[^\w.+=-]+", "_", self.label.replace(", ", "-")).strip("_")
+        return file_name(self.label)
 
 
 class Kept(NamedTuple):
@@ -47,6 +51,18 @@ class Kept(NamedTuple):
 
     config: Config
     spec: pb.GameSpec  # of its game when the comparison began
+
+
+def file_name(label: str) -> str:
+    """Return the name of the files of a variant."""
+    return re.sub(r"[^\w.+=-]+", "_", label.replace(", ", "-")).strip("_")
+
+
+def beside(variants: Sequence[Variant], trainer: str) -> list[Variant]:
+    """Return the same variants, trained by another trainer. Raises ConfigError if it is not installed."""
+    if find_spec(MODULES[trainer]) is None:
+        raise ConfigError(f"--beside {trainer} needs {TRAINERS[trainer]}: `pip install {MODULES[trainer]}`")
+    return [Variant(f"{variant.label}, {TRAINERS[trainer]}", variant.config, trainer) for variant in variants]
 
 
 def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
@@ -65,27 +81,48 @@ def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
     return key, values
 
 
+def read_change(text: str) -> list[tuple[str, str]]:
+    """Return the keys and values of a change, which are set together: KEY=VALUE, with spaces between several.
+
+    Raises ConfigError.
+    """
+    pairs = [read_values(part, "--change") for part in text.split()]
+    if not pairs or any(len(values) > 1 for _, values in pairs):
+        raise ConfigError(
+            f"--change got {text!r}, expected KEY=VALUE, or several that are set together, as in "
+            "'policy.gamma=0.9 policy.epochs=8'; write a change for each value"
+        )
+    return [(key, value) for key, (value,) in pairs]
+
+
 def make_variants(
-    configs: Sequence[str], overrides: Sequence[str], grid: Sequence[tuple[str, Sequence[str]]]
+    configs: Sequence[str],
+    overrides: Sequence[str],
+    grid: Sequence[tuple[str, Sequence[str]]],
+    changes: Sequence[Sequence[tuple[str, str]]] = (),
 ) -> list[Variant]:
-    """Return a variant for each configuration and combination of values.
+    """Return a variant for each configuration and combination of values, unchanged and with each change alone.
 
     configs: files or names of installed configurations, all of one game. overrides: what all variants share, KEY=VALUE
-    each. grid: keys and their values. Raises ConfigError.
+    each. grid: keys and their values. changes: the keys and values of each. Raises ConfigError.
     """
     shared = {override.partition("=")[0] for override in overrides}
+    varied = {key for key, _ in grid}
+    if twice := sorted({key for change in changes for key, _ in change} & (shared | varied)):
+        raise ConfigError(f"--change {twice[0]}=…: {twice[0]} is set twice; set it once")
     for index, (key, _) in enumerate(grid):
         if key in shared or key in dict(grid[:index]):
             raise ConfigError(f"{key} is set twice; set it once, with all of its values")
     if "seed" in shared:
         raise ConfigError("seed=…: seeds are counted from 0; use --seeds for their number")
     paths, variants = [find_config(config) for config in configs], []
-    for path, values in itertools.product(paths, itertools.product(*(values for _, values in grid))):
-        pairs = [(key, value) for (key, _), value in zip(grid, values, strict=True)]
+    combinations = itertools.product(*(values for _, values in grid))
+    for path, values, change in itertools.product(paths, combinations, [(), *changes]):
+        pairs = [*((key, value) for (key, _), value in zip(grid, values, strict=True)), *change]
         made = load_config(path, [*overrides, *(f"{key}={value}" for key, value in pairs)])
         parts = [path.stem] if len(paths) > 1 else []
         parts += [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in pairs]
-        variants.append(Variant(", ".join(parts) or made.layout, made))
+        variants.append(Variant(", ".join(parts) or ("unchanged" if changes else made.layout), made))
     if len(games := {variant.config.game for variant in variants}) > 1:
         raise ConfigError(f"the configurations are of {' and '.join(sorted(games))}; compare those of one game")
     for one, other in itertools.combinations(variants, 2):

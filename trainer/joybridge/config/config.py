@@ -4,30 +4,30 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml, read_yaml
 from joybridge.config.errors import ConfigError
+from joybridge.config.games import SEVERAL, GameConfig, Games
 from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.presets import preset_of
 from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
-    "stop", "checkpoint_interval", "checkpoint_seconds", "keep", "timeout_seconds", "transport", "restarts",
-    "log_interval", "log_to", "evaluate_over",
+    "stop_at", "checkpoint_interval", "checkpoint_seconds", "keep_checkpoints", "timeout_seconds", "transport",
+    "max_restarts", "log_interval", "log_to", "stratify_by",
 )  # fmt: skip
 OF_THE_GAME = ("options", "parameters")
-OF_THE_HAND = ("hand_delay", "hand_hold", "hand_reach", "hand_change", "hand_noise")
-MAY_DIFFER = (  # from the training, when a trained policy plays
-    *OF_THE_GAME, *OF_THE_HAND, "timeout_seconds", "transport",
-)  # fmt: skip
+OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_during")  # not of several
+MAY_DIFFER = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")  # from the training, when a policy plays
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
-    "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "policy": "policy.KEY=VALUE",
+    "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "hand": "hand.KEY=VALUE",
+    "memory": "policy.memory.KEY=VALUE", "opponents": "opponents.KEY=VALUE", "policy": "policy.KEY=VALUE",
     "policies": "policies.NAME.KEY=VALUE", "shares": "opponents.shares.NAME=SHARE",
     "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
 }  # fmt: skip
@@ -35,7 +35,7 @@ FORMS = {
 CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
 MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
 
-# Names of other libraries, with the key to use instead.
+# Names of other libraries, and short ones, with the key to use instead.
 OTHER_NAMES = {
     "num_envs": "arenas", "n_envs": "arenas", "num_agents": "arenas", "max_steps": "total_timesteps",
     "total_steps": "total_timesteps", "num_timesteps": "total_timesteps", "summary_freq": "log_interval",
@@ -57,7 +57,8 @@ OTHER_NAMES = {
     "value_coef": "policy.vf_coef", "vf_loss_coeff": "policy.vf_coef", "clip_range_vf": "policy.clip_vloss",
     "clip_value_loss": "policy.clip_vloss", "norm_adv": "policy.normalize_advantage",
     "orthogonal_init": "policy.ortho_init", "log_std": "policy.log_std_init",
-    "adam_epsilon": "policy.adam_eps",
+    "adam_epsilon": "policy.adam_eps", "keep": "keep_checkpoints", "stop": "stop_at", "best": "best_metric",
+    "groups": "pipeline_groups", "restarts": "max_restarts",
 }  # fmt: skip
 
 Schedule = Literal["linear", "constant"]
@@ -158,8 +159,9 @@ class OpponentsConfig(Checked):
     """Who plays beside the learner in a game of several agents."""
 
     shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
-        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, or the folder of "
-        "another run; one seat of a match is always the learner's; none: it holds all"
+        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, the folder of "
+        "another run, an exported policy.json, or `script:NAME` of the game; one seat of a match is always the "
+        "learner's; none: it holds all"
     )  # fmt: skip
     sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
         "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
@@ -179,6 +181,24 @@ class OpponentsConfig(Checked):
         return shares
 
 
+class HandConfig(Checked):
+    """What a person's hand can do. The defaults change nothing."""
+
+    delay: int = Field(
+        0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
+    )
+    hold: int = Field(
+        1, ge=1, description="minimum decisions between changes of a branch; 3 allows one press every 6 decisions"
+    )
+    reach: float = Field(
+        1.0, gt=0, le=1, description="the farthest an axis goes, as a share of the way from rest to its end"
+    )
+    change: float = Field(
+        1.0, gt=0, le=1, description="the most that an axis changes in a decision, as a share of its range"
+    )
+    noise: float = Field(0.0, ge=0, description="standard deviation of an axis, as a share of its distance from rest")
+
+
 class Config(Checked):
     """A whole run."""
 
@@ -195,6 +215,15 @@ class Config(Checked):
         [],
         description="lessons, one after the other: `parameters`, and `until` when, see Curricula in docs/training.md",
     )
+    games: Games = Field(
+        {}, description="several games that one policy plays, in place of `game`: a name for each, then its keys, see "
+        "docs/several-games.md"
+    )  # fmt: skip
+    common_device: dict[str, Annotated[list[str], Field(min_length=1)]] = Field(
+        {}, description="parts of the device of several games, by hand: a name, then the axes or the branches that it "
+        "stands for, each as PART or GAME.PART; others go by their names"
+    )  # fmt: skip
+    tell_game: bool = Field(False, description="let the policy know which of several games it plays")
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
@@ -202,7 +231,7 @@ class Config(Checked):
         "NAME=LAYOUT for an axis, a branch or a behavior",
     )
     arenas: int = Field(75, ge=1, le=2**20, description="copies of the game that are played at once")
-    groups: int = Field(
+    pipeline_groups: int = Field(
         2, ge=1, description="parts of the arenas that take turns: one is played while others are decided for"
     )
     accelerator: Literal["cpu", "cuda"] = Field(
@@ -210,7 +239,7 @@ class Config(Checked):
     )
     seed: int = Field(0, ge=0, lt=2**64, description="of the game, the networks and the samples")
     total_timesteps: int = Field(30_000_000, ge=1, description="length of the run, and of its schedules")
-    stop: int | None = Field(
+    stop_at: int | None = Field(
         None, ge=1, description="end earlier, after so many timesteps, with the schedules unchanged"
     )
     log_interval: int = Field(300_000, ge=1, description="timesteps between two rows of metrics")
@@ -219,7 +248,7 @@ class Config(Checked):
     )
     checkpoint_interval: int = Field(1_000_000, ge=1, description="timesteps between two checkpoints")
     checkpoint_seconds: float = Field(60.0, gt=0, description="seconds between two checkpoints, if this is sooner")
-    keep: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
+    keep_checkpoints: int = Field(2, ge=1, description="checkpoints that are kept, the newest ones")
     timeout_seconds: float = Field(
         30.0,
         gt=0,
@@ -229,8 +258,8 @@ class Config(Checked):
     transport: Literal["auto", "local", "grpc"] = Field(
         "auto", description="of a session's messages; local: a Unix socket, auto: that if the simulator offers it"
     )
-    restarts: int = Field(10, ge=0, description="how often training goes on after a simulator was lost")
-    best: str = Field(
+    max_restarts: int = Field(10, ge=0, description="maximum number of recoveries from a lost simulator")
+    best_metric: str = Field(
         "reward", description="metric whose highest value marks the best checkpoint; -length: the lowest of length"
     )
     weights_from: str | None = Field(
@@ -247,7 +276,7 @@ class Config(Checked):
         None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
         "and `parameters` that differ, see Held-out settings in docs/training.md"
     )  # fmt: skip
-    evaluate_over: str | None = Field(
+    stratify_by: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
     opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
@@ -259,23 +288,7 @@ class Config(Checked):
         0.1, gt=0, le=1, description="with `pointer: velocity`, the farthest that a pointer moves in a decision, as a "
         "share of its range"
     )  # fmt: skip
-    hand_delay: int = Field(
-        0, ge=0, le=1000, description="decisions between an observation and the action that answers it: reaction time"
-    )
-    hand_hold: int = Field(
-        1,
-        ge=1,
-        description="least decisions between two changes of a branch; a button is pressed once in twice as many",
-    )
-    hand_reach: float = Field(
-        1.0, gt=0, le=1, description="the farthest an axis goes, as a share of the way from rest to its end"
-    )
-    hand_change: float = Field(
-        1.0, gt=0, le=1, description="the most that an axis changes in a decision, as a share of its range"
-    )
-    hand_noise: float = Field(
-        0.0, ge=0, description="standard deviation of an axis, as a share of its distance from rest"
-    )
+    hand: HandConfig = Field(HandConfig(), description="limits of a person's hand, between policies and the game")
     policy: PolicyConfig = Field(PolicyConfig(), description="what all policies share")
     policies: dict[str, dict[str, Any]] = Field(
         {}, description="what differs for one policy: its name, then a key as those of policy"
@@ -285,7 +298,40 @@ class Config(Checked):
     @classmethod
     def _with_preset(cls, data: Any) -> Any:
         """Lay the given keys on top of those of their preset."""
-        return merge(preset_of(data), data) if isinstance(data, dict) else data
+        if not isinstance(data, dict):
+            return data
+        name = {"game": SEVERAL} if data.get("games") else {}
+        return merge(name | preset_of(data), data)
+
+    @model_validator(mode="after")
+    def _one_game_or_several(self) -> Self:
+        """Refuse what belongs to one game beside several."""
+        if self.games and self.game != SEVERAL:
+            raise ValueError(f"there is a game, {self.game!r}, beside `games`; give one of the two")
+        wrong = [key for key in OF_ONE_GAME if getattr(self, key)] if self.games else []
+        wrong += ["opponents"] if self.games and self.opponents.shares else []
+        wrong += [key for key in ("common_device", "tell_game") if getattr(self, key)] if not self.games else []
+        if wrong:
+            hint = f"write games.NAME.{wrong[0]}" if wrong[0] in OF_THE_GAME else "leave it out"
+            raise ValueError(f"`{wrong[0]}` does not go with {'several games' if self.games else 'one game'}; {hint}")
+        if len(self.games) > self.arenas:
+            raise ValueError(f"{self.arenas} arenas are too few for {len(self.games)} games")
+        return self
+
+    @property
+    def played(self) -> dict[str, GameConfig]:
+        """Return the games that are played, by name: those of `games`, or the only one."""
+        if self.games:
+            return {name: one.model_copy(update={"game": one.game or name}) for name, one in self.games.items()}
+        return {self.game: GameConfig(game=self.game, options=self.options, parameters=self.parameters)}
+
+    def of_game(self, name: str) -> "Config":
+        """Return the configuration when only this one of several games is played. Raises ConfigError."""
+        if name not in self.games:
+            known = ", ".join(self.games) or f"only {self.game}"
+            raise ConfigError(f"there is no game {name!r} among several; there are {known}; see --only-game")
+        one = self.played[name]
+        return self.model_copy(update={"game": one.game, "options": one.options, "parameters": one.parameters})
 
     def policy_config(self, name: str) -> PolicyConfig:
         """Return the configuration of the policy called `name`. Raises ConfigError."""
@@ -295,7 +341,7 @@ class Config(Checked):
     @property
     def end(self) -> int:
         """Return the number of timesteps after which the run stops."""
-        return min(self.total_timesteps, self.stop or self.total_timesteps)
+        return min(self.total_timesteps, self.stop_at or self.total_timesteps)
 
 
 def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -> Config:
@@ -330,7 +376,7 @@ def dump_config(config: Config) -> str:
 def play_settings(config: Config) -> dict[str, Any]:
     """Return the options, parameters and limits of the hand that are set, by key: {"parameters.size": 0.5}."""
     of_game = {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
-    return of_game | {key: getattr(config, key) for key in OF_THE_HAND}
+    return of_game | {f"hand.{key}": value for key, value in config.hand}
 
 
 def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
@@ -360,6 +406,8 @@ def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
         if first["type"] == "missing":
             raise ConfigError(f"{key}: it is missing; every configuration has this key") from None
         reason = _expected(key, value, first["type"]) or first["msg"].removeprefix("Value error, ")
+        if not first["loc"]:  # several keys contradict each other
+            raise ConfigError(reason) from None
         raise ConfigError(f"{key}: got {_show(value)}; {reason}") from None
 
 

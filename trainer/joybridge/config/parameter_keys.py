@@ -89,8 +89,11 @@ class Lesson(Checked):
 class EvaluateDuring(Checked):
     """What policies play in between to be measured, without learning."""
 
-    every: int = Field(ge=1, description="timesteps; the next row of metrics gets the columns held_out_…")
+    every: int | None = Field(
+        None, ge=1, description="timesteps; the next row of metrics gets the columns held_out_…; null: the last one"
+    )
     episodes: int = Field(64, ge=1, le=MOST_EPISODES, description="that are played each time, the same ones")
+    deterministic: bool = Field(False, description="take the most probable action instead of sampling")
     options: dict[str, str] = Field({}, description="options that differ from the training")
     parameters: dict[str, Value] = Field({}, description="parameters that differ from the training")
 

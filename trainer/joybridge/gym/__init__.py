@@ -34,6 +34,9 @@ Masks. A forbidden choice raises ActionError and is not played. With `forbidden=
 choice of its branch is played instead. Continuous actions, as those of threshold-T, are never an error: where they
 would make a forbidden choice, they make the first allowed one. Training does the same.
 
+Others. `BridgeEnv("noughts", others=["script:perfect"])` and `BridgeVectorEnv(…, others=["runs/x"])` leave the first
+agent of each arena to you, and let others hold all other seats: policies of runs, exported files, scripts of the game.
+
 Pictures. With `render_mode="rgb_array"`, `render` returns the picture after the last step. The simulator draws in a
 step, so steps are drawn from the first call of `render` until the next reset, and the first picture is black.
 

@@ -11,6 +11,7 @@ from joybridge.client.own_games import Game, Games
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, only_parameters
 from joybridge.gym.observer import one_row
+from joybridge.gym.settings import EnvSettings
 
 
 class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
@@ -37,6 +38,7 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         sensors: Sequence[str] | None = None,
         reward_weights: Mapping[str, float] | None = None,
         forbidden: str = "error",
+        others: Sequence[str] = (),
         games: Games = (),
         simulator: str | None = None,
         render_mode: str | None = None,
@@ -49,17 +51,32 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         all episodes until a reset with another seed. options and parameters: of the game, by name. sensors: names of
         those to observe; None: all. reward_weights: weights of reward channels that differ from the defaults of the
         game. forbidden: what a choice that its mask forbids does: "error" raises ActionError, "first_allowed" plays the
-        first choice of its branch that is allowed. games: further games of your own to offer. simulator: HOST:PORT or
+        first choice of its branch that is allowed. others: who hold all seats but the first of each arena, in a game of
+        several agents, in turn: folders of runs, exported policies or script:NAME, as in `joybridge evaluate --others`;
+        this needs joybridge[train]. games: further games of your own to offer. simulator: HOST:PORT or
         unix:PATH of one that is running; None: start one. render_mode: None or "rgb_array".
 
         Raises ConfigError, which is a ValueError, for an argument that cannot be used; SimulatorError if the simulator
         rejects an option or parameter; SimulatorLost if it cannot be started or reached.
         """
-        self._bridge = Bridge(
-            game, arenas=arenas, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
-            parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
-            simulator=simulator, render_mode=render_mode, single=True, split=False,
-        )  # fmt: skip
+        settings = EnvSettings(
+            game=game,
+            arenas=arenas,
+            layout=layout,
+            frame_stack=frame_stack,
+            flatten=flatten,
+            seed=seed,
+            options=options,
+            parameters=parameters,
+            sensors=sensors,
+            reward_weights=reward_weights,
+            forbidden=forbidden,
+            games=games,
+            simulator=simulator,
+            render_mode=render_mode,
+            others=others,
+        )
+        self._bridge = Bridge(settings, single=True, split=False)
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
         self.render_mode = render_mode

@@ -1,4 +1,10 @@
-"""Which parts of a policy's action count: some axes of a device count only with a choice (`Axis.only_with`)."""
+"""Which parts of a policy's action count: some axes of a device count only with a choice (`Axis.only_with`).
+
+A game among several may lack parts of the common device: what sets only these never counts in its lanes.
+"""
+
+from collections.abc import Collection, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -17,6 +23,13 @@ def needed_choice(device: pb.Device, axis: int) -> tuple[int, int] | None:
     return None  # also for a part of a device that lacks the branch
 
 
+class Counting(Protocol):
+    """What says which parts of actions count in the lanes of one group."""
+
+    def counts(self, choices: Array) -> Array:
+        """Return which parts count, bool [lanes, parts]. choices int [lanes, branches]: those of the device."""
+
+
 class Conditions:
     """With which choices of a device the parts of an action count: the policy's branches, then its continuous actions.
 
@@ -24,15 +37,23 @@ class Conditions:
     if all parts always count.
     """
 
-    def __init__(self, layout: Layout, device: pb.Device) -> None:
-        """Take the layout of a policy, and the whole device of its behavior."""
+    def __init__(
+        self, layout: Layout, device: pb.Device, no_axes: Collection[int] = (), no_branches: Collection[int] = ()
+    ) -> None:
+        """Take the layout of a policy, and the whole device of its behavior.
+
+        no_axes, no_branches: parts of the device, by their indices, that do nothing.
+        """
         parts = [*layout.discrete, *layout.continuous]
         self._parts = len(parts)
         self._needs: dict[int, list[tuple[int, int]]] = {}  # any of these choices makes a part count
         for index, part in enumerate(parts):
-            axes, branches = covers(part)
+            axes, branches = (
+                [one for one in whole if one not in none]
+                for whole, none in zip(covers(part), (no_axes, no_branches), strict=True)
+            )
             needs = [need for axis in axes if (need := needed_choice(device, axis)) is not None]
-            if not branches and len(needs) == len(axes):
+            if not branches and len(needs) == len(axes):  # without any axis it never counts
                 self._needs[index] = needs
 
     def __bool__(self) -> bool:
@@ -43,4 +64,20 @@ class Conditions:
         counts = np.ones((len(choices), self._parts), bool)
         for part, needs in self._needs.items():
             counts[:, part] = np.any([choices[:, branch] == choice for branch, choice in needs], axis=0)
+        return counts
+
+
+class ConditionsOfGames:
+    """The conditions of several games, each of which is played in some lanes of one group."""
+
+    def __init__(self, games: Sequence[Conditions], kinds: Array) -> None:
+        """Take the conditions of each game, and which game each lane plays, int [lanes]."""
+        self._lanes = [(conditions, np.flatnonzero(kinds == kind)) for kind, conditions in enumerate(games)]
+
+    def counts(self, choices: Array) -> Array:
+        """Return which parts count, bool [lanes, parts]. choices int [lanes, branches]: those of the device."""
+        parts = [conditions.counts(choices[lanes]) for conditions, lanes in self._lanes]
+        counts = np.empty((len(choices), parts[0].shape[1]), bool)
+        for (_, lanes), part in zip(self._lanes, parts, strict=True):
+            counts[lanes] = part
         return counts

@@ -10,7 +10,7 @@ from joybridge.client.sharded_session import single_sessions
 from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
 from joybridge.play.input_statistics import InputMeasures, Inputs
-from joybridge.play.playing import Change, Play, open_play
+from joybridge.play.playing import Change, Play, PlaySpec, open_play
 from joybridge.policy.episodes import Episodes, equal_shares
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
@@ -25,40 +25,39 @@ class Evaluation:
     means: Row
     half_widths: Row
     returns: list[float]  # of every episode, lane by lane
-    by_choice: dict[str, float]  # mean reward under each choice of the option `evaluate_over`
+    by_choice: dict[str, float]  # mean reward under each choice of the option `stratify_by`
     changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
     behavior: str  # which the policy plays, or a part of
     inputs: Inputs | None  # what the agents of this behavior did with their devices; None: not measured
 
 
 def evaluate(
-    run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
-    overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
-    others: Path | None = None,
-) -> dict[str, Evaluation]:  # fmt: skip
-    """Play so many episodes of a run's policies; return an Evaluation per policy.
+    plays: PlaySpec, *, episodes: int, say: Callable[[str], None], demos: Path | None = None, inputs: bool = False
+) -> dict[str, Evaluation]:
+    """Play a number of episodes of a run's policies; return an Evaluation per policy.
 
-    overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
-    its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
-    with their devices. others: a run whose policies hold all seats but one of each arena; only this one counts.
+    demos: record what is played in this folder. inputs: measure what the agents do with their devices. Of an arena
+    with others, only the seat that they do not hold counts.
 
-    Where the configuration names an option in `evaluate_over`, every choice of it but the default is played equally
+    Where the configuration names an option in `stratify_by`, every choice of it but the default is played equally
     often. How many episodes of an arena count is fixed beforehand, so short ones count no more often than long ones.
     Each agent of an arena has its own episodes. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
     """
-    with open_play(
-        run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint, others=others,
-    ) as play:  # fmt: skip
+    with open_play(plays, episodes=episodes) as play:
         actions = (
-            "the most probable actions" if deterministic else "sampled actions (--deterministic: the most probable)"
+            "the most probable actions"
+            if plays.deterministic
+            else "sampled actions (--deterministic: the most probable)"
         )
         say(play.heading(actions))
         if demos:
             say(f"recorded in {demos}")
+            arena = 0
             for session in single_sessions(play.session):
-                session.record_demonstration(demos)
-        balanced = f", as many for each {play.config.evaluate_over}" if len(play.choices) > 1 else ""
+                shown, arenas = session.record_demonstration(demos), slice(arena, arena := arena + session.arenas)
+                if plays.others:
+                    shown.hold([np.flatnonzero(_of_arenas(held, play.arenas, arenas)).tolist() for held in play.held])
+        balanced = f", as many for each {play.config.stratify_by}" if len(play.choices) > 1 else ""
         say(f"{episodes} episodes in {play.arenas} arenas{balanced}")
         spec, behaviors = play.spec, {player.actor.behavior: player.lanes for player in play.players}
         seconds = spec.tick_seconds * spec.decision_interval
@@ -73,6 +72,12 @@ def evaluate(
         player.actor.name: _summarize(tables[player.actor.name], play, player.actor.behavior, results)
         for player in play.players
     }
+
+
+def _of_arenas(lanes: Array, arenas: int, part: slice) -> Array:
+    """Return the values [lanes] of some of all arenas."""
+    values: Array = lanes.reshape(arenas, -1)[part].reshape(-1)
+    return values
 
 
 def _summarize(table: Episodes, play: Play, behavior: int, inputs: Mapping[int, Inputs]) -> Evaluation:

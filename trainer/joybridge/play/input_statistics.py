@@ -17,7 +17,7 @@ import numpy as np
 from joybridge.config.metrics import Row
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
-from joybridge.play.device_names import AxisPair, pair_axes, rest_choice
+from joybridge.layouts.device_names import AxisPair, pair_axes, rest_choice
 from joybridge.v1 import bridge_pb2 as pb
 
 WIDTH = 0.05  # of what is aimed at, for Fitts's law: a share of the range, or seconds at full deflection

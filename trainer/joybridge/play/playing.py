@@ -1,6 +1,6 @@
 """Play the policies of a run without learning: what evaluation, recording and the tools share.
 
-with open_play(run, address, seed=1) as play:
+with open_play(PlaySpec(run, address, seed=1)) as play:
     for decision in play.decisions():
         ...
 """
@@ -14,21 +14,22 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.client.client import Session
-from joybridge.client.sharded_session import ShardedSession, open_session
+from joybridge.client.several_session import SeveralSession
+from joybridge.client.sharded_session import ShardedSession, divide, open_session, session_spec
 from joybridge.config.config import Config, play_settings
-from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import Value, drawn, fixed, value_text
+from joybridge.config.game_settings import Value, value_text
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.play.policy_view import PolicyView
 from joybridge.policy.actor import trained_actors
 from joybridge.policy.config_fit import fitting_spec
+from joybridge.policy.lineup import make_lineup
 from joybridge.policy.players import Players
 from joybridge.policy.stratify import balanced_options
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.folder import SPEC, play_config, run_spec
-from joybridge.run.league import load_run
+from joybridge.run.others import seat_others
 from joybridge.run.run_state import load_state
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -72,7 +73,7 @@ class Play:
 
     def __init__(
         self, config: Config, changed: dict[str, Change], choices: Sequence[str], arenas: int,
-        session: Session | ShardedSession, policies: Policies, held: Sequence[Array],
+        session: Session | ShardedSession | SeveralSession, policies: Policies, held: Sequence[Array],
     ) -> None:  # fmt: skip
         """Play `arenas` arenas. changed: what differs from the training. choices: see `balanced_options`.
 
@@ -93,13 +94,24 @@ class Play:
         return "; ".join([f"policy after {self.timesteps:,} timesteps{actions and f', {actions}'}", *changed])
 
     def view(self) -> PolicyView:
-        """Return what draws the images that the policies see."""
-        return PolicyView(self.spec, [(player.actor.behavior, player.actor.encoder) for player in self.players])
+        """Return what draws the images that the policies see, and what they remember."""
+        encoders = [(player.actor.behavior, player.actor.encoder) for player in self.players]
+        return PolicyView(self.spec, encoders, [len(states) for states in self.remembered()])
+
+    def remembered(self) -> list[Array]:
+        """Return what each policy with memory remembers in the first arena to act on, [agents, numbers]."""
+        states = []
+        for player in self.players:
+            memory, state = player.actor.network.actor.memory, player.observations.memory
+            if memory is not None and state is not None:
+                agents = self.spec.behaviors[player.actor.behavior].agents_per_arena
+                states.append(state[:agents, : memory.state_size])  # what follows is the critic's
+        return states
 
     def decisions(self, draw_every: int = 0) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.
 
-        A session over several choices of `evaluate_over` cannot be drawn. Raises SimulatorError.
+        A session over several choices of `stratify_by` cannot be drawn. Raises SimulatorError.
         """
         session, number = self.session, 0
         while True:
@@ -108,55 +120,68 @@ class Play:
             acts = self._policies.act(before)
             pictures: list[Array] = []
             if draw_every and number % draw_every == 0:
-                assert isinstance(session, Session)
+                assert not isinstance(session, ShardedSession)
                 after, pictures = session.step_and_draw(acts, [0])
             else:
                 after = session.step(acts)
             yield Played(before, acts, after, self._policies.store(after), pictures)
 
 
+@dataclass(frozen=True)
+class PlaySpec:
+    """Which policies play, where and how."""
+
+    run: Path
+    address: str  # of the simulator
+    seed: int  # of the games and the samples
+    deterministic: bool = False  # take the most probable actions
+    overrides: Sequence[str] = ()  # "key=value" each: options and parameters of the game that differ from the training
+    checkpoint: str = ""  # "best", its timesteps, or "" for the newest
+    others: Sequence[str] = ()  # who hold all seats but one of each arena, in turn, see `load_other`
+    only_game: str = ""  # which of several games is played; "": the first
+
+
 @contextmanager
-def open_play(
-    run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False,
-    overrides: Sequence[str] = (), checkpoint: str = "", others: Path | None = None,
-) -> Iterator[Play]:  # fmt: skip
+def open_play(plays: PlaySpec, *, episodes: int = 0, arenas_limit: int = 64) -> Iterator[Play]:
     """Load a checkpoint of a run and open a session at a simulator; the session is closed on leaving.
 
-    checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
-    game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
-    so many episodes at once, at most `arenas_limit` per choice of the option `evaluate_over`; arenas of the same choice
-    are side by side. others: a run whose policies hold all seats but one of each arena.
-    `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
+    episodes: 0 plays one arena under the options of the run. Otherwise arenas for this number of episodes at once, at
+    most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice are side by side.
+
+    Raises SimulatorError, CheckpointError and ConfigError.
     """
-    config = play_config(run, overrides)
-    spec = fitting_spec(address, config)
+    run, seed, address = plays.run, plays.seed, plays.address
+    trained, config = play_config(run, ()), play_config(run, plays.overrides)
+    lineup = make_lineup(address, config) if config.games or plays.only_game else None
+    if lineup:
+        game = plays.only_game or next(iter(config.games))
+        trained, config = trained.of_game(game), config.of_game(game)
+        address = lineup.games[game].simulator or address
+    spec = lineup.spec_of(game) if lineup else fitting_spec(address, config)
     options = balanced_options(config, spec) if episodes else {"": config.options}
     arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
-    policies = Policies(run, config, spec, arenas, seed, deterministic=deterministic, checkpoint=checkpoint)
-    session = open_session(
-        [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
-        parameters=fixed(config.parameters), distributions=drawn(config.parameters), timeout=config.timeout_seconds,
-        transport=config.transport,
-    )  # fmt: skip
+    policies = Policies(run, config, spec, arenas, seed, deterministic=plays.deterministic, checkpoint=plays.checkpoint)
+    parts = divide(session_spec(config, arenas, seed), len(options), [*options.values()])
+    session: Session | ShardedSession | SeveralSession = open_session([address] * len(parts), parts)
+    if lineup and not isinstance(session, SeveralSession):
+        session = SeveralSession([session], [arenas], [lineup.translation(game, alone=True)], spec)
     with closing(session):
         table = Table(spec, arenas, seed)
-        if others:
-            if table.seats.count < 2:
-                raise ConfigError(f"--others: {spec.name} has one agent, which plays alone; leave the option out")
-            table.join(1, load_run(others, config, spec))
-            for arena in range(arenas):
-                table.seats.begin(arena, np.arange(table.seats.count) != arena % table.seats.count)
+        if plays.others:
+            table = seat_others(plays.others, config.game, spec, arenas, seed)
+            for arena, dealt in enumerate(table.seats.dealt.tolist()):
+                table.seats.begin(arena, np.roll(dealt, arena))
             policies.seat(table)
         held = [table.seats.holders(behavior) == 0 for behavior in range(len(spec.behaviors))]
         policies.begin(session.steps)
-        changed = changed_settings(play_config(run, ()), config, spec)
+        changed = changed_settings(trained, config, lineup.specs[game] if lineup else spec)
         if (run / SPEC).exists() and (was := run_spec(run).version) != spec.version:
             changed["version"] = Change(was, spec.version)
         yield Play(config, changed, list(options), arenas, session, policies, held)
 
 
 def changed_settings(trained: Config, played: Config, spec: pb.GameSpec) -> dict[str, Change]:
-    """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand_delay"."""
+    """Return what differs between two configurations of a game, by key, as in "parameters.size" and "hand.delay"."""
     defaults: dict[str, str | Value] = {f"options.{option.name}": option.default_choice for option in spec.options}
     defaults |= {f"parameters.{parameter.name}": parameter.default_value for parameter in spec.parameters}
     before, now = defaults | play_settings(trained), defaults | play_settings(played)

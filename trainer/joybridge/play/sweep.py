@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from joybridge.config.config import FORMS, OF_THE_GAME, OF_THE_HAND
+from joybridge.config.config import FORMS, OF_THE_GAME, HandConfig
 from joybridge.config.errors import ConfigError
 
 if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
@@ -20,7 +20,7 @@ COLUMNS = 3
 class Sweep(NamedTuple):
     """An option or a parameter of a game, or a limit of the hand, and the values to play."""
 
-    key: str  # as in "parameters.size" or "hand_delay"
+    key: str  # as in "parameters.size" or "hand.delay"
     values: list[str]
 
     @property
@@ -39,9 +39,9 @@ def read_sweep(text: str) -> Sweep:
     key, _, values = text.partition("=")
     sweep = Sweep(key, [value.strip() for value in values.split(",")])
     where, _, name = key.partition(".")
-    known = key in OF_THE_HAND or (where in OF_THE_GAME and name)
+    known = name in HandConfig.model_fields if where == "hand" else where in OF_THE_GAME and name
     if not known or not all(sweep.values):
-        wanted = " or ".join([*(f"{FORMS[form]},…" for form in OF_THE_GAME), "hand_KEY=VALUE,…"])
+        wanted = " or ".join(f"{FORMS[form]},…" for form in (*OF_THE_GAME, "hand"))
         raise ConfigError(f"--over got {text!r}, expected {wanted}, as in parameters.size=0.5,1,2")
     if len(set(sweep.values)) < len(sweep.values):
         raise ConfigError(f"--over got {text!r}, which names a value twice; name each value once")

@@ -1,4 +1,4 @@
-"""Tournaments: frozen policies of one or several runs hold the seats of many matches."""
+"""Tournaments: frozen policies of one or several runs, and scripts, hold the seats of many matches."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
@@ -7,16 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from joybridge.client.sharded_session import open_session
+from joybridge.client.sharded_session import session_spec
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.players import Players
 from joybridge.policy.seats import Result
-from joybridge.policy.table import Table
+from joybridge.policy.table import Guest, Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.checkpoint import checkpoints, read_checkpoint
 from joybridge.run.pool import load_pooled, pooled, thinned
@@ -63,7 +62,7 @@ def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Act
 
 
 def play_tournament(
-    players: Mapping[str, Sequence[Actor]], config: Config, *, address: str, matches: int, seed: int,
+    players: Mapping[str, Sequence[Actor | Guest]], config: Config, *, address: str, matches: int, seed: int,
     say: Callable[[str], None],
 ) -> list[Result]:  # fmt: skip
     """Play at least so many matches; in the results, holders are indices of `players`.
@@ -73,12 +72,7 @@ def play_tournament(
     """
     use_one_thread()
     arenas = min(MAX_ARENAS, matches, fitting_spec(address, config).max_arenas)
-    session = open_session(
-        [address], config.game, arenas=arenas, seed=seed, options=[config.options],
-        parameters=fixed(config.parameters), distributions=drawn(config.parameters), timeout=config.timeout_seconds,
-        transport=config.transport,
-    )  # fmt: skip
-    with closing(session):
+    with closing(session_spec(config, arenas, seed).open(address)) as session:
         spec = session.spec
         seated, table = Players([], config, spec, arenas, seed), Table(spec, arenas, seed)
         seated.seat(table)

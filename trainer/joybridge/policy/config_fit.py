@@ -10,7 +10,8 @@ from joybridge.config.game_settings import check_drawn, check_settings, distribu
 from joybridge.config.metrics import column_name
 from joybridge.layouts import Role, list_roles
 from joybridge.policy.encoder import ObservationEncoder
-from joybridge.policy.hand import moved_axes
+from joybridge.policy.hand import pointer_speeds
+from joybridge.policy.lineup import make_lineup
 from joybridge.policy.scaling import make_scaling
 from joybridge.policy.stratify import balanced_options
 from joybridge.ppo.images import check_maps
@@ -23,7 +24,12 @@ def find_and_load(text: str, overrides: Sequence[str] = ()) -> Config:
 
 
 def fitting_spec(address: str, config: Config) -> pb.GameSpec:
-    """Return the spec of a configuration's game under its options. Raises SimulatorError and ConfigError."""
+    """Return the spec of a configuration's game under its options. Raises SimulatorError and ConfigError.
+
+    That of several games is their common spec.
+    """
+    if config.games:
+        return make_lineup(address, config).spec
     if config.options:
         # With a wrong option there would be no spec.
         check_settings(config.options, config.parameters, describe(address, config.game, {}))
@@ -38,7 +44,7 @@ def check_fit(config: Config, spec: pb.GameSpec) -> None:
     check_settings(config.options, config.parameters, spec)
     check_curriculum(config, spec)
     balanced_options(config, spec)
-    moved_axes(config, spec)
+    pointer_speeds(config, spec)
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]
         weights, images = policy.reward_weights, policy.image_encoder

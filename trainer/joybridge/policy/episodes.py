@@ -12,12 +12,17 @@ from joybridge.contract.tensors import Array
 class Episodes:
     """Sums up the episodes of one policy's lanes."""
 
-    def __init__(self, lanes: int, metrics: Sequence[str], drawn: Mapping[int, str] | None = None) -> None:
+    def __init__(
+        self, lanes: int, metrics: Sequence[str], drawn: Mapping[int, str] | None = None,
+        games: tuple[Sequence[str], Array] | None = None,
+    ) -> None:  # fmt: skip
         """Begin at an episode's first decision in every lane.
 
         metrics: the game's, by name; see `column_name`. drawn: the parameters that are drawn at each episode, by their
-        place in the spec; their values are metrics as well.
+        place in the spec; their values are metrics as well. games: their names, if there are several, and which of them
+        each lane plays, int [lanes]; the metrics of other games than its own are NaN in an episode.
         """
+        self._games = games
         self._drawn = drawn or {}
         self.metrics = [*map(column_name, metrics), *(f"parameters.{name}" for name in self._drawn.values())]
         self.count = 0  # episodes that have finished since this was made
@@ -69,14 +74,44 @@ class Episodes:
     def _of_lanes(self, shares: Array) -> Array:
         return np.repeat(shares, len(self.reward) // len(shares))
 
+    @property
+    def columns(self) -> list[str]:
+        """Return what a row may have besides the number of episodes."""
+        of_games = [f"{game}.{name}" for game in (self._games or ((),))[0] for name in ("reward", "length")]
+        return ["reward", "length", *of_games, *self.metrics]
+
     def summarize(self) -> Row:
-        """Return means over the finished episodes and forget them; no means where none has finished."""
+        """Return means over the finished episodes and forget them; no means where none has finished.
+
+        Of several games, reward and length are means over the games' own means, once all have finished episodes.
+        """
         finished, self.finished = self.finished, self.finished[:0]
+        if self._games is not None:
+            return self._summarize_games(finished)
         row: Row = {"episodes": len(finished)}
         if len(finished):
             means = finished.mean(axis=0)
             row |= {"reward": means[1], "reward_std": finished[:, 1].std(), "length": means[2]}
             row |= dict(zip(self.metrics, means[3:].tolist(), strict=True))
+        return row
+
+    def _summarize_games(self, finished: Array) -> Row:
+        """Return the row of several games, with columns for each."""
+        assert self._games is not None
+        names, kinds = self._games
+        kind = kinds[finished[:, 0].astype(int)]
+        row: Row = {"episodes": len(finished)}
+        for number, name in enumerate(names):
+            own = finished[kind == number]
+            if len(own):
+                means = dict(zip(["reward", "length", *self.metrics], own[:, 1:].mean(axis=0).tolist(), strict=True))
+                row |= {f"{name}.episodes": len(own)}
+                row |= {f"{name}.{one}": means[one] for one in ("reward", "length")}
+                row |= {metric: mean for metric, mean in means.items() if metric.startswith(f"{name}.")}
+        for one in ("reward", "length"):
+            of_games = [row[f"{name}.{one}"] for name in names if f"{name}.{one}" in row]
+            if len(of_games) == len(names):
+                row[one] = float(np.mean(of_games))
         return row
 
     def state(self) -> dict[str, Array]:

@@ -2,16 +2,15 @@
 
 It also moves the pointer where policies do not place it (`pointer: velocity`), since it knows where that is.
 
-The limits are keys of the configuration, see `HandLimits`. They belong to the world in which a policy plays: what a
+The limits are keys of the configuration, see `HandConfig`. They belong to the world in which a policy plays: what a
 policy has chosen is what it learns from, what its hand makes of that is what the game gets.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from joybridge.config.config import Config
+from joybridge.config.config import Config, HandConfig
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
@@ -21,33 +20,24 @@ from joybridge.v1 import bridge_pb2 as pb
 HANDS = 2**63  # plus the index of the behavior: the second word of the key of its noise
 
 
-class HandLimits(NamedTuple):
-    """What a hand can do. The defaults change nothing."""
-
-    delay: int = 0  # decisions between an observation and the action that answers it
-    hold: int = 1  # least decisions between two changes of a branch's choice
-    reach: float = 1.0  # the farthest an axis goes, as a share of the way from rest to its end
-    change: float = 1.0  # the most that an axis changes in a decision, as a share of its range
-    noise: float = 0.0  # standard deviation of an axis, as a share of its distance from rest
-    speed: float = 0.0  # the most that a pointer is moved in a decision, as a share of its range; 0: it is placed
-
-
 class Hand:
     """The hands of all agents of one behavior in one group of arenas."""
 
     def __init__(
-        self, limits: HandLimits, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int,
-        moved: Array | None = None,
+        self, limits: HandConfig, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int,
+        speeds: Array | None = None,
     ) -> None:  # fmt: skip
         """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped.
 
-        moved: which axes `limits.speed` is about, bool [axes]; None: none. Their rest is the middle of their range.
+        speeds: how far axes are moved in a decision, see `pointer_speeds`; None: all are placed. Those that are
+        moved rest in the middle of their range.
         """
         self.limits, self._rest, self._key, self._first_lane = limits, rest, noise_key, first_lane
         self._low = np.array([axis.low for axis in device.axes], np.float32)
         self._high = np.array([axis.high for axis in device.axes], np.float32)
         self._middle = (self._low + self._high) / 2
-        self._moves = np.zeros(len(device.axes), bool) if moved is None else moved
+        self._speeds = np.zeros(len(device.axes), np.float32) if speeds is None else speeds
+        self._moves = self._speeds > 0
         rest.axes[:, self._moves] = self._middle[self._moves]
         self._least = np.clip(rest.axes + limits.reach * (self._low - rest.axes), self._low, self._high)
         self._most = np.clip(rest.axes + limits.reach * (self._high - rest.axes), self._low, self._high)
@@ -96,7 +86,7 @@ class Hand:
         """
         last, change = self._last.axes, self.limits.change * (self._high - self._low)
         if self._moves.any():
-            wanted = np.where(self._moves, last + 2 * self.limits.speed * (wanted - self._middle), wanted)
+            wanted = np.where(self._moves, last + 2 * self._speeds * (wanted - self._middle), wanted)
         last[:] = np.clip(np.clip(wanted, self._least, self._most), last - change, last + change)
         if not self.limits.noise:
             return last
@@ -125,29 +115,20 @@ def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: in
 
     seed: of the noise.
     """
-    limits = hand_limits(config)
-    if limits == HandLimits():
+    if config.hand == HandConfig() and config.pointer != "velocity":
         return []
     return [
-        Hand(limits, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first), moved)
-        for index, (behavior, rest, moved) in enumerate(
-            zip(spec.behaviors, make_acts(spec, end - first), moved_axes(config, spec), strict=True)
+        Hand(config.hand, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first), speeds)
+        for index, (behavior, rest, speeds) in enumerate(
+            zip(spec.behaviors, make_acts(spec, end - first), pointer_speeds(config, spec), strict=True)
         )
     ]
 
 
-def hand_limits(config: Config) -> HandLimits:
-    """Return the limits that a configuration sets."""
-    speed = config.pointer_speed if config.pointer == "velocity" else 0.0
-    return HandLimits(
-        config.hand_delay, config.hand_hold, config.hand_reach, config.hand_change, config.hand_noise, speed
-    )
+def pointer_speeds(config: Config, spec: pb.GameSpec) -> list[Array]:
+    """Return how far policies move each axis of each behavior in a decision, as a share of its range; 0: they place it.
 
-
-def moved_axes(config: Config, spec: pb.GameSpec) -> list[Array]:
-    """Return which axes of each behavior place a pointer that policies move, bool [axes].
-
-    Those are the axes that say that they are positions. Where no axis of the game says what it is, it is all that
+    They move the axes that say that they are positions. Where no axis of the game says what it is, they move all that
     always count. Raises ConfigError if the game has none, or if pointers are to be placed that the game moves.
     """
     axes = [axis for behavior in spec.behaviors for axis in behavior.device.axes]
@@ -157,17 +138,17 @@ def moved_axes(config: Config, spec: pb.GameSpec) -> list[Array]:
             f"pointer: {spec.name} moves its pointer by axis {moves[0].name!r} and does not say where it is, so no "
             "policy can place it; leave `pointer` out, or give the game axes of kind position"
         )
-    moved = [
+    speed = config.pointer_speed if config.pointer == "velocity" else 0.0
+    speeds = [
         np.array(
             [
-                config.pointer == "velocity"
-                and (axis.kind == pb.AXIS_KIND_POSITION if said else not axis.HasField("only_with"))
+                speed if (axis.kind == pb.AXIS_KIND_POSITION if said else not axis.HasField("only_with")) else 0.0
                 for axis in behavior.device.axes
             ],
-            bool,
+            np.float32,
         )
         for behavior in spec.behaviors
     ]
-    if config.pointer == "velocity" and not any(each.any() for each in moved):
+    if config.pointer == "velocity" and not any(each.any() for each in speeds):
         raise ConfigError(f"pointer: {spec.name} has no axis that places a pointer, so none can be moved; leave it out")
-    return moved
+    return speeds

@@ -19,6 +19,7 @@ class Player:
     def __init__(self, actor: Actor, lanes: int, seed: int, *, deterministic: bool) -> None:
         """Begin in so many lanes. deterministic: always the likeliest action. `seed` fixes the samples."""
         self.actor, self.deterministic = actor, deterministic
+        self.name, self.behavior, self.seed = actor.name, actor.behavior, actor.seed
         self.lanes = lanes
         self.rng = np.random.default_rng([seed, actor.seed])
         self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)

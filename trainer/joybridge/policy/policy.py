@@ -8,10 +8,11 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
-from joybridge.layouts.conditions import Conditions
+from joybridge.layouts.conditions import Conditions, Counting
 from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
+from joybridge.policy.lineup import Lineup
 from joybridge.ppo.cloning import Cloning, minibatches, refresh
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.observation import Observation
@@ -36,11 +37,13 @@ class Policy:
     """
 
     def __init__(
-        self, actor: Actor, behavior: pb.Behavior, arenas: Sequence[int], drawn: Mapping[int, str] | None = None
-    ) -> None:
+        self, actor: Actor, behavior: pb.Behavior, arenas: Sequence[int], drawn: Mapping[int, str] | None = None,
+        lineup: Lineup | None = None, kinds: Array | None = None,
+    ) -> None:  # fmt: skip
         """Begin with empty rollouts.
 
-        arenas: the first arena of each group and, last, their number. drawn: see `Episodes`.
+        arenas: the first arena of each group and, last, their number. drawn: see `Episodes`. lineup: several games, of
+        which each lane plays one: kinds, int [lanes].
         """
         self.actor, self.config = actor, actor.config
         bounds = [lane_count(behavior, arena) for arena in arenas]
@@ -58,9 +61,14 @@ class Policy:
         )  # fmt: skip
         if self.config.loss:
             self.learner.add_term(self.config.loss)
-        self.conditions = (self.config.only_with and Conditions(actor.layout, behavior.device)) or None
-        self.returns = ReturnScale(self.lanes, self.config.gamma) if self.config.scale_rewards else None
-        self.episodes = Episodes(self.lanes, actor.metrics, drawn)
+        self.conditions: list[Counting] | None = None  # of each group; None: all parts always count
+        if lineup and kinds is not None:
+            self.conditions = [lineup.conditions(actor.layout, kinds[lanes]) for lanes in groups]
+        elif self.config.only_with and (conditions := Conditions(actor.layout, behavior.device)):
+            self.conditions = [conditions] * len(groups)
+        self.returns = ReturnScale(self.lanes, self.config.gamma, kinds) if self.config.scale_rewards else None
+        games = ([*lineup.games], kinds) if lineup and kinds is not None else None
+        self.episodes = Episodes(self.lanes, actor.metrics, drawn, games)
         self.demonstrated: Actions | None = None  # what it clones
         self._acted: dict[int, Acted] = {}  # what each group does until its outcome is known
         self.updates = 0
@@ -91,7 +99,7 @@ class Policy:
     def note_choices(self, acts: Sequence[ActArrays], group: int = 0) -> None:
         """Store which parts of the action count with what all policies chose for the device, if not all always do."""
         if self.conditions is not None:
-            self.rollout.store_counts(self.conditions.counts(acts[self.actor.behavior].choices), group)
+            self.rollout.store_counts(self.conditions[group].counts(acts[self.actor.behavior].choices), group)
 
     def store(self, steps: Sequence[StepArrays], group: int = 0, played: Sequence[Array] | None = None) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`.

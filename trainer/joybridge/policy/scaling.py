@@ -60,20 +60,28 @@ def make_scaling(policy: str, kind: str, sensors: Sequence[pb.Sensor]) -> Scalin
     """
     if kind == "none" or not sensors:
         return None
-    size = sum(element_count(sensor) for sensor in sensors)
-    shift, scale = np.zeros(size, np.float32), np.ones(size, np.float32)
     if kind == "running":
-        return Scaling(shift, scale, np.arange(size))
-    low, high = (np.concatenate(part) for part in zip(*map(_bounds, sensors), strict=True))
-    known = (np.abs(low) < NO_BOUND) & (np.abs(high) < NO_BOUND) & (low < high)
-    if not known.any():
+        size = sum(element_count(sensor) for sensor in sensors)
+        return Scaling(np.zeros(size, np.float32), np.ones(size, np.float32), np.arange(size))
+    scaling = scaling_by_bounds(sensors)
+    if scaling is None:
         names = ", ".join(sensor.name for sensor in sensors)
         raise ConfigError(
             f"{policy}: scale_observations is bounds, but no sensor has any ({names}); set scale_observations=running"
         )
+    return scaling
+
+
+def scaling_by_bounds(sensors: Sequence[pb.Sensor]) -> Scaling | None:
+    """Return how numbers of these sensors, side by side, get from their bounds to -1..1; None if none has bounds."""
+    if not sensors:
+        return None
+    low, high = (np.concatenate(part) for part in zip(*map(_bounds, sensors), strict=True))
+    known = (np.abs(low) < NO_BOUND) & (np.abs(high) < NO_BOUND) & (low < high)
+    shift, scale = np.zeros(len(low), np.float32), np.ones(len(low), np.float32)
     shift[known] = (low[known] + high[known]) / 2
     scale[known] = 2 / (high[known] - low[known])
-    return Scaling(shift, scale)
+    return Scaling(shift, scale) if known.any() else None
 
 
 def _bounds(sensor: pb.Sensor) -> tuple[Array, Array]:

@@ -50,6 +50,11 @@ class Seats:
         return self._holders[:, self._columns[behavior]].reshape(-1)
 
     @property
+    def dealt(self) -> Array:
+        """Return who holds the seats in the next match of each arena, int [arenas, seats]."""
+        return self._dealt.copy()
+
+    @property
     def present(self) -> set[int]:
         """Return all holders of seats, now or in the next match."""
         return {*np.unique(self._holders).tolist(), *np.unique(self._dealt).tolist()}

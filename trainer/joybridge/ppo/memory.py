@@ -53,12 +53,14 @@ def cut(episodes: Array, length: int) -> tuple[Array, Array, Array]:
 class Memory(nn.Module):
     """A gated recurrent unit (Cho et al. 2014), or a long short-term memory (Hochreiter and Schmidhuber 1997).
 
-    state_size: numbers of a state. A state of zeros remembers nothing.
+    state_size: numbers of a state: what was put out last and, of the second kind, the cells after it. A state of zeros
+    remembers nothing.
     """
 
     def __init__(self, kind: str, inputs: int, size: int) -> None:
         """Take `inputs` features; return `size`. kind: "gru" or "lstm"."""
         super().__init__()
+        self.kind = kind
         self.layer = KINDS[kind](inputs, size)
         self.state_size = size * (2 if kind == "lstm" else 1)
 
@@ -67,16 +69,12 @@ class Memory(nn.Module):
 
         features [rows, inputs]. The states after a sequence that is shorter than others mean nothing.
         """
-        states, lengths = recall
+        (states, lengths), pairs = recall, self.kind == "lstm"
         longest = int(lengths.max())
         sequence = torch.repeat_interleave(torch.arange(len(lengths), device=lengths.device), lengths)
         place = torch.arange(len(features), device=lengths.device) - (lengths.cumsum(0) - lengths)[sequence]
         padded = features.new_zeros(longest, len(lengths), features.shape[1])
         padded[place, sequence] = features  # what follows the end of a sequence changes nothing before it
-        begin = tuple(part.contiguous()[None] for part in states.chunk(2 if self._pairs else 1, dim=1))
-        outputs, end = self.layer(padded, begin if self._pairs else begin[0])
-        return outputs[place, sequence], torch.cat([part[0] for part in (end if self._pairs else (end,))], dim=1)
-
-    @property
-    def _pairs(self) -> bool:
-        return isinstance(self.layer, nn.LSTM)
+        begin = tuple(part.contiguous()[None] for part in states.chunk(2 if pairs else 1, dim=1))
+        outputs, end = self.layer(padded, begin if pairs else begin[0])
+        return outputs[place, sequence], torch.cat([part[0] for part in (end if pairs else (end,))], dim=1)

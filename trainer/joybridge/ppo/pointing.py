@@ -81,6 +81,11 @@ class Pointers(nn.Module):
         order[len(order) - shared :] = self.columns - 1
         self.register_buffer("order", order, persistent=False)
 
+    @property
+    def each(self) -> list[Pointer]:
+        """Return the pointer of each map."""
+        return [pointer for pointer in self.pointers if isinstance(pointer, Pointer)]
+
     def forward(self, outputs: Tensor, maps: Sequence[Sequence[Tensor]]) -> Tensor:
         """Return the outputs of a network, see `Network`, from those of its tower. maps: see `Encoded`."""
         end = self.columns - self.shared

@@ -1,4 +1,4 @@
-"""Scaling of rewards: divided by the standard deviation of the discounted returns so far."""
+"""Scaling of rewards: divided by the standard deviation of the discounted returns so far, of each game its own."""
 
 import numpy as np
 
@@ -7,12 +7,13 @@ from joybridge.ppo.moments import Moments
 
 
 class ReturnScale:
-    """The discounted sum of the rewards of each lane's present episode, and the moments of all these sums."""
+    """The discounted sum of the rewards of each lane's present episode, and the moments of these sums per game."""
 
-    def __init__(self, lanes: int, gamma: float) -> None:
-        """Begin new episodes in so many lanes."""
+    def __init__(self, lanes: int, gamma: float, kinds: Array | None = None) -> None:
+        """Begin new episodes in so many lanes. kinds: which game each lane plays, int [lanes]; None: all the same."""
         self._returns, self._gamma = np.zeros(lanes), gamma
-        self._moments = Moments(1)
+        self._kinds = np.zeros(lanes, int) if kinds is None else kinds
+        self._moments = [Moments(1) for _ in range(int(self._kinds.max()) + 1)]
 
     def scale(self, rewards: Array, decided: Array, ended: Array) -> Array:
         """Return the rewards of a rollout, scaled, float32 [steps, lanes].
@@ -21,15 +22,19 @@ class ReturnScale:
         """
         for step, live in enumerate(decided):
             self._returns[live] = self._returns[live] * self._gamma + rewards[step, live]
-            self._moments.add(self._returns[live, None])
+            for kind, moments in enumerate(self._moments):
+                moments.add(self._returns[live & (self._kinds == kind), None])
             self._returns[live & ended[step]] = 0.0
-        return rewards / self._moments.deviation().astype(np.float32)
+        deviations = np.concatenate([moments.deviation() for moments in self._moments])
+        return rewards / deviations.astype(np.float32)[self._kinds]
 
     def state(self) -> dict[str, Array]:
         """Return copies of everything, for a checkpoint."""
-        return {"returns": self._returns.copy(), **self._moments.state()}
+        each = [moments.state() for moments in self._moments]
+        return {"returns": self._returns.copy(), **{name: np.stack([one[name] for one in each]) for name in each[0]}}
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""
         self._returns = state["returns"].copy()
-        self._moments.load(state)
+        for kind, moments in enumerate(self._moments):
+            moments.load({name: array[kind] for name, array in state.items() if name != "returns"})

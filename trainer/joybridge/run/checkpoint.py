@@ -38,7 +38,7 @@ class Manifest(BaseModel):
     format: int = FORMAT
     timesteps: int = Field(ge=0, lt=10**12)
     snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
-    score: float | None = None  # what the metric `best` was, if a row of metrics was just written
+    score: float | None = None  # what the metric `best_metric` was, if a row of metrics was just written
     origin: Origin | None = None  # with what it was trained; None: it was not noted
     arrays_bytes: int = Field(0, ge=0, le=LONGEST_ARRAYS)  # size of the arrays' file
 

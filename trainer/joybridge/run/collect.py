@@ -7,23 +7,31 @@ played in it.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import islice, pairwise
 
+import numpy as np
+
 from joybridge.client.client import Distributions, Session
+from joybridge.client.several_session import SeveralSession
 from joybridge.client.sharded_session import (
     ShardedSession,
     Snapshot,
     check_alike,
+    divide,
     open_session,
+    session_spec,
     single_sessions,
-    split,
 )
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.codec import StepArrays
+from joybridge.contract.parts import split
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.policy.hand import Hand, make_hands
+from joybridge.policy.lineup import arenas_by_game, make_lineup
 from joybridge.policy.policy import Policy
 from joybridge.run.league import Opponents
 from joybridge.run.profiler import Profiler
@@ -32,7 +40,9 @@ from joybridge.run.profiler import Profiler
 class Group:
     """Arenas that are played at the same time."""
 
-    def __init__(self, index: int, session: Session | ShardedSession, arenas: int, hands: list[Hand]) -> None:
+    def __init__(
+        self, index: int, session: Session | ShardedSession | SeveralSession, arenas: int, hands: list[Hand]
+    ) -> None:
         """Take an open session of so many arenas. hands: one per behavior, or none."""
         self.index, self.session, self.hands = index, session, hands
         self.acts = make_acts(session.spec, arenas)
@@ -88,7 +98,9 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
 
 def group_bounds(config: Config) -> list[int]:
     """Return the first arena of each group and, last, their number; there are no more groups than arenas."""
-    return split(config.arenas, min(config.groups, config.arenas))
+    if config.games:
+        return [0, *np.cumsum([sum(games) for games in arenas_by_game(config)]).tolist()]
+    return split(config.arenas, min(config.pipeline_groups, config.arenas))
 
 
 def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
@@ -111,27 +123,73 @@ def open_groups(
 
     Raises SimulatorError, and ConfigError if the number of snapshots differs from that of sessions.
     """
+    if config.games:
+        return open_groups_of_games(config, addresses, snapshots)
     bounds = list(pairwise(group_bounds(config)))
     homes = assign(addresses, [end - first for first, end in bounds])
-    sessions = sum(map(len, homes))
-    if snapshots is not None and len(snapshots) != sessions:
-        raise ConfigError(
-            f"the checkpoint holds {len(snapshots)} sessions, but {len(homes)} groups at {len(addresses)} simulators "
-            f"make {sessions}; resume with {len(snapshots)} simulators"
-        )
+    check_snapshots(snapshots, homes, addresses)
     saved = iter(snapshots or ())
     groups: list[Group] = []
     with ExitStack() as opened:
         for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
-            session = open_session(
-                home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
-                options=[config.options] * len(home), parameters=parameters, distributions=distributions,
-                snapshots=list(islice(saved, len(home))), timeout=config.timeout_seconds,
-                transport=config.transport,
-            )  # fmt: skip
+            whole = replace(
+                session_spec(config, end - first, config.seed),
+                first_arena=first,
+                parameters=parameters,
+                distributions=distributions,
+            )
+            session = open_session(home, divide(whole, len(home), snapshots=[*islice(saved, len(home))]))
             opened.callback(session.close)
             hands = make_hands(config, session.spec, first, end, config.seed)
             groups.append(Group(index, session, end - first, hands))
             check_alike(single_sessions(session)[0], single_sessions(groups[0].session)[0])
         opened.pop_all()
     return groups
+
+
+def open_groups_of_games(config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None) -> list[Group]:
+    """Do what `open_groups` does where several games are played: each has its share of the arenas of each group."""
+    lineup, groups = make_lineup(addresses[0], config), arenas_by_game(config)
+    of_groups = assign(addresses, [sum(arenas) for arenas in groups])
+    homes = [
+        ([game.simulator] if game.simulator else home)[:arenas]
+        for home, counts in zip(of_groups, groups, strict=True)
+        for game, arenas in zip(lineup.games.values(), counts, strict=True)
+    ]
+    check_snapshots(snapshots, homes, addresses)
+    saved, homes_left, first = iter(snapshots or ()), iter(homes), dict.fromkeys(lineup.games, 0)
+    made: list[Group] = []
+    bounds = group_bounds(config)
+    with ExitStack() as opened:
+        for index, counts in enumerate(groups):
+            sessions: list[Session | ShardedSession] = []
+            for (name, game), arenas, home in zip(lineup.games.items(), counts, homes_left, strict=False):
+                whole = replace(
+                    session_spec(config, arenas, config.seed),
+                    game=game.game,
+                    first_arena=first[name],
+                    options=game.options,
+                    parameters=fixed(game.parameters),
+                    distributions=drawn(game.parameters),
+                )
+                session = open_session(home, divide(whole, len(home), snapshots=[*islice(saved, len(home))]))
+                opened.callback(session.close)
+                sessions.append(session)
+                first[name] += arenas
+            several = SeveralSession(sessions, counts, [lineup.translation(name) for name in lineup.games], lineup.spec)
+            hands = make_hands(config, lineup.spec, bounds[index], bounds[index + 1], config.seed)
+            made.append(Group(index, several, sum(counts), hands))
+        opened.pop_all()
+    return made
+
+
+def check_snapshots(
+    snapshots: Sequence[Snapshot] | None, homes: Sequence[Sequence[str]], addresses: Sequence[str]
+) -> None:
+    """Raise ConfigError unless there is a snapshot for each session, if there are any. homes: their addresses."""
+    sessions = sum(map(len, homes))
+    if snapshots is not None and len(snapshots) != sessions:
+        raise ConfigError(
+            f"the checkpoint holds {len(snapshots)} sessions, but {len(homes)} groups at {len(addresses)} simulators "
+            f"make {sessions}; resume with {len(snapshots)} simulators"
+        )

@@ -69,7 +69,7 @@ def check_run(config: Config, run: Path, *, resume: bool) -> None:
         elif "total_timesteps" in changed:
             raise ConfigError(
                 f"cannot resume {run}: total_timesteps was {before.total_timesteps} and can only grow, got "
-                f"{config.total_timesteps}; to end earlier, set stop"
+                f"{config.total_timesteps}; to end earlier, set stop_at"
             )
         if changed:
             raise ConfigError(
@@ -132,7 +132,7 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
         if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):
             raise ConfigError(
                 f"{key} belongs to the training of {run} and cannot change now; what can is written "
-                f"{', '.join(FORMS[key] for key in OF_THE_GAME)} and hand_KEY=VALUE"
+                f"{', '.join(FORMS[key] for key in (*OF_THE_GAME, 'hand'))}"
             )
     if not config.curriculum:
         return config

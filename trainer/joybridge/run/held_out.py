@@ -6,10 +6,10 @@ The same episodes are played each time, so the curve shows the policies and not 
 from collections.abc import Sequence
 from contextlib import closing
 
-from joybridge.client.client import Session
+from joybridge.client.sharded_session import session_spec
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import check_drawn, distribution_of, drawn, fixed
+from joybridge.config.game_settings import check_drawn, distribution_of
 from joybridge.config.metrics import HELD_OUT, Row
 from joybridge.policy.actor import Actor
 from joybridge.policy.config_fit import fitting_spec
@@ -36,6 +36,8 @@ class HeldOut:
                 "curriculum": [],
             }
         )
+        interval = config.log_interval  # the last row is that of the last multiple of it
+        self._every = self._due.every or max(config.end // interval, 1) * interval
         self._address = address
         self._spec = fitting_spec(address, self._config)
         values = {name: distribution_of(value) for name, value in self._due.parameters.items()}
@@ -52,8 +54,7 @@ class HeldOut:
 
         before: the timesteps of the row before. Raises SimulatorError.
         """
-        due = self._due
-        if due is None or before // due.every == now // due.every:
+        if self._due is None or before // self._every == now // self._every:
             return [{} for _ in actors]
         return [
             {f"{HELD_OUT}{name}": value for name, value in table.summarize().items()} for table in self._play(actors)
@@ -64,16 +65,10 @@ class HeldOut:
         config, spec, due = self._config, self._spec, self._due
         assert due is not None
         arenas, seed = min(due.episodes, spec.max_arenas, MOST_ARENAS), config.seed ^ OTHER_SEED
-        players = Players(actors, config, spec, arenas, seed)
+        players = Players(actors, config, spec, arenas, seed, deterministic=due.deterministic)
         tables = [Episodes(player.lanes, player.actor.metrics) for player in players.players]
         shares = equal_shares(due.episodes, arenas)
-        with closing(
-            Session(
-                self._address, config.game, arenas=arenas, seed=seed, options=config.options,
-                parameters=fixed(config.parameters), distributions=drawn(config.parameters),
-                timeout=config.timeout_seconds, transport=config.transport,
-            )
-        ) as session:  # fmt: skip
+        with closing(session_spec(config, arenas, seed).open(self._address)) as session:
             players.begin(session.steps)
             while not all(table.has(shares) for table in tables):
                 steps = session.step(players.act(session.steps))

@@ -1,4 +1,4 @@
-"""Who plays beside the learner: its own past policies, and policies of other runs, drawn anew for each match.
+"""Who plays beside the learner, drawn anew for each match: its past policies, those of others, and scripts.
 
 In every match one seat, drawn at random, is the learner's; each other one goes to a holder that is drawn by the shares
 in the configuration. Holder 0 is the learner; others have a number for life.
@@ -7,7 +7,6 @@ in the configuration. Holder 0 is the learner; others have a number for life.
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -17,15 +16,14 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import Row
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
-from joybridge.policy.actor import Actor, make_actors, trained_actors
+from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.seats import Result
-from joybridge.policy.table import Table
-from joybridge.run.checkpoint import load_checkpoint
-from joybridge.run.folder import run_config
+from joybridge.policy.table import Guest, Table
+from joybridge.run.others import load_other
 from joybridge.run.pool import LEAGUE, load_pooled, pooled, sampling_weights, thinned
 from joybridge.v1 import bridge_pb2 as pb
 
-LEARNER, PAST = "learner", "past"  # kinds of holders in the key `opponents.shares`; other names are runs
+LEARNER, PAST = "learner", "past"  # kinds of holders in the key `opponents.shares`; others have names of their own
 LEARNERS = 0  # the number of the learner
 ROSTERS = 2**59  # the second word of the key of who of the pool plays
 DRAWS = 2**60  # plus the number of an arena: the second word of the key of who plays its matches
@@ -86,15 +84,15 @@ class League:
             raise ConfigError(f"opponents.shares: {spec.name} has one agent, which plays alone; leave the key out")
         tables = [Table(spec, end - first, config.seed, index) for index, (first, end) in enumerate(pairwise(bounds))]
         self.groups = [Opponents(self, table, first) for table, first in zip(tables, bounds, strict=False)]
-        self._actors: dict[int, list[Actor]] = {}
-        self._runs: dict[str, int] = {}
+        self._actors: dict[int, Sequence[Actor | Guest]] = {}
+        self._others: dict[str, int] = {}
         self._pool: dict[int, int] = {}  # the timesteps of each past policy, by its number, oldest first
         self._results: dict[int, Array] = {}  # [2]: in how many meetings the learner was ahead, and how many there were
         self._matches = np.zeros(bounds[-1], np.int64)  # that were drawn, of each arena
         for name in self._keys.shares:
             if name not in (LEARNER, PAST):
-                self._runs[name] = number = len(self._actors) + 1
-                self._join(number, load_run(Path(name), config, spec))
+                self._others[name] = number = len(self._actors) + 1
+                self._join(number, load_other(name, config.game, spec))
         self._next = len(self._actors) + 1
         self._roster: list[int] = []  # who of the pool plays in the matches that begin before the next update
         self._updates = -1  # of the learner when that was drawn
@@ -114,7 +112,7 @@ class League:
     def _chances(self) -> dict[int, float]:
         """Return how likely a seat goes to each holder, if it is not kept for the learner."""
         shares, chances = self._keys.shares, {LEARNERS: self._keys.shares.get(LEARNER, 0.0)}
-        chances |= {number: shares[name] for name, number in self._runs.items()}
+        chances |= {number: shares[name] for name, number in self._others.items()}
         for number in self._roster:
             chances[number] = chances.get(number, 0.0) + shares[PAST] / len(self._roster)
         total = sum(chances.values())
@@ -158,12 +156,12 @@ class League:
         self._next += 1
         kept = thinned([*self._pool.values()], self._keys.pool_size)
         self._pool = {number: after for number, after in self._pool.items() if after in kept}
-        needed = {*self._pool, *self._runs.values()}.union(*(group.table.seats.present for group in self.groups))
+        needed = {*self._pool, *self._others.values()}.union(*(group.table.seats.present for group in self.groups))
         for number in self._actors.keys() - needed:
             self._leave(number)
 
-    def _join(self, number: int, actors: Sequence[Actor]) -> None:
-        self._actors[number] = list(actors)
+    def _join(self, number: int, actors: Sequence[Actor | Guest]) -> None:
+        self._actors[number] = actors
         for group in self.groups:
             group.table.join(number, actors)
 
@@ -206,13 +204,6 @@ class League:
             if number not in self._actors:
                 self._join(number, make_actors(self._config, self._spec, self._config.accelerator))
             load_pooled(self._actors[number], arrays, number)
+            self._join(number, self._actors[number])  # an exported file plays as it was
         for index, group in enumerate(self.groups if seated else ()):
             group.table.load(select(state, f"tables.{index}."))
-
-
-def load_run(run: Path, config: Config, spec: pb.GameSpec) -> list[Actor]:
-    """Return the actors of the newest checkpoint of another run. Raises CheckpointError and ConfigError."""
-    other = run_config(run)
-    if other.game != config.game:
-        raise ConfigError(f"opponents: {run} plays {other.game}, expected {config.game}; name a run of this game")
-    return trained_actors(other, spec, load_checkpoint(run)[0])

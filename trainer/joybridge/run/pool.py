@@ -7,6 +7,7 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
+from joybridge.policy.table import Guest
 
 LEAGUE = "league/"  # begins the names of the arrays of a checkpoint that are about opponents
 
@@ -44,7 +45,7 @@ def pooled(arrays: dict[str, Array]) -> dict[int, int]:
     return {} if pool is None else dict(pool.tolist())
 
 
-def load_pooled(actors: Sequence[Actor], arrays: dict[str, Array], number: int) -> None:
+def load_pooled(actors: Sequence[Actor | Guest], arrays: dict[str, Array], number: int) -> None:
     """Let actors be an opponent in the arrays of a checkpoint. Raises CheckpointError where it does not fit."""
     for actor in actors:
         actor.load(select(arrays, f"{LEAGUE}policies.{number}.{actor.name}."))

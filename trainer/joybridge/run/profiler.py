@@ -9,6 +9,7 @@ from joybridge.config.metrics import ACTIVITIES, Row
 
 if TYPE_CHECKING:  # the profiler itself needs nothing of the wire
     from joybridge.client.client import Session
+    from joybridge.client.several_session import SeveralSession
     from joybridge.client.sharded_session import ShardedSession
 
 
@@ -36,7 +37,7 @@ class Profiler:
         self.seconds[activity] += time.perf_counter() - begin
 
     @contextmanager
-    def measure_wait(self, session: "Session | ShardedSession") -> Iterator[None]:
+    def measure_wait(self, session: "Session | ShardedSession | SeveralSession") -> Iterator[None]:
         """Split the time of the block, a wait for the simulators, into their own work and the wire."""
         begin = time.perf_counter()
         yield

@@ -17,12 +17,12 @@ Revive = Callable[[], Sequence[str]]
 
 def recovering(
     proceed: Callable[[Sequence[str], RunState], States], state: RunState, addresses: Sequence[str],
-    revive: Revive | None, restarts: int,
+    revive: Revive | None, max_restarts: int,
 ) -> States:  # fmt: skip
     """Yield the states of `proceed`, which continues a run from a state with the simulators at some addresses.
 
     When a simulator or a learner is lost, `revive` returns the addresses of simulators that answer, and `proceed` is
-    called again with the last state. This happens at most `restarts` times. A simulator that announced its end does
+    called again with the last state. This happens at most `max_restarts` times. A simulator that announced its end does
     not count, unless the run has not reached a new state since the last loss. After that, and without `revive`, raises
     SimulatorLost.
     """
@@ -39,10 +39,10 @@ def recovering(
             losses += 1
             if losses > 1 or not isinstance(lost, SimulatorShutDown):
                 used += 1
-            if revive is None or used > restarts:
+            if revive is None or used > max_restarts:
                 raise
             done = f"{state.timesteps:,}"
-            log.warning("%s; training goes on from %s timesteps (restart %d of %d)", lost, done, used, restarts)
+            log.warning("%s; training goes on from %s timesteps (restart %d of %d)", lost, done, used, max_restarts)
         if losses > 1:
             time.sleep(min(2.0 ** (losses - 2), LONGEST_PAUSE))
         addresses = revive()

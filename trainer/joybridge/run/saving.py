@@ -36,6 +36,6 @@ class Saver:
                 self._save()
 
     def _save(self) -> None:
-        self._state.save(self._run, self._config.keep)
+        self._state.save(self._run, self._config.keep_checkpoints)
         if self._best is not None:
             self._best.save_as_best(self._run)

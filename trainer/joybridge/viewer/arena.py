@@ -17,7 +17,7 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.scores import Scores
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.play.playing import Policies
+    from joybridge.viewer.rival import Others
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Arena:
     """An arena, from its first episode until it is closed.
 
     turn: number of decisions so far. acts: what was played last, per behavior. picture: uint8 [height, width, 3], or
-    None. others: policies that hold the seats that the person does not; None: chance does.
+    None. others: who hold the seats that the person does not; None: chance does.
     """
 
     def __init__(self, address: str, game: str, settings: Settings, timeout: float, demos: Path | None = None) -> None:
@@ -61,7 +61,7 @@ class Arena:
         self.acts = make_acts(spec, 1)
         self.turn = 0
         self.picture: Array | None = None
-        self.others: Policies | None = None
+        self.others: Others | None = None
         self._drawn = [0] if spec.HasField("picture") else []
         self._rng = np.random.default_rng(settings.seed)
 
@@ -70,8 +70,8 @@ class Arena:
         """The present observations, masks and who decides."""
         return self.session.steps
 
-    def seat(self, others: "Policies") -> None:
-        """Let policies hold the seats that the person does not. Call this before the first decision."""
+    def seat(self, others: "Others") -> None:
+        """Let others hold the seats that the person does not. Call this before the first decision."""
         others.begin(self.steps)
         self.others = others
 
@@ -82,16 +82,20 @@ class Arena:
         SimulatorError.
         """
         held = None if seat is None else self.scores.seats[seat]
-        decided = self.others.act(self.steps) if self.others else None  # for all seats: the person may take another one
+        # For all seats: the person may take another one.
+        decided = self.others.act(self.steps, seat) if self.others else None
         for index, (behavior, act, step) in enumerate(zip(self.spec.behaviors, self.acts, self.steps, strict=True)):
             if decided:
-                act.axes[:], act.choices[:] = decided[index].axes, decided[index].choices
+                others = decided[index]
+                act.axes[:], act.choices[:], act.scripts = others.axes, others.choices, others.scripts
             elif held is not None:
                 press_at_random(behavior.device, act, self._rng)
             if held is None or held.behavior == index:
                 lanes = slice(None) if held is None else held.agent
                 act.axes[lanes] = _in_range(pressed.axes[index], behavior.device)
                 act.choices[lanes] = pressed.choices[index]
+                if act.scripts is not None:
+                    act.scripts[lanes] = 0
             obey_masks(act, step, self._rng)
         if self._demonstration:
             self._demonstration.hold(self._lanes(seat))

@@ -7,7 +7,7 @@ Mouse0 (left), Mouse1 and Mouse2 (right), buttons of a gamepad Pad0, Pad1, … a
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from joybridge.play.device_names import pair_axes, rest_choice, words
+from joybridge.layouts.device_names import pair_axes, rest_choice, words
 from joybridge.v1 import bridge_pb2 as pb
 
 # Words in the names of branches.

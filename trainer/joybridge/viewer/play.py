@@ -21,7 +21,7 @@ from joybridge.contract.errors import JoybridgeError
 
 if TYPE_CHECKING:
     from joybridge.viewer.arena import Settings
-    from joybridge.viewer.tab import Against, Others
+    from joybridge.viewer.tab import Against, LoadOthers
 
 # What serves the page is imported by the command that needs it: help and errors need no further package.
 
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     options = _parse(arguments, prog)
     from joybridge.viewer.arena import Settings
     from joybridge.viewer.simulator import Simulator
-    from joybridge.viewer.tab import play
+    from joybridge.viewer.tab import PageGame, play
     from joybridge.viewer.web import open_browser, open_website
 
     interrupt_on_signals()
@@ -44,15 +44,13 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
         game, games = choose_game(options.what, options.game, place)
         with Simulator(place, games) as simulator:
-            against, others, settings = _policies(options.against, options.others, game, settings)
+            against, others, settings = _policies(options.against, options.others, options.rate, game, settings)
             spec = describe(simulator.reach(), game, settings.options)
             check_settings(settings.options, settings.parameters, spec)
             if others and sum(lane_count(behavior, 1) for behavior in spec.behaviors) < 2:
                 raise ConfigError(f"--others: {game} has one seat, and you hold it; leave --others out")
-            with open_website(
-                options.port,
-                lambda page: play(page, simulator, game, settings, options.timeout, against, options.demos, others),
-            ) as url:
+            what = PageGame(game, options.timeout, against, options.demos, others)
+            with open_website(options.port, lambda page: play(page, simulator, what, settings)) as url:
                 recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
                 print(f"play {game} at {url}\n{recorded}Ctrl-C ends it", flush=True)
                 if not options.no_browser:
@@ -98,9 +96,15 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         help="let the policy of a run play beside you, on the same seed; its options and parameters are the defaults",
     )  # fmt: skip
     play.add_argument(
-        "--others", type=Path, metavar="RUN",
-        help="let the policies of a run hold the seats that you do not hold, in a game of several agents; its options "
-        "and parameters are the defaults; without it these seats play random decisions",
+        "--others", action="append", default=[], metavar="WHO",
+        help="who holds the seats that you do not hold, in a game of several agents: the folder of a run, whose "
+        "options and parameters are the defaults, script:NAME, a script of the game's author, or an exported "
+        "policy.json; given several times, they take seats in turn; without it these seats play random decisions",
+    )  # fmt: skip
+    play.add_argument(
+        "--rate", default="", metavar="NAME",
+        help="with --others: add your matches under this name to the log in the folder rating of their first run, or "
+        "of the current folder, for `joybridge rate`; only those count in which you hold one seat all the time",
     )  # fmt: skip
     play.add_argument(
         "--demos", type=Path, metavar="DIR",
@@ -113,6 +117,8 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         play.error(f"argument --seed: got {options.seed}, expected 0..2^64-1")
     if options.port is not None and not 0 <= options.port < 2**16:
         play.error(f"argument --port: got {options.port}, expected 0..65535")
+    if options.rate and not options.others:
+        play.error("--rate needs others to play against; name them with --others")
     if not 0 < options.timeout < float("inf"):
         play.error(f"argument --timeout: got {options.timeout:g}, expected a positive number of seconds")
     if (options.tls_ca or options.token_file) and not options.simulator:
@@ -121,19 +127,22 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
 
 def _policies(
-    against: Path | None, others: Path | None, game: str, settings: "Settings"
-) -> "tuple[Against | None, Others | None, Settings]":
+    against: Path | None, others: Sequence[str], person: str, game: str, settings: "Settings"
+) -> "tuple[Against | None, LoadOthers | None, Settings]":
     """Return what opens the rival, what loads the other seats, and the settings to begin with. Raises ConfigError."""
-    runs = {argument: run for argument, run in (("--against", against), ("--others", others)) if run}
-    if not runs:
+    given = {"--against": [str(against)] if against else [], "--others": others}
+    if not any(given.values()):
         return None, None, settings
     try:
+        from joybridge.run.others import is_run
         from joybridge.viewer.rival import load_others, open_rival, run_settings
     except ModuleNotFoundError as error:
+        used = " and ".join(argument for argument, names in given.items() if names)
         raise ConfigError(
-            f"{' and '.join(runs)}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
+            f"{used}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
         ) from None
-    for argument, run in runs.items():
-        settings = run_settings(argument, run, game, settings)
+    for argument, names in given.items():
+        for run in filter(is_run, names):
+            settings = run_settings(argument, Path(run), game, settings)
     rival = partial(open_rival, against) if against else None
-    return rival, partial(load_others, others) if others else None, settings
+    return rival, partial(load_others, others, game, person) if others else None, settings

@@ -1,16 +1,25 @@
-"""Policies of a run that play beside the person, in an arena of their own, or in the person's. Needs torch."""
+"""Who plays beside the person: policies of a run in an arena of their own, or others in its own. Needs torch."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
+from joybridge.config.config import make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import fixed
+from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import Play, Policies, open_play
+from joybridge.play.playing import Play, PlaySpec, open_play
+from joybridge.policy.players import Players
+from joybridge.policy.table import Table
+from joybridge.run.checkpoint import checkpoints
 from joybridge.run.folder import play_config
+from joybridge.run.others import is_run, load_other
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
+from joybridge.viewer.rated import RatedMatches
 from joybridge.viewer.scores import Scores
 
 FAST = 0.05  # s between decisions: where there are fewer, every other picture is enough
@@ -37,16 +46,60 @@ class Rival:
 @contextmanager
 def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
     """Open an arena for the policies of a run. Raises SimulatorError, CheckpointError and ConfigError."""
-    with open_play(run, address, seed=settings.seed, overrides=_overrides(settings)) as play:
+    with open_play(PlaySpec(run, address, seed=settings.seed, overrides=_overrides(settings))) as play:
         yield Rival(play)
 
 
-def load_others(run: Path, spec: pb.GameSpec, settings: Settings) -> Policies:
-    """Return the policies of a run, for the seats that the person does not hold.
+class Others:
+    """Who holds the seats that the person does not."""
 
-    spec: of the game under these settings. Raises CheckpointError and ConfigError.
+    def __init__(self, players: Players, rated: RatedMatches | None) -> None:
+        """players: in all seats; the person takes one from them. rated: the log of its matches, if it wants one."""
+        self._players, self._rated = players, rated
+
+    def begin(self, steps: Sequence[StepArrays]) -> None:
+        """Take the first steps of a session."""
+        self._players.begin(steps)
+
+    def act(self, steps: Sequence[StepArrays], seat: int | None) -> list[ActArrays]:
+        """Return what they do in all seats. seat: the person's, None: all."""
+        if self._rated:
+            self._rated.hold(seat)
+        return self._players.act(steps)
+
+    def store(self, steps: Sequence[StepArrays]) -> None:
+        """Take what followed. Raises StorageError and CheckpointError."""
+        self._players.store(steps)
+        if self._rated:
+            self._rated.take(steps)
+
+
+def load_others(names: Sequence[str], game: str, person: str, spec: pb.GameSpec, settings: Settings) -> Others:
+    """Return who holds the seats that the person does not, in turn.
+
+    names: see `load_other`; the first run among them says what limits their hands, and has the log of matches.
+    person: under which its matches are rated; "": they are not. spec: of the game under these settings. Raises
+    CheckpointError and ConfigError.
     """
-    return Policies(run, play_config(run, _overrides(settings)), spec, 1, settings.seed)
+    runs = [Path(name) for name in names if is_run(name)]
+    settled = {"game": game, "options": settings.options, "parameters": settings.parameters}
+    config = play_config(runs[0], _overrides(settings)) if runs else make_config(settled)
+    players, table = Players([], config, spec, 1, settings.seed), Table(spec, 1, settings.seed)
+    for number, name in enumerate(names):
+        table.join(number, load_other(name, game, spec))
+    holders = np.arange(table.seats.count) % len(names)
+    table.seats.begin(0, holders)
+    players.seat(table)
+    if not person:
+        return Others(players, None)
+    called = [rated_name(name) for name in names]
+    folder = (runs[0] if runs else Path()) / "rating"
+    return Others(players, RatedMatches(folder, spec, [called[holder] for holder in holders], person))
+
+
+def rated_name(name: str) -> str:
+    """Return how `joybridge rate` calls somebody of this name."""
+    return f"{Path(name).name}@{int(checkpoints(Path(name))[-1].name)}" if is_run(name) else name
 
 
 def run_settings(argument: str, run: Path, game: str, settings: Settings) -> Settings:

@@ -18,7 +18,7 @@ from joybridge.config.metrics import read_rows
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
-from joybridge.play.playing import Play, open_play
+from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.play.policy_outputs import opinion
 from joybridge.policy.actor import policy_state
 from joybridge.run.checkpoint import checkpoints
@@ -52,7 +52,9 @@ class Watched:
         played = next(self._decisions)
         self.turn += 1
         self.acts, self.steps = played.acts, played.after
-        self.picture = self._view.beside(played.pictures[0], played.after) if played.pictures else None
+        self.picture = None
+        if played.pictures:
+            self.picture = self._view.beside(played.pictures[0], played.after, self._play.remembered())
         self.scores.take(played.after)
 
     def renew(self) -> None:
@@ -77,7 +79,7 @@ def watch(page: ServerConnection, run: Path, reach: Callable[[], str], seed: int
     while True:
         shown = _show_curves(page, run, shown)
         try:
-            with open_play(run, reach(), seed=seed) as play:
+            with open_play(PlaySpec(run, reach(), seed=seed)) as play:
                 _watch_arena(page, run, Watched(run, play, seed), shown)
         except JoybridgeError as error:
             page.send(json.dumps({"type": "lost", "text": str(error)}))

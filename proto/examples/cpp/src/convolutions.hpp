@@ -89,6 +89,31 @@ struct EncoderStep {
   std::size_t rows = 0, columns = 0, stride = 0, padding = 0;
 };
 
+/// What a map sees of its cells in an image after a step: how much of each place.
+struct Place {
+  explicit Place(const Json& place)
+      : image(place["image"].place()), step(place["step"].place()), channels(place["channels"].place()),
+        weight(place["weight"].floats()) {}
+
+  /// Adds to the logits of the cells. `wanted`: a weight for each channel.
+  void point(const Planes& seen, const float* wanted, std::vector<float>& logits) const {
+    const std::size_t size = seen.height * seen.width;
+    require(seen.channels == channels && weight.size() == logits.size() * size);
+    for (std::size_t k = 0; k < size; ++k) {
+      double found = 0;
+      for (std::size_t channel = 0; channel < channels; ++channel) {
+        found += double(wanted[channel]) * seen.values.at(channel * size + k);
+      }
+      for (std::size_t cell = 0; cell < logits.size(); ++cell) logits[cell] += float(weight[cell * size + k] * found);
+    }
+  }
+
+  std::size_t image, step, channels;
+
+ private:
+  std::vector<float> weight;
+};
+
 /// How a network sees an image.
 struct ImageEncoder {
   explicit ImageEncoder(const Json& image)
@@ -100,15 +125,17 @@ struct ImageEncoder {
   /// Returns the numbers of one picture.
   std::size_t size() const { return height * width * channels; }
 
-  /// Returns the features of the last pictures, [pictures, height, width, channels].
-  std::vector<float> features(const std::vector<float>& stack, const Activation& activate) const {
+  /// Returns the last pictures, [pictures, height, width, channels], after each step.
+  std::vector<Planes> see(const std::vector<float>& stack, const Activation& activate) const {
     Planes image{stack.size() / (height * width), height, width, std::vector<float>(stack.size())};
     for (std::size_t k = 0; k < stack.size(); ++k) {
       const std::size_t channel = k / size() * channels + k % channels, pixel = k % size() / channels;
       image.values[channel * height * width + pixel] = stack[k] / white;
     }
-    for (const EncoderStep& step : steps) image = step.run(std::move(image), activate);
-    return image.values;
+    std::vector<Planes> after;
+    for (const EncoderStep& step : steps) after.push_back(step.run(after.empty() ? image : after.back(), activate));
+    require(!after.empty());
+    return after;
   }
 
   std::string sensor;

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "convolutions.hpp"
 #include "json.hpp"
+#include "recurrent.hpp"
 
 namespace joybridge {
 
@@ -30,22 +30,47 @@ class Network {
       require(images.back().size() && sizes.at(images.back().sensor) == images.back().size());
     }
     require(frames && frames <= MAX_NUMBERS && remembers() <= MAX_NUMBERS && scale.size() == shift.size());
-    for (const Json& layer : json["layers"].items) {
-      weights.push_back(layer["weight"].floats());
-      biases.push_back(layer["bias"].floats());
+    for (const Json& layer : json["layers"].items) layers.emplace_back(layer);
+    for (const Json& table : json["discrete"].items) {
+      places.emplace_back();
+      for (const Json& place : table["places"].items) places.back().emplace_back(place);
     }
   }
 
-  /// Returns how many numbers it remembers: of frames, then of the pictures of each image.
+  /// Returns how many numbers it remembers: of frames, of the pictures of each image, and of its memory.
   std::size_t remembers() const {
     std::size_t numbers = 0;
     for (const Json& name : json["sensors"].items) numbers += sizes.at(name.text);
     for (const ImageEncoder& image : images) numbers += image.size();
-    return numbers * (frames - 1);
+    return numbers * (frames - 1) + memory.numbers();
   }
 
-  /// Returns the outputs of the last layer. `older` is what it remembers, which is brought up to date.
-  std::vector<float> decide(const Sensors& sensors, std::vector<float>& older) const {
+  /// Returns the logits of all tables, and what follows. `state` is what it remembers, which is brought up to date.
+  std::vector<float> decide(const Sensors& sensors, std::vector<float>& state) const {
+    std::vector<std::vector<Planes>> seen;
+    std::vector<float> values = see(sensors, state, seen);
+    for (std::size_t layer = 0; layer < layers.size(); ++layer) {
+      for (float& value : values) value = layer ? activate(value) : value;
+      if (memory.there() && layer + 1 == layers.size()) {
+        std::vector<float> remembered(state.end() - memory.numbers(), state.end());
+        values = memory.remember(values, remembered);
+        std::copy(remembered.begin(), remembered.end(), state.end() - memory.numbers());
+      }
+      values = layers[layer].sums(values);
+    }
+    return point(values, seen);
+  }
+
+  /// Brings all of `older` up to date but its memory.
+  void watch(const Sensors& sensors, std::vector<float>& older) const {
+    std::vector<std::vector<Planes>> seen;
+    see(sensors, older, seen);
+  }
+
+  /// Returns what the layers get, and adds to `seen` each image after each of its steps. Brings all of `older` up
+  /// to date but its memory.
+  std::vector<float> see(const Sensors& sensors, std::vector<float>& older,
+                         std::vector<std::vector<Planes>>& seen) const {
     if (older.size() != remembers()) throw std::invalid_argument("the policy needs a state of another size");
     std::vector<float> frame, kept;
     for (const Json& name : json["sensors"].items) append(frame, find(sensors, name.text));
@@ -55,19 +80,10 @@ class Network {
     }
     std::vector<float> values = stack(frame, older, kept);
     for (const ImageEncoder& image : images) {
-      append(values, image.features(stack(find(sensors, image.sensor), older, kept), activate));
+      seen.push_back(image.see(stack(find(sensors, image.sensor), older, kept), activate));
+      append(values, seen.back().back().values);
     }
-    older = kept;
-    for (std::size_t layer = 0; layer < biases.size(); ++layer) {
-      for (float& value : values) value = layer ? activate(value) : value;
-      std::vector<float> sums = biases[layer];
-      require(weights[layer].size() == sums.size() * values.size());
-      for (std::size_t row = 0; row < sums.size(); ++row) {
-        const auto weight = weights[layer].begin() + row * values.size();
-        sums[row] = float(std::inner_product(values.begin(), values.end(), weight, double(sums[row])));
-      }
-      values = sums;
-    }
+    std::copy(kept.begin(), kept.end(), older.begin());
     return values;
   }
 
@@ -75,6 +91,28 @@ class Network {
   const std::vector<float> deviations = json["deviations"].floats();
 
  private:
+  /// Returns outputs in which what a map looks for, a weight for each channel, has become the logits of its cells.
+  std::vector<float> point(const std::vector<float>& outputs, const std::vector<std::vector<Planes>>& seen) const {
+    std::vector<float> values;
+    std::size_t begin = 0;
+    for (std::size_t table = 0; table < places.size(); ++table) {
+      std::vector<float> logits(json["discrete"].items[table]["values"].items.size());
+      for (const Place& place : places[table]) {
+        require(begin + place.channels <= outputs.size());
+        place.point(seen.at(place.image).at(place.step), outputs.data() + begin, logits);
+        begin += place.channels;
+      }
+      if (places[table].empty()) {
+        require(begin + logits.size() <= outputs.size());
+        std::copy_n(outputs.begin() + begin, logits.size(), logits.begin());
+        begin += logits.size();
+      }
+      append(values, logits);
+    }
+    values.insert(values.end(), outputs.begin() + begin, outputs.end());
+    return values;
+  }
+
   /// Returns the last frames or pictures, oldest first. All but the oldest are added to `kept`.
   std::vector<float> stack(const std::vector<float>& newest, const std::vector<float>& older,
                            std::vector<float>& kept) const {
@@ -107,7 +145,9 @@ class Network {
 
   std::map<std::string, std::size_t> sizes;  // numbers of each sensor
   std::vector<ImageEncoder> images;
-  std::vector<std::vector<float>> weights, biases;  // of the layers
+  std::vector<Dense> layers;
+  std::vector<std::vector<Place>> places;  // of each table; of a map alone
+  Memory memory = Memory(json["memory"]);
   std::vector<float> shift = json["scaling"]["shift"].floats(), scale = json["scaling"]["scale"].floats();
   std::size_t frames = json["frame_stack"].place();
   Activation activate = activation(json["activation"].text);

@@ -1,12 +1,13 @@
 /// Play a policy that `joybridge export RUN policy.json` wrote. Copy this file, network.hpp,
-/// convolutions.hpp and json.hpp; they need C++20 alone.
+/// recurrent.hpp, convolutions.hpp and json.hpp; they need C++20 alone.
 ///
 ///   const joybridge::Policy policy("policy.json");
 ///   const joybridge::Noise noise = joybridge::seeded(7);
 ///   joybridge::State state = policy.begin();  // again for the next episode
 ///   const auto action = policy.act({{"target", {0.1, -0.3}}, {"bow", {1}}}, state, noise, {{"draw", {true, false}}});
 ///
-/// It plays one agent. Decide when the game lets the agent decide, and for the first observation of each episode.
+/// It plays one agent. Decide when the game lets the agent decide; if it waits with the first observation of an episode,
+/// call `watch` with it.
 #pragma once
 
 #include <algorithm>
@@ -48,18 +49,23 @@ inline Noise seeded(std::mt19937_64::result_type seed) {
 class Policy {
  public:
   explicit Policy(const std::string& path) : document(Json::read(path)) {
-    require(document["format"].text == "joybridge.policy.v4",
+    require(document["format"].text == "joybridge.policy.v5",
             path + " is no policy; write it with `joybridge export RUN policy.json`");
     for (const Json& network : document["policies"].items) networks_.emplace_back(network, document["sensors"]);
   }
 
   const Json document;  // the file: its `game`, `options`, `sensors`, `axes`, `branches` and more
 
-  /// Returns the state of a new episode, in which no network remembers a frame.
+  /// Returns the state of a new episode, in which no network remembers anything.
   State begin() const {
     State state;
     for (const Network& network : networks_) state.emplace_back(network.remembers());
     return state;
+  }
+
+  /// Advances the state by an observation with which the agent waits, the first of an episode.
+  void watch(const Sensors& sensors, State& state) const {
+    for (std::size_t index = 0; index < networks_.size(); ++index) networks_[index].watch(sensors, state.at(index));
   }
 
   /// Returns what to do, and advances the state; a branch without a mask allows all. Throws std::logic_error.

@@ -14,6 +14,7 @@ from joybridge.conformance.rules import (
     order,
     pictures,
     resets,
+    scripts,
     security,
     seeds,
     sessions,
@@ -27,7 +28,7 @@ from joybridge.conformance.rules import (
 
 _MODULES = (  # what others build on comes first: a game that is not deterministic fails checks of most families
     games, specs, behaviors, start, steps, episode_ends, seeds, sessions, versions, resets, settings, distributions,
-    choices, order, actions, action_tensors, pictures, snapshots, limits, security, health_and_reflection,
+    choices, order, actions, action_tensors, scripts, pictures, snapshots, limits, security, health_and_reflection,
 )  # fmt: skip
 FAMILIES: dict[str, str] = {  # name -> description, in the order in which they run and are to be repaired
     module.__name__.rpartition(".")[2]: (module.__doc__ or "").partition("\n")[0] for module in _MODULES

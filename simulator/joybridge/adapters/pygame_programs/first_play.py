@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ SAME_FRAMES = (20, 40)  # before and after a snapshot, with random acts
 
 def frame_seconds(processes: ProgramProcesses, look: Look) -> float:
     """Return how long a frame of the program usually is, in its own time. Raises GameError if it soon fails."""
-    with _playing(processes, look) as (players, form):
+    with playing(processes, look) as (players, form):
         times = [players.begin([0], [0])[0].nanoseconds]
         times += [each.nanoseconds for each in players.play(0, [bytes(form.act_bytes)] * QUIET_FRAMES)]
     return median([after - before for before, after in pairwise(times)]) / 1e9 or 1 / processes.settings.number("fps")
@@ -27,7 +28,7 @@ def frame_seconds(processes: ProgramProcesses, look: Look) -> float:
 
 def keys_read(processes: ProgramProcesses, look: Look, numbers: dict[str, int]) -> list[str]:
     """Return the names of the keys that the program is seen to read. numbers: pygame's, by name. Raises GameError."""
-    with _playing(processes, look, watch=True) as (players, form):
+    with playing(processes, look, watch=True) as (players, form):
         players.begin([0], [0])
         for _ in players.play(0, _random_acts(form, WATCHED_FRAMES, press=False)):
             pass
@@ -37,20 +38,36 @@ def keys_read(processes: ProgramProcesses, look: Look, numbers: dict[str, int]) 
 
 def plays_the_same(processes: ProgramProcesses, look: Look) -> bool:
     """Return whether a snapshot goes on, and an episode is repeated, with the same pictures. Raises GameError."""
-    with _playing(processes, look, hashes=True) as (players, form):
+    with playing(processes, look, hashes=True) as (players, form):
         acts = _random_acts(form, sum(SAME_FRAMES))
-        before, after = acts[: SAME_FRAMES[0]], acts[SAME_FRAMES[0] :]
-        players.begin([0], [0])
-        original = _hashes(players, before)
-        if len(original) < len(before):  # the program has ended
-            return True
-        players.branch(0, b"first play")
-        original += _hashes(players, after)
-        players.restore(0, b"first play")
-        continued = original[: len(before)] + _hashes(players, after)
+        trial = branch_off(players, 0, acts[: SAME_FRAMES[0]], acts[SAME_FRAMES[0] :])
         processes.forget_branches()
         players.begin([0], [0])
-        return original == continued == _hashes(players, acts)
+        return trial.original == trial.copied and trial.before + trial.original == _hashes(players, acts)
+
+
+class Trial(NamedTuple):
+    """Hashes of the frames that were played before a snapshot, and after it by the process itself and by a copy."""
+
+    before: list[int]
+    original: list[int]
+    copied: list[int]
+
+
+def branch_off(players: Players, seed: int, before: Sequence[bytes], after: Sequence[bytes]) -> Trial:
+    """Play an episode with a snapshot in it, and go on from there twice. Raises GameError.
+
+    Nothing follows the snapshot if the episode is over before it.
+    """
+    players.begin([0], [seed])
+    first = _hashes(players, before)
+    if len(first) < len(before):
+        return Trial(first, [], [])
+    name = b"%d" % seed
+    players.branch(0, name)
+    original = _hashes(players, after)
+    players.restore(0, name)
+    return Trial(first, original, _hashes(players, after))
 
 
 def _hashes(players: Players, acts: Sequence[bytes]) -> list[int]:
@@ -66,7 +83,7 @@ def _random_acts(form: Form, count: int, *, press: bool = True) -> list[bytes]:
 
 
 @contextmanager
-def _playing(
+def playing(
     processes: ProgramProcesses, look: Look, *, hashes: bool = False, watch: bool = False
 ) -> Iterator[tuple[Players, Form]]:
     """Yield a player that decides in every frame."""

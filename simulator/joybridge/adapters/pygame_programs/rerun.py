@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from joybridge.adapters.pygame_programs.adapter import adapt
+from joybridge.adapters.pygame_programs.form import Form
 from joybridge.adapters.pygame_programs.game import PygameGame
 from joybridge.adapters.pygame_programs.tape import Rerun
 from joybridge.contract.spec import choose_options
@@ -24,10 +25,10 @@ def opened(program: str, options: Mapping[str, str]) -> Iterator[tuple[Rerun, ty
         game.processes.end()
 
 
-def random_acts(rerun: Rerun, seed: int, decisions: int) -> Iterator[bytes]:
+def random_acts(form: Form, seed: int, decisions: int) -> Iterator[bytes]:
     """Yield acts that go on for a while, as those of a person do."""
     rng = np.random.default_rng(seed)
-    axes, counts = len(rerun.form.axes()), [len(branch.choices) for branch in rerun.form.branches()]
+    axes, counts = len(form.axes()), [len(branch.choices) for branch in form.branches()]
     places, choices = np.zeros(axes, np.float32), np.zeros(len(counts), np.int32)
     for _ in range(decisions):
         fresh = rng.random(axes + len(counts)) > HOLD

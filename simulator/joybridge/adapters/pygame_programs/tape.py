@@ -26,7 +26,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.simulator.batched_game import GameError
 
-FORMAT = 1
+FORMAT = 2
 MAX_PICTURE_PIXELS = 480  # of width and height: a tape stays small enough to be kept beside a program
 
 

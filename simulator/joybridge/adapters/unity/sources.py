@@ -82,7 +82,7 @@ class Ports:
                     why = "another session plays with it" if number < len(ports) else "nobody listens for it"
                     raise GameError(
                         f"player {number}, for the arenas from {number * self.settings.areas} on, is not free: {why}; "
-                        "set groups=1, or serve more players (players=N) or larger ones (areas=N)"
+                        "set pipeline_groups=1, or serve more players (players=N) or larger ones (areas=N)"
                     )
             self._taken.update(numbers)
         players: list[UnityPlayer] = []

@@ -82,8 +82,9 @@ def draw(arena: np.record, rules: Rules, width: int, height: int) -> Array:
     _beast(canvas, world, arena)
     _ball(canvas, world, arena)
     for player, color in zip(players, PLAYERS, strict=False):
-        if player["alive"] and (rules.script == 0 or player is players[0]):
-            cursor(canvas, world.placed(player["pointer_x"], player["pointer_z"], CURSOR, CURSOR), color)
+        pointer = player["pointer_x"], player["pointer_z"]
+        if player["alive"] and pointer != tuple(SEATS[player["seat"]]):  # where scripts and the first picture leave it
+            cursor(canvas, world.placed(*pointer, CURSOR, CURSOR), color)
     panel(canvas, round(canvas.get_width() * SHARE), arena, rules, PLAYERS)
     return picture(canvas)
 

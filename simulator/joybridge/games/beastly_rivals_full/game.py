@@ -7,7 +7,7 @@ import numpy as np
 
 from joybridge.games.beastly_rivals_full import rules as r
 from joybridge.games.beastly_rivals_full.check import check_arenas
-from joybridge.games.beastly_rivals_full.scripts import NONE, RIVALS
+from joybridge.games.beastly_rivals_full.scripts import SCRIPTS
 from joybridge.games.beastly_rivals_full.sensing import observe, sensors
 from joybridge.games.beastly_rivals_full.state import (
     ARENA,
@@ -43,12 +43,6 @@ PAUSES = {"original": (300, 150, 150), "short": (50, 25, 25)}  # ticks: before t
 OPTIONS = [
     option("players", [str(count) for count in range(2, MAX_PLAYERS + 1)], "4", "how many players a match has"),
     option("lives", [str(count) for count in range(MAX_LIVES + 1)], "2", "deaths that a player survives"),
-    option(
-        "rivals",
-        RIVALS,
-        description="learning: all players are agents; otherwise the first is the only agent, and the others follow a "
-        "script: flee, at_once (passes at once), patient (passes at the last moment), or each of the three in turn",
-    ),
     option(
         "rules",
         ["original", "corrected"],
@@ -109,7 +103,7 @@ class BeastlyRivalsFull(RecordGame):
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec. The options `players`, `rivals` and `locomotion` change it."""
+        """Return the spec. The options `players` and `locomotion` change it."""
         locomotion, players = LOCOMOTIONS[options["locomotion"]], int(options["players"])
         rival = behavior(
             "rival",
@@ -126,7 +120,8 @@ class BeastlyRivalsFull(RecordGame):
             ],
             channels=CHANNELS,
             metrics=METRICS,
-            agents=players if options["rivals"] == "learning" else 1,
+            scripts=SCRIPTS,
+            agents=players,
         )
         return spec(
             cls,
@@ -145,7 +140,7 @@ class BeastlyRivalsFull(RecordGame):
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
     ) -> None:
         """Begin a first episode in every arena."""
-        players, script = int(options["players"]), RIVALS.index(options["rivals"])
+        players = int(options["players"])
         original = options["rules"] == "original"
         start_ticks, dead_ticks, revive_ticks = PAUSES[options["pauses"]]
         self.rules = Rules(
@@ -159,9 +154,8 @@ class BeastlyRivalsFull(RecordGame):
             start_ticks=start_ticks,
             dead_ticks=dead_ticks,
             revive_ticks=revive_ticks,
-            script=script,
         )
-        self.agents = players if script == NONE else 1
+        self.agents = players
         self.locomotion = LOCOMOTIONS[options["locomotion"]]
         self._shapes = [(arenas * self.agents, *sensor.shape) for sensor in sensors(players)]
         super().__init__(options, parameters, arenas, first_arena, seed)
@@ -188,11 +182,12 @@ class BeastlyRivalsFull(RecordGame):
         lanes = len(self.arenas) * self.agents
         heading = self.headings()
         velocity = self.locomotion.velocity(act, heading) * r.TOP_SPEED
+        scripts = np.zeros(lanes, np.int32) if act.scripts is None else act.scripts.copy()
         if self.locomotion.sensors:
-            self._turn(heading)
+            self._turn(heading, scripts)
         rewards = np.empty((lanes, len(CHANNELS)), np.float32)
         reserve(self.streams, r.MAX_DRAWS)
-        r.decide(self.arenas, self.streams, self.rules, velocity, act.choices[:, -1].copy(), rewards)
+        r.decide(self.arenas, self.streams, self.rules, velocity, act.choices[:, -1].copy(), scripts, rewards)
         step = StepArrays(self.observations(), rewards, np.zeros(lanes, bool), np.zeros(lanes, bool))
         over = self.fields["phase"] == OVER
         ends = over | (self.fields["tick"] >= MAX_DECISIONS * DECISION_TICKS)
@@ -228,10 +223,11 @@ class BeastlyRivalsFull(RecordGame):
         """Return the heading of every lane's pointer, rad."""
         return self._of_lanes("heading")
 
-    def _turn(self, heading: Array) -> None:
-        """Set the headings of the pointers of living players, rad [lanes]."""
+    def _turn(self, heading: Array, scripts: Array) -> None:
+        """Set the headings of the pointers of living players that no script plays, rad [lanes]."""
         players = self.fields["players"][:, : self.agents]
-        players["heading"] = np.where(players["alive"], heading.reshape(players.shape), players["heading"])
+        obeys = players["alive"] & (scripts == 0).reshape(players.shape)
+        players["heading"] = np.where(obeys, heading.reshape(players.shape), players["heading"])
 
     def _of_lanes(self, field: str) -> Array:
         """Return a copy of a field of the players that are agents, [lanes]."""

@@ -9,7 +9,7 @@ from joybridge.games.beastly_rivals_full.ball import charge, drop, fly, throw
 from joybridge.games.beastly_rivals_full.beast import calm, end_boost, hunt
 from joybridge.games.beastly_rivals_full.geometry import SEATS, project, unit
 from joybridge.games.beastly_rivals_full.players import click, follow_commands, land, stop, walk
-from joybridge.games.beastly_rivals_full.scripts import NONE, play
+from joybridge.games.beastly_rivals_full.scripts import play
 from joybridge.games.beastly_rivals_full.state import (
     CHANNELS,
     DEAD,
@@ -78,20 +78,21 @@ def _shuffle(values, count, streams, i):
 
 
 @compiled
-def decide(arenas, streams, rules, velocity, clicks, rewards):
+def decide(arenas, streams, rules, velocity, clicks, scripts, rewards):
     """Advance every arena by one decision. Episodes that end are left as they are, with all rewards paid.
 
     velocity [lanes, 2] is the commanded one of the pointers, clicks [lanes] are 0, 1 or 2 for a double click; those of
-    lanes that wait are ignored. rewards [lanes, channels] is written: zeros for lanes that wait.
+    lanes that wait are ignored. scripts [lanes]: 0, or which script plays instead, see scripts.py. rewards [lanes,
+    channels] is written: zeros for lanes that wait.
     """
-    agents = rules.players if rules.script == NONE else 1
     gained = np.zeros((rules.players, CHANNELS))
     for i in range(len(arenas)):
-        arena, first = arenas[i], i * agents
-        for j in range(agents):
-            _act(arena, j, velocity[first + j], clicks[first + j], rules)
-        for j in range(agents, rules.players):
-            play(arena, j, rules)
+        arena, first = arenas[i], i * rules.players
+        for j in range(rules.players):
+            if scripts[first + j] > 0:
+                play(arena, j, scripts[first + j], rules)
+            else:
+                _act(arena, j, velocity[first + j], clicks[first + j], rules)
         gained[:] = 0.0
         for _ in range(DECISION_TICKS):
             tick(arena, streams, i, rules, gained)
@@ -102,7 +103,7 @@ def decide(arenas, streams, rules, velocity, clicks, rewards):
             _rank_the_remaining(arena, rules, gained)
         if rules.zero_sum:
             _compare(gained)
-        for j in range(agents):
+        for j in range(rules.players):
             player = arena.players[j]
             for channel in range(CHANNELS):
                 player.earned[channel] += gained[j, channel]

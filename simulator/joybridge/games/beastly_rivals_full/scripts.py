@@ -1,8 +1,8 @@
-"""Three rivals that follow fixed rules: the option `rivals` lets one of them play every player but the first.
+"""Three scripts, which may play any player.
 
 They run inside the simulator, because they need the whole state, cost no message there, and play the same matches
-for every trainer. They give commands at once, without a pointer. `play` and the scripts change an arena's record, so
-Python can call them as well.
+for every trainer. They give commands at once, without a pointer, which stays where it is. `play` and the scripts change
+an arena's record, so Python can call them as well.
 """
 
 import math
@@ -14,9 +14,12 @@ from joybridge.games.beastly_rivals_full.state import MAX_CHARGE, PLAYER_RADIUS
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.trigonometry import arccosine
 
-SCRIPTS = ("flee", "at_once", "patient")
-RIVALS = ("learning", *SCRIPTS, "mixed")  # choices of the option; their numbers are those of Rules.script
-NONE, FLEE, AT_ONCE, PATIENT, MIXED = range(len(RIVALS))
+SCRIPTS = {
+    "flee": "runs away from the beast, blinks to the other side if it is near, and never passes",
+    "at_once": "passes at once, to the rival to which it has to turn least",
+    "patient": "stays behind the beast, charges, and passes at the last moment",
+}
+FLEE, AT_ONCE, PATIENT = range(1, 1 + len(SCRIPTS))
 
 DODGE, GAIN = 8.0, 32.0  # how far behind the beast a player goes to dodge it, and to gain time
 AWAY = 15.0  # how far a player looks for a point to flee to; one that is nearer than NO_WAY is a wall
@@ -28,10 +31,10 @@ DEGREES = 180 / math.pi
 
 
 @compiled
-def play(arena, i, rules):
-    """Give player i the command of its script in this decision; of several, they are dealt in turn."""
-    script = (i - 1) % len(SCRIPTS) + 1 if rules.script == MIXED else rules.script
+def play(arena, i, script, rules):
+    """Give player i the command of a script in this decision."""
     player = arena.players[i]
+    player.pointer_vx = player.pointer_vz = 0.0
     if not player.alive:
         return
     if arena.target != i:

@@ -39,7 +39,6 @@ class Rules(NamedTuple):
     start_ticks: int  # until the first ball
     dead_ticks: int  # after a death, then
     revive_ticks: int  # until the next ball
-    script: int  # what plays all players but the first, see scripts.py
 
 
 PLAYER = np.dtype(

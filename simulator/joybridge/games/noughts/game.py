@@ -49,6 +49,11 @@ class Noughts(Game):
             sensors=[sensor("own", [9], 0, 1, "marks, row by row"), sensor("other", [9], 0, 1, "the other's marks")],
             branches=[branch("field", [f"{column}{row}" for row in "123" for column in "abc"])],
             metrics=["sound", "drawn"],
+            scripts={
+                "perfect": "any move that does not worsen the outcome of perfect play",
+                "careless": "half of its moves are perfect, the others random",
+                "random": "any move",
+            },
             agents=2,
         )
         return spec(cls, [player], picture=(SIZE, SIZE))
@@ -75,6 +80,14 @@ class Noughts(Game):
             metrics = {"sound": self.sound[agent] / self.moves[agent], "drawn": 1 - won}
             turns.append(termination(self._observe(agent), {"reward": won if agent == mover else -won}, metrics))
         return turns
+
+    def script(self, name: str, agent: int) -> Action:
+        """Return a move of a script: one of those that it likes equally."""
+        own, other = self.marks[agent], self.marks[1 - agent]
+        moves = [field for field in FIELDS if not (own | other) >> field & 1]
+        if name == "perfect" or (name == "careless" and self.rng.random() < 0.5):
+            moves = [move for move in moves if -outcome(other, own | 1 << move) == outcome(own, other)]
+        return {"field": moves[int(self.rng.integers(len(moves)))]}
 
     def _take_turns(self) -> list[TimeStep]:
         free = [not (self.marks[0] | self.marks[1]) >> field & 1 for field in FIELDS]

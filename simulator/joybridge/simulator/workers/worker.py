@@ -20,12 +20,12 @@ from typing import Any, ClassVar
 
 from joybridge.contract.codec import Codec, StepArrays, fill_step, pack
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.memory import keep_memory
 from joybridge.contract.tensors import Array
 from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.catalog import load_game
 from joybridge.simulator.game import TimeStep
 from joybridge.simulator.game_adapter import GameAdapter
-from joybridge.simulator.memory import keep_memory
 from joybridge.simulator.workers.link import (
     ACT,
     CLOSING_SECONDS,

@@ -5,11 +5,13 @@ Inputs, each with one row per lane:
     sensor.NAME    as the game sends it
     mask.NAME      bool [lanes, choices], for each branch of the device; all true if the game sends no masks
     state          float32 [lanes, numbers]: `next_state` of the lane's last decision, zeros in a new episode
+    memory         float32 [lanes, numbers]: `next_memory` of the same; not of an observation with which a lane waits
     normal         float32 [lanes, Gaussians]: standard normal noise
     uniform        float32 [lanes, branches of the policies]: noise in [0, 1)
 
-Outputs: `axes` float32 [lanes, axes], `choices` int32 [lanes, branches], `next_state`. What has no columns is left
-out: `state` without a frame stack, noise if the policy is deterministic, `axes` if the device has none.
+Outputs: `axes` float32 [lanes, axes], `choices` int32 [lanes, branches], `next_state` and `next_memory`. What has no
+columns is left out: `state` without a frame stack, `memory` without a recurrent layer, noise if the policy is
+deterministic, `axes` if the device has none.
 
 Only operators of opset 17 and 32-bit numbers are used, which every runtime has.
 """
@@ -25,7 +27,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from joybridge.contract.versions import own_version
 from joybridge.layouts import CLIP
-from joybridge.play.policy_document import Document
+from joybridge.policy.document import Document
 from joybridge.ppo.distributions import FORBIDDEN
 
 OPSET, IR_VERSION = 17, 8
@@ -33,6 +35,11 @@ LANES = "lanes"  # the name of the first size of all inputs and outputs
 BELOW_ONE = np.nextafter(np.float32(1), np.float32(0))
 TYPES = {
     "float32": TensorProto.FLOAT, "int32": TensorProto.INT32, "uint8": TensorProto.UINT8, "bool": TensorProto.BOOL,
+}  # fmt: skip
+OPERATORS = {
+    "Abs", "Add", "And", "ArgMax", "Cast", "Clip", "Concat", "Conv", "CumSum", "Div", "Elu", "Flatten", "Gather",
+    "GatherElements", "Gemm", "Greater", "Identity", "Less", "LessOrEqual", "MaxPool", "Min", "Mul", "ReduceSum",
+    "Relu", "Reshape", "Sigmoid", "Slice", "Softmax", "Sub", "Tanh", "Transpose", "Where",
 }  # fmt: skip
 
 
@@ -46,6 +53,15 @@ def build_model(document: Document) -> onnx.ModelProto:
     helper.set_model_props(model, {"joybridge": json.dumps(about, ensure_ascii=False)})
     onnx.checker.check_model(model, full_check=True)
     return model
+
+
+def check_operators(model: bytes) -> None:
+    """Raise ValueError for a model that repeats, branches, calls others, or reads other files, as none of ours does."""
+    graph = onnx.load_model_from_string(model).graph
+    if unknown := sorted({node.op_type for node in graph.node} - OPERATORS):
+        raise ValueError(f"it has the operator {unknown[0]}, which no exported policy has")
+    if any(node.domain for node in graph.node) or any(constant.external_data for constant in graph.initializer):
+        raise ValueError("it needs something outside itself, which no exported policy does")
 
 
 class _Builder:
@@ -72,26 +88,30 @@ class _Builder:
             self._input(f"mask.{branch['name']}", "bool", [len(branch["choices"])]) for branch in self._branches
         ]
         axes, choices = [""] * len(self._axes), [""] * len(self._masks)  # each [lanes, 1]
-        states: list[str] = []
+        self._images: list[list[str]] = []  # of the present policy: each of its images after each step of its encoder
+        self._next: dict[str, list[str]] = {"state": [], "memory": []}  # what follows these inputs
         for policy in document["policies"]:
-            self._play(policy, axes, choices, states)
-        for name in ("state", "normal", "uniform"):
+            self._play(policy, axes, choices)
+        for name in ("state", "memory", "normal", "uniform"):
             if name in self._ranges:
                 self._input(name, "float32", [self._ranges[name]])
         if axes:
             self._output("axes", "float32", len(axes), self._side_by_side(axes))
         if choices:
             self._output("choices", "int32", len(choices), self._cast(self._side_by_side(choices), "int32"))
-        if states:
-            self._output("next_state", "float32", self._ranges["state"], self._side_by_side(states))
+        for name, values in self._next.items():
+            if values:
+                self._output(f"next_{name}", "float32", self._ranges[name], self._side_by_side(values))
 
-    def _play(self, policy: Document, axes: list[str], choices: list[str], states: list[str]) -> None:
+    def _play(self, policy: Document, axes: list[str], choices: list[str]) -> None:
         """Add one policy: its columns of `axes` and `choices`, and what it remembers."""
-        outputs = self._network(policy, self._observe(policy, states))
+        outputs = self._network(policy, self._observe(policy))
         row = 0
         for table in policy["discrete"]:
-            size = len(table["values"])
-            choice = self._choose(table, self._columns(outputs, row, size))
+            places = table.get("places", [])
+            size = sum(place["channels"] for place in places) or len(table["values"])
+            logits = self._columns(outputs, row, size)
+            choice = self._choose(table, self._point(places, logits) if places else logits)
             row += size
             if "axis" in table:
                 axes[table["axis"]] = self._node("Gather", self._constant(table["values"]), choice)
@@ -118,32 +138,34 @@ class _Builder:
                 else:
                     choices[target["branch"]] = self._press(share, target)
 
-    def _observe(self, policy: Document, states: list[str]) -> str:
-        """Return what the dense layers of a policy get, and add to `states` what the policy remembers of it."""
+    def _observe(self, policy: Document) -> str:
+        """Return what the dense layers of a policy get, and keep what it sees again in the next decision."""
         frames = policy["frame_stack"]
         parts = []
+        self._images = []
         if policy["sensors"]:
             frame = self._side_by_side([self._frames[name] for name in policy["sensors"]])
             size = sum(math.prod(self._shapes[name]) for name in policy["sensors"])
-            parts.append(self._stack(self._scale(policy, frame), size, frames, states))
+            parts.append(self._stack(self._scale(policy, frame), size, frames))
         for image in policy["images"]:
             height, width, channels = image["shape"]
             pixels = self._frames[image["sensor"]]
-            stack = self._stack(pixels, height * width * channels, frames, states)
+            stack = self._stack(pixels, height * width * channels, frames)
             value = self._reshape(stack, [-1, frames, height, width, channels])
             value = self._node("Transpose", value, perm=[0, 1, 4, 2, 3])
             value = self._reshape(value, [-1, frames * channels, height, width])
             value = self._node("Div", value, self._constant(image["white"]))
-            parts.append(self._node("Flatten", self._encode(image["steps"], policy["activation"], value)))
+            self._images.append(self._encode(image["steps"], policy["activation"], value))
+            parts.append(self._node("Flatten", self._images[-1][-1]))
         return self._side_by_side(parts)
 
-    def _stack(self, newest: str, size: int, frames: int, states: list[str]) -> str:
+    def _stack(self, newest: str, size: int, frames: int) -> str:
         """Return the last frames or pictures side by side, oldest first; all but the oldest are remembered."""
         if frames == 1:
             return newest
         older = size * (frames - 1)
         stack = self._side_by_side([self._take("state", older), newest])
-        states.append(self._columns(stack, size, older))
+        self._next["state"].append(self._columns(stack, size, older))
         return stack
 
     def _scale(self, policy: Document, frame: str) -> str:
@@ -154,13 +176,14 @@ class _Builder:
                 frame = self._node("Clip", frame, self._constant(-limit), self._constant(limit))
         return frame
 
-    def _encode(self, steps: list[Document], activation: str, value: str) -> str:
-        """Return an image [lanes, channels, height, width] after the steps of an encoder."""
+    def _encode(self, steps: list[Document], activation: str, value: str) -> list[str]:
+        """Return an image [lanes, channels, height, width] after each of the steps of an encoder."""
+        after = []
         for step in steps:
             if step["kind"] == "activation":
                 value = self._activate(activation, value)
             elif step["kind"] == "residual":
-                value = self._node("Add", value, self._encode(step["steps"], activation, value))
+                value = self._node("Add", value, self._encode(step["steps"], activation, value)[-1])
             else:
                 window = {
                     "kernel_shape": step["size"], "strides": [step["stride"]] * 2, "pads": [step["padding"]] * 4,
@@ -170,15 +193,59 @@ class _Builder:
                     value = self._node("Conv", value, weight, bias, **window)
                 else:
                     value = self._node("MaxPool", value, **window)
-        return value
+            after.append(value)
+        return after
+
+    def _point(self, places: list[Document], wanted: str) -> str:
+        """Return the logits of the cells of a map. wanted: a weight for each channel of each of its places."""
+        begin, logits = 0, ""
+        for place in places:
+            weight = self._reshape(self._columns(wanted, begin, place["channels"]), [-1, place["channels"], 1, 1])
+            image = self._images[place["image"]][place["step"]]
+            found = self._node("ReduceSum", self._node("Mul", image, weight), self._constant([1], np.int64), keepdims=0)
+            part = self._node("MatMul", self._node("Flatten", found), self._constant(place["weight"].T))
+            logits = self._node("Add", logits, part) if logits else part
+            begin += place["channels"]
+        return logits
 
     def _network(self, policy: Document, value: str) -> str:
         for number, layer in enumerate(policy["layers"]):
             if number:
                 value = self._activate(policy["activation"], value)
-            weight, bias = self._constant(layer["weight"]), self._constant(layer["bias"])
-            value = self._node("Gemm", value, weight, bias, transB=1)
+            if "memory" in policy and layer is policy["layers"][-1]:
+                value = self._remember(policy["memory"], value)
+            value = self._dense(layer, value)
         return value
+
+    def _dense(self, layer: Document, value: str) -> str:
+        return self._node("Gemm", value, self._constant(layer["weight"]), self._constant(layer["bias"]), transB=1)
+
+    def _remember(self, memory: Document, value: str) -> str:
+        """Return what a recurrent layer puts out, and keep its state."""
+        size = memory["state"]["weight"].shape[1]
+        last = self._take("memory", size)
+        given, kept = self._dense(memory["input"], value), self._dense(memory["state"], last)
+        if memory["kind"] == "gru":
+            (reset, update, new), (by_reset, by_update, by_new) = (
+                self._split(gates, size, 3) for gates in (given, kept)
+            )
+            reset = self._node("Sigmoid", self._node("Add", reset, by_reset))
+            update = self._node("Sigmoid", self._node("Add", update, by_update))
+            new = self._node("Tanh", self._node("Add", new, self._node("Mul", reset, by_new)))
+            # (1 - update) new + update last
+            out = self._node("Add", new, self._node("Mul", update, self._node("Sub", last, new)))
+            self._next["memory"].append(out)
+            return out
+        write, keep, new, show = self._split(self._node("Add", given, kept), size, 4)
+        kept_cells = self._node("Mul", self._node("Sigmoid", keep), self._take("memory", size))
+        written = self._node("Mul", self._node("Sigmoid", write), self._node("Tanh", new))
+        cells = self._node("Add", kept_cells, written)
+        out = self._node("Mul", self._node("Sigmoid", show), self._node("Tanh", cells))
+        self._next["memory"] += [out, cells]
+        return out
+
+    def _split(self, gates: str, size: int, count: int) -> list[str]:
+        return [self._columns(gates, size * gate, size) for gate in range(count)]
 
     def _activate(self, activation: str, value: str) -> str:
         if activation == "swish":

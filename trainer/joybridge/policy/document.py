@@ -7,6 +7,7 @@
 import base64
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,13 @@ from joybridge.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.layouts.layout import GAUSSIAN, SQUASHED
 from joybridge.policy.actor import Actor
 from joybridge.policy.scaling import LIMIT, Scaling
-from joybridge.ppo.convolutions import Activate, ImageEncoder, Residual
+from joybridge.ppo.convolutions import Activate, Convolutions, ImageEncoder, Residual
+from joybridge.ppo.memory import Memory
 from joybridge.v1 import bridge_pb2 as pb
 
 Document = dict[str, Any]
 
-FORMAT = "joybridge.policy.v4"
+FORMAT = "joybridge.policy.v5"
 
 
 def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
@@ -63,11 +65,7 @@ def decode(data: bytes) -> Document:
 
 
 def _policy(actor: Actor) -> Document:
-    """Return the network and the layout of one policy.
-
-    The rows of the last layer are the choices of the policy's branches, one branch after the other, then the means of
-    its Gaussians: neither padding nor a value.
-    """
+    """Return the network and the layout of one policy."""
     state, space, layout = actor.state(), actor.layout.space, actor.layout
     if unknown := [name for name in space.distributions if name not in (GAUSSIAN, SQUASHED)]:
         names = ", ".join(dict.fromkeys(name.rpartition(":")[2] for name in unknown))
@@ -75,27 +73,11 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
-    if space.maps:
-        raise ExportError(
-            f"{actor.name}: layouts with a map point with convolutions, which cannot be exported; train it with "
-            "another layout, such as bucket-11, or play it with the trainer"
-        )
-    if actor.network.state_size:
-        raise ExportError(
-            f"{actor.name}: networks with memory cannot be exported; train it with policy.memory.kind=none, or play it "
-            "with the trainer"
-        )
-    branches, padded = len(space.branches), len(space.branches) * space.widest
-    choices = [branch * space.widest + choice for branch in range(branches) for choice in range(space.branches[branch])]
-    rows = [*choices, *range(padded, padded + space.continuous)]
     hidden = [
         {"weight": state[f"actor.hidden.{index}.weight"], "bias": state[f"actor.hidden.{index}.bias"]}
         for index in range(len(actor.config.hidden_sizes))
     ]
-    head, sums = state["actor.head.weight"], actor.network.sums
-    if sums is not None:  # ordinal logits are sums of outputs, so weights are added up once and for all
-        head = sums.numpy(force=True).T @ head
-    bias = np.concatenate([np.zeros(len(choices), np.float32), state["mean_bias"]])
+    places = _places(actor)
     return {
         "name": actor.name,
         "sensors": [sensor.name for sensor in actor.encoder.numbers],
@@ -103,25 +85,99 @@ def _policy(actor: Actor) -> Document:
         "frame_stack": actor.config.frame_stack,
         "activation": actor.config.activation,
         **({} if actor.scaling is None else {"scaling": _scaling(actor.scaling)}),
-        "layers": [*hidden, {"weight": head[rows], "bias": bias}],
+        **({} if actor.network.actor.memory is None else {"memory": _memory(actor.network.actor.memory)}),
+        "layers": [*hidden, _last_layer(actor)],
         "deviations": np.exp(0.5 * state["log_variance"].astype(float)).astype(np.float32),
-        "discrete": [_table(table) for table in layout.discrete],
+        "discrete": [
+            _table(table) | ({"places": places[branch]} if branch in places else {})
+            for branch, table in enumerate(layout.discrete)
+        ],
         "continuous": [_target(target) for target in layout.continuous],
     }
+
+
+def _last_layer(actor: Actor) -> Document:
+    """Return the last dense layer: neither padding nor a value.
+
+    Its rows are the choices of the policy's branches, one branch after the other, then the means of its Gaussians. For
+    a branch that is a map they are what it looks for: a weight for each channel of each of its places.
+    """
+    network, space = actor.network, actor.layout.space
+    tower, mean_bias = network.actor.head.weight.numpy(force=True), network.mean_bias.numpy(force=True)
+    head, wanted = tower, {}
+    if (pointers := network.pointers) is not None:
+        end = pointers.columns - pointers.shared
+        begin = end - sum(pointers.wanted)
+        for (branch, _), pointer in zip(space.maps, pointers.each, strict=True):
+            bias = pointer.bias.numpy(force=True)
+            wanted[branch] = tower[begin : begin + len(bias)], bias
+            begin += len(bias)
+        order = pointers.order.numpy(force=True)
+        head = np.where(order[:, None] < len(tower), tower[np.minimum(order, len(tower) - 1)], 0)
+    if network.sums is not None:  # ordinal logits are sums of outputs, so weights are added up once and for all
+        head = network.sums.numpy(force=True).T @ head
+    parts = []
+    for branch, size in enumerate(space.branches):
+        rows = head[branch * space.widest :][:size]
+        parts.append(wanted.get(branch, (rows, np.zeros(size, np.float32))))
+    padded = len(space.branches) * space.widest
+    parts.append((head[padded : padded + space.continuous], mean_bias))
+    weight, bias = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return {"weight": weight, "bias": bias}
+
+
+def _places(actor: Actor) -> dict[int, list[Document]]:
+    """Return what each branch that is a map sees of its cells: in each stage of each image, how much of each place."""
+    pointers = actor.network.pointers
+    if pointers is None:
+        return {}
+    found = {}
+    for (branch, _), pointer in zip(actor.layout.space.maps, pointers.each, strict=True):
+        found[branch] = [
+            {
+                "image": image,
+                "step": _stage_ends(_body(actor, image), _blank(actor, image))[stage],
+                "channels": channels,
+                "weight": np.kron(pointer.get_buffer(f"rows{part}").cpu(), pointer.get_buffer(f"columns{part}").cpu()),
+            }
+            for part, (image, stage, channels) in enumerate(pointer.parts)
+        ]
+    return found
+
+
+def _stage_ends(body: Convolutions, values: Tensor) -> list[int]:
+    """Return the number of the last step of each stage of convolutions. values: any image."""
+    counts = []
+    for stage in body.stages:
+        counts.append(len([*_steps([stage], values)]))
+        values = stage(values)
+    return [end - 1 for end in accumulate(counts)]
 
 
 def _images(actor: Actor) -> list[Document]:
     """Return how the actor sees each of its images."""
     if not actor.network.encoders:
         return []
-    encoder, frames = actor.network.encoders[0], actor.config.frame_stack  # the other one is the critic's
-    assert isinstance(encoder, ImageEncoder)
     documents = []
-    for (name, image), body in zip(actor.encoder.images.items(), encoder.bodies, strict=True):
-        blank = torch.zeros(1, image.channels * frames, image.height, image.width, device=actor.accelerator)
-        steps = [*_steps([*body.stages, nn.Flatten(), *body.dense], blank)]
+    for number, (name, image) in enumerate(actor.encoder.images.items()):
+        body = _body(actor, number)
+        steps = [*_steps([*body.stages, nn.Flatten(), *body.dense], _blank(actor, number))]
         documents.append({"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps})
     return documents
+
+
+def _body(actor: Actor, image: int) -> Convolutions:
+    """Return what an image passes through; a second encoder is the critic's."""
+    encoder = actor.network.encoders[0]
+    assert isinstance(encoder, ImageEncoder)
+    return encoder.bodies[image]
+
+
+def _blank(actor: Actor, image: int) -> Tensor:
+    """Return a stack of black pictures, [1, channels, height, width]."""
+    form = _body(actor, image).image
+    channels = form.channels * actor.config.frame_stack
+    return torch.zeros(1, channels, form.height, form.width, device=actor.accelerator)
 
 
 def _steps(layers: Iterable[nn.Module], values: Tensor) -> Iterator[Document]:
@@ -156,6 +212,16 @@ def _convolution(weight: Tensor, bias: Tensor | None, stride: int, padding: int)
         "kind": "convolution", "size": list(weight.shape[2:]), "stride": stride, "padding": padding,
         "weight": weight.numpy(force=True), "bias": bias.numpy(force=True),
     }  # fmt: skip
+
+
+def _memory(memory: Memory) -> Document:
+    """Return the recurrent layer in front of the last dense layer; the rows of its gates in PyTorch's order."""
+    arrays = {name: weight.numpy(force=True) for name, weight in memory.layer.named_parameters()}
+    return {
+        "kind": memory.kind,
+        "input": {"weight": arrays["weight_ih_l0"], "bias": arrays["bias_ih_l0"]},
+        "state": {"weight": arrays["weight_hh_l0"], "bias": arrays["bias_hh_l0"]},
+    }
 
 
 def _scaling(scaling: Scaling) -> Document:

@@ -1,0 +1,62 @@
+"""A configuration trained by Stable-Baselines3: the arguments it means there, and the folder of such a run."""
+
+import inspect
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from gymnasium.spaces import Box
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
+
+from joybridge.compare.sb3 import arguments_of, main
+from joybridge.config.config import Config, load_config
+from joybridge.config.config_files import find_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import read_rows
+
+SMALL = (
+    "arenas=2", "total_timesteps=256", "log_interval=64", "evaluate_during.episodes=3", "policy.rollout_steps=32",
+    "policy.time_horizon=32", "policy.minibatch_size=32", "policy.epochs=1",
+)  # fmt: skip
+
+
+def test_the_preset_sb3_is_what_ppo_does_there_by_default():
+    env = make_vec_env("Pendulum-v1", 1)
+    arguments = arguments_of(Config(game="Pendulum-v1", preset="sb3"), env)
+    defaults = {name: each.default for name, each in inspect.signature(PPO.__init__).parameters.items()}
+    kwargs = arguments.pop("policy_kwargs")
+    assert arguments == {name: defaults[name] for name in arguments} | {"seed": 0, "device": "cpu"}
+    policy = PPO("MlpPolicy", env).policy
+    assert kwargs["net_arch"] == [64, 64] and isinstance(policy.mlp_extractor.policy_net[1], kwargs["activation_fn"])
+    assert kwargs["ortho_init"] == policy.ortho_init and kwargs["optimizer_kwargs"] == policy.optimizer_kwargs
+    # As wide as half the range, which is 2 here; the deviation is 1 there, whatever the range.
+    assert kwargs["log_std_init"] == pytest.approx(math.log(2), abs=1e-3)
+
+
+@pytest.mark.parametrize(("entropy", "coefficient"), [("sum", 0.01), ("mean", 0.005)])
+def test_entropy_is_the_sum_over_axes_there(entropy, coefficient):
+    config = load_config(find_config("classic/lunarlander_continuous"), [f"policy.entropy={entropy}"])
+    two_axes: Any = SimpleNamespace(action_space=Box(-1.0, 1.0, (2,)))
+    assert arguments_of(config, two_axes)["ent_coef"] == coefficient
+
+
+@pytest.mark.parametrize("keys", [{"frame_stack": 3}, {"clip_vloss": True}, {"memory": {"kind": "gru"}}])
+def test_what_ppo_has_no_argument_for_is_named(keys):
+    with pytest.raises(ConfigError, match=f"cannot be set to this {next(iter(keys))}; begin with preset=sb3"):
+        arguments_of(Config(game="CartPole-v1", preset="sb3", policy=keys), make_vec_env("CartPole-v1", 1))
+
+
+@pytest.mark.parametrize("name", ["cartpole", "acrobot"])
+def test_a_run_has_the_rows_of_ours_and_is_evaluated_at_its_end(name, tmp_path):
+    assert main([str(find_config(f"classic/{name}")), "--run", str(tmp_path), *SMALL]) == 0
+    rows = read_rows(tmp_path / "metrics-agent.csv")
+    assert [row["timesteps"] for row in rows] == [64, 128, 192, 256]
+    assert rows[-1]["held_out_episodes"] == 3 and "held_out_reward" not in rows[0]
+    assert (tmp_path / "config.yaml").exists() and (tmp_path / "model.zip").exists()
+
+
+def test_a_game_that_is_no_environment_is_refused(tmp_path, capsys):
+    assert main([str(find_config("archer/hybrid")), "--run", str(tmp_path), "preset=sb3"]) == 1
+    assert "trains environments of Gymnasium here; there is no 'archer'" in capsys.readouterr().err

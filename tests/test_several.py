@@ -1,0 +1,211 @@
+"""One policy that plays several games: what it sees and does in each, and a run from its training to a video."""
+
+import json
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from joybridge.client.client import Session
+from joybridge.client.several_session import SeveralSession
+from joybridge.config.config import make_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import read_rows
+from joybridge.contract.codec import ActArrays
+from joybridge.layouts import make_acts
+from joybridge.policy.common_observation import common_sensors
+from joybridge.policy.episodes import Episodes
+from joybridge.policy.lineup import arenas_by_game, kinds_of, make_lineup
+from joybridge.ppo.return_scale import ReturnScale
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.simulator import image, sensor
+from tests.support.command_line import joybridge
+
+TWO = Path(__file__).parents[1] / "configs" / "several" / "two.yaml"
+
+
+def test_pictures_get_one_size_and_one_color_and_numbers_one_length():
+    wide, high = image("screen", 2, 4, channels=3), image("screen", 4, 2)
+    games = {"wide": [wide], "high": [sensor("place", [2], 0, 10), high], "blind": [sensor("one", [1])]}
+    sensors, views = common_sensors(games, dict.fromkeys(games), tell_game=True)
+    assert {s.name: list(s.shape) for s in sensors} == {"screen": [4, 4, 1], "numbers": [2], "known": [2], "game": [3]}
+    white = np.full((1, 2, 4, 3), 255, np.uint8)
+    screen, numbers, known, game = views["wide"].see([white])
+    assert screen[0, :, :, 0].tolist() == [[0] * 4, [255] * 4, [255] * 4, [0] * 4]
+    assert (numbers.tolist(), known.tolist(), game.tolist()) == ([[0, 0]], [[False, False]], [[1, 0, 0]])
+    gray = np.arange(8, dtype=np.uint8).reshape(1, 4, 2, 1)
+    screen, numbers, known, game = views["high"].see([np.array([[0, 7.5]], np.float32), gray])
+    assert screen[0, :, :, 0].tolist() == [[0, 0, 1, 0], [0, 2, 3, 0], [0, 4, 5, 0], [0, 6, 7, 0]]
+    assert (numbers.tolist(), known.tolist(), game.tolist()) == ([[-1, 0.5]], [[True, True]], [[0, 1, 0]])
+    _, numbers, known, _ = views["blind"].see([np.array([[7]], np.float32)])
+    assert (numbers.tolist(), known.tolist()) == ([[7, 0]], [[True, False]])  # without bounds it stays as it is
+
+
+def test_arenas_are_divided_by_the_shares_with_one_for_each_game_at_least():
+    games = {"a": {"share": 2.0}, "b": {}, "c": {"share": 0.01}}
+    config = make_config({"games": games, "arenas": 9, "pipeline_groups": 1})
+    assert arenas_by_game(config) == [[5, 3, 1]]
+    config = make_config({"games": {"a": {"share": 2.0}, "b": {}}, "arenas": 9, "pipeline_groups": 2})
+    assert arenas_by_game(config) == [[3, 2], [3, 1]]
+    assert kinds_of([[3, 2], [3, 1]]).tolist() == [0, 0, 0, 1, 1, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("keys", "wrong"),
+    [
+        ({"games": {"a": {}}, "game": "b"}, "there is a game, 'b', beside `games`"),
+        ({"games": {"a": {}}, "parameters": {"size": 1}}, "write games.NAME.parameters"),
+        ({"games": {"a": {}, "b": {}}, "arenas": 1}, "1 arenas are too few for 2 games"),
+        ({"game": "b", "tell_game": True}, "`tell_game` does not go with one game"),
+        ({"games": {"a.b": {}}}, "the name 'a.b' has other characters"),
+        ({"games": {"a": {"share": 0}}}, "games.a.share: got 0"),
+    ],
+)
+def test_keys_that_contradict_each_other_are_refused(keys, wrong):
+    with pytest.raises(ConfigError, match=wrong):
+        make_config(keys)
+
+
+@pytest.mark.parametrize(
+    ("games", "wrong"),
+    [
+        ({"marble": {"options": {"observation": "smell"}}}, "observation"),
+        ({"marble": {"parameters": {"observation": 1}}}, r"games.marble.parameters.observation: it is an option"),
+        ({"marble": {"sensors": ["nose"]}}, "games.marble.sensors: the game has no 'nose'; it has marble, speed, ring"),
+        ({"marble": {"reward_weights": {"x": 1}}}, "games.marble.reward_weights: there is no 'x'; it has reward"),
+        ({"ferry": {}}, "games.ferry: ferry has 3 agents"),
+    ],
+)
+def test_every_game_is_checked_before_anything_starts(games, wrong, simulator):
+    with pytest.raises(Exception, match=wrong):
+        make_lineup(simulator, make_config({"games": {"archer": {}, **games}}))
+
+
+def test_lanes_of_the_common_session_play_as_the_games_do_alone(simulator):
+    config = make_config({"games": {"archer": {}, "force": {"game": "hybrid"}}})
+    lineup = make_lineup(simulator, config)
+    (player,) = lineup.spec.behaviors
+    assert [axis.name for axis in player.device.axes] == ["x", "y"]
+    assert [branch.name for branch in player.device.branches] == ["string", "gear", "button1"]
+    assert [metric.name for metric in player.metrics] == [
+        "archer.hits", "archer.accuracy", "force.length", "force.presses",
+    ]  # fmt: skip
+
+    def both(game: str) -> Session:
+        return Session(simulator, game, arenas=2, seed=3)
+
+    own = [both("archer"), both("hybrid")]
+    several = SeveralSession(
+        [both("archer"), both("hybrid")], [2, 2], [*map(lineup.translation, lineup.games)], lineup.spec
+    )
+    rng, ended = np.random.default_rng(0), 0
+    with closing(several), closing(own[0]), closing(own[1]):
+        for _ in range(150):
+            (step,) = several.steps
+            assert step.masks is not None
+            (act,) = make_acts(lineup.spec, 4)
+            act.axes[:] = rng.uniform(-1, 1, act.axes.shape)
+            for branch, mask in enumerate(step.masks):
+                act.choices[:, branch] = (mask * rng.random(mask.shape)).argmax(axis=1)
+            assert not step.masks[2][:2, 1].any()  # the archer has no button
+            archer = ActArrays(act.axes[:2, :1], act.choices[:2, :1])
+            force = (act.axes[2:] * [1, 0.75] + [0, 1.25]).astype(np.float32)
+            (alone,), (other,) = own[0].step([archer]), own[1].step([ActArrays(force, act.choices[2:, 1:])])
+            (step,) = several.step([act])
+            np.testing.assert_array_equal(step.rewards[:2], alone.rewards)
+            np.testing.assert_allclose(step.rewards[2:, 0], other.rewards @ [1, 0.5], rtol=1e-5)
+            np.testing.assert_array_equal(step.ended, [*alone.ended, *(other.ended + 2)])
+            ended += len(step.ended)
+            if len(alone.ended) and alone.metrics is not None and step.metrics is not None:
+                np.testing.assert_array_equal(step.metrics[: len(alone.ended), :2], alone.metrics)
+                assert np.isnan(step.metrics[: len(alone.ended), 2:]).all()
+    assert ended > 4
+
+
+def test_rewards_are_scaled_and_episodes_summed_up_for_each_game():
+    scale = ReturnScale(2, 0.0, np.array([0, 1]))
+    rewards = np.array([[1, 100], [-1, -100]], np.float32)
+    always = np.ones((2, 2), bool)
+    np.testing.assert_allclose(scale.scale(rewards, always, ~always), [[1, 1], [-1, -1]], rtol=1e-5)
+    again = ReturnScale(2, 0.0, np.array([0, 1]))
+    again.load(scale.state())
+    np.testing.assert_array_equal(again.scale(rewards, always, ~always), scale.scale(rewards, always, ~always))
+    episodes = Episodes(3, ["a.hits", "b.kills"], games=(["a", "b"], np.array([0, 0, 1])))
+    nan = np.nan
+    episodes.finished = np.array([[0, 1, 10, 5, nan], [1, 3, 10, 7, nan], [2, 100, 20, nan, 9]])
+    assert episodes.summarize() == {
+        "episodes": 3, "reward": 51, "length": 15, "a.episodes": 2, "a.reward": 2, "a.length": 10, "a.hits": 6,
+        "b.episodes": 1, "b.reward": 100, "b.length": 20, "b.kills": 9,
+    }  # fmt: skip
+    episodes.finished = np.array([[0, 1, 10, 5, nan]])
+    assert "reward" not in episodes.summarize()  # which would be that of one game alone
+
+
+@pytest.fixture(scope="module")
+def run(simulator, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("several") / "run"
+    small = ["arenas=8", "stop_at=1000", "log_interval=960"]  # both games end an episode
+    done = joybridge("train", str(TWO), "--run", str(folder), *small, "--simulator", simulator)
+    assert done.status == 0, done.errors
+    assert "x = marble: tilt_x, archer: turn" in done.output
+    return folder
+
+
+def test_a_run_has_columns_for_each_game(run):
+    row = read_rows(run / "metrics-player.csv")[-1]
+    assert {"reward", "marble.reward", "marble.inside", "archer.reward", "archer.accuracy"} <= row.keys()
+    assert row["reward"] == pytest.approx((row["marble.reward"] + row["archer.reward"]) / 2, rel=1e-4)
+
+
+def test_all_games_of_a_run_are_evaluated_or_only_one(run, simulator):
+    done = joybridge("evaluate", str(run), "--episodes", "2", "--json", "--simulator", simulator)
+    results = json.loads(done.output.splitlines()[-1])
+    assert [*results] == ["marble", "archer"]
+    assert results["marble"]["player"]["means"].keys() == {"reward", "length", "inside", "lost"}
+    one = joybridge(
+        "evaluate", str(run), "--episodes", "2", "--json", "--only-game", "archer", "games.archer.parameters.size=4",
+        "--simulator", simulator,
+    )  # fmt: skip
+    assert "parameters.size=4 (trained with 1)" in one.errors
+    (played,) = json.loads(one.output.splitlines()[-1]).values()
+    assert played["player"]["means"]["accuracy"] > results["archer"]["player"]["means"]["accuracy"]
+    wrong = joybridge("evaluate", str(run), "--only-game", "chess", "--simulator", simulator)
+    assert "there is no game 'chess' among several; there are marble, archer" in wrong.errors
+
+
+def test_a_video_shows_all_games_side_by_side(run, simulator, tmp_path):
+    import av
+
+    done = joybridge("record", str(run), str(tmp_path / "all.mp4"), "--seconds", "0.2", "--simulator", simulator)
+    assert done.status == 0, done.errors
+    with av.open(str(tmp_path / "all.mp4")) as video:
+        pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+    assert [picture.shape for picture in pictures] == [(240, 720, 3)] * 6
+    assert pictures[0][:, :30].max() < 30  # beside the marble's board, which is square
+    assert pictures[0][:, 400:].mean() > 100  # the archer's sky
+
+
+def test_a_run_of_games_with_snapshots_resumes_to_the_same_bits(simulator, tmp_path):
+    games = ["games.marble=null", "games.archer=null", "games.beastly_rivals.options.locomotion=axes"]
+    small = [
+        *games, "games.birds={game: shooting_birds, share: 2, options: {locomotion: axes}}", "arenas=6",
+        "policy.rollout_steps=20", "policy.minibatch_size=40", "log_interval=480", "tell_game=true", "layout=bucket-5",
+        "hand.delay=1", "--simulator", simulator,
+    ]  # fmt: skip
+    for stop in ("stop_at=960", "stop_at=480"):
+        assert joybridge("train", str(TWO), "--run", str(tmp_path / stop), *small, stop).status == 0
+    again = joybridge("train", str(TWO), "--run", str(tmp_path / "stop_at=480"), *small, "stop_at=960", "--resume")
+    assert again.status == 0, again.errors
+    whole, resumed = (load_checkpoint(tmp_path / stop)[0] for stop in ("stop_at=960", "stop_at=480"))
+    assert whole.keys() == resumed.keys()
+    assert any(name.startswith("simulator/") for name in whole)
+    for name, array in whole.items():
+        np.testing.assert_array_equal(array, resumed[name], err_msg=name)
+
+
+def test_a_policy_of_several_games_is_exported(run, simulator, tmp_path):
+    file = tmp_path / "policy.json"
+    done = joybridge("export", str(run), str(file), "--only-game", "archer", "--simulator", simulator)
+    assert done.status == 0, done.errors
+    assert [axis["name"] for axis in json.loads(file.read_text())["axes"]] == ["x", "y"]

@@ -1,0 +1,178 @@
+"""A configuration trained by PPO of Stable-Baselines3 instead, on the same environment of Gymnasium.
+
+python -m joybridge.compare.sb3 CONFIG --run RUN [--ppo JSON] [KEY=VALUE ...]
+
+The folder of the run gets the same file of metrics as one of our runs, and the model.
+"""
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import mean, pstdev
+from typing import Any
+
+import gymnasium
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from torch import nn
+
+from joybridge.client.command_line import run_command
+from joybridge.config.config import Config, dump_config, load_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.files import write_atomically
+from joybridge.config.metrics import HELD_OUT, Cells, Row, write_cells
+from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.ppo.threads import use_one_thread
+
+FINISHED = "config.yaml"  # in the folder of a run, when all is done
+ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "swish": nn.SiLU}
+OTHER_SEED = 10_000  # of the evaluation: the games are not those of the training
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(prog="python -m joybridge.compare.sb3")
+    parser.add_argument("config", type=Path)
+    parser.add_argument("--run", type=Path, required=True)
+    parser.add_argument("--ppo", type=json.loads, default={}, metavar="JSON", help="further arguments of PPO")
+    add_overrides(parser, "e.g. seed=3")
+    return run_command(train, parse_overrides(parser, arguments))
+
+
+def train(options: argparse.Namespace) -> None:
+    """Train a configuration; the folder holds a file of metrics, the model and, when all is done, the configuration.
+
+    Raises ConfigError and StorageError.
+    """
+    use_one_thread()
+    config = load_config(options.config, options.overrides)
+    run, policy = options.run, config.policy
+    (run / FINISHED).unlink(missing_ok=True)
+    env = _environments(config, config.arenas, config.seed)
+    if policy.scale_observations == "running" or policy.scale_rewards:
+        env = VecNormalize(
+            env, norm_obs=policy.scale_observations == "running", norm_reward=policy.scale_rewards, gamma=policy.gamma
+        )
+    model = PPO("MlpPolicy", env, **arguments_of(config, env) | options.ppo)
+    metrics = Metrics(run / "metrics-agent.csv", config.log_interval)
+    model.learn(config.end, callback=metrics)
+    model.save(run / "model.zip")
+    if config.evaluate_during:
+        metrics.finish(evaluate(model, config, config.evaluate_during.episodes))
+    write_atomically(run / FINISHED, dump_config(config).encode())
+
+
+def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
+    """Return the arguments of PPO that mean what a configuration says. Raises ConfigError for what has no argument."""
+    policy = config.policy
+    fits = {
+        "layout": config.layout == "hybrid", "policies": not config.policies,
+        "frame_stack": policy.frame_stack == 1, "time_horizon": policy.time_horizon >= policy.rollout_steps,
+        "memory": policy.memory.kind == "none", "network": policy.network is None, "loss": policy.loss is None,
+        "shared_body": policy.shared_body is False, "scale_observations": policy.scale_observations != "bounds",
+        "normalize_advantage": policy.normalize_advantage != "rollout", "clip_vloss": not policy.clip_vloss,
+        "log_std_init": isinstance(policy.log_std_init, float),
+        "entropy_coef_schedule": policy.entropy_coef_schedule == "constant" or not policy.entropy_coef,
+    }  # fmt: skip
+    if others := [key for key, fit in fits.items() if not fit]:
+        raise ConfigError(
+            f"PPO of Stable-Baselines3 cannot be set to this {', '.join(others)}; begin with preset=sb3, its defaults"
+        )
+    kwargs: dict[str, Any] = {
+        "net_arch": policy.hidden_sizes, "activation_fn": ACTIVATIONS[policy.activation],
+        "ortho_init": policy.ortho_init, "optimizer_kwargs": {"eps": policy.adam_eps},
+    }  # fmt: skip
+    entropy_coef = policy.entropy_coef
+    if isinstance(env.action_space, gymnasium.spaces.Box):
+        assert isinstance(policy.log_std_init, float)
+        half = float((env.action_space.high - env.action_space.low).max()) / 2
+        kwargs["log_std_init"] = policy.log_std_init + math.log(half / 3)  # there in units of the action
+        if policy.entropy == "mean":  # there it is always the sum over axes
+            entropy_coef /= math.prod(env.action_space.shape)
+    return {
+        "n_steps": policy.rollout_steps, "batch_size": policy.minibatch_size, "n_epochs": policy.epochs,
+        "learning_rate": _schedule(policy.learning_rate, policy.learning_rate_schedule),
+        "clip_range": _schedule(policy.clip_range, policy.clip_range_schedule), "ent_coef": entropy_coef,
+        "vf_coef": policy.vf_coef, "gamma": policy.gamma, "gae_lambda": policy.gae_lambda,
+        "max_grad_norm": math.inf if policy.max_grad_norm is None else policy.max_grad_norm,
+        "normalize_advantage": policy.normalize_advantage == "minibatch", "target_kl": policy.target_kl,
+        "policy_kwargs": kwargs, "seed": config.seed, "device": "cpu",
+    }  # fmt: skip
+
+
+def evaluate(model: PPO, config: Config, episodes: int) -> Row:
+    """Return the columns of so many episodes with the most probable actions, under the moments of the training."""
+    env, trained = _environments(config, min(episodes, 16), config.seed + OTHER_SEED), model.get_vec_normalize_env()
+    if trained is not None:
+        env = VecNormalize(env, training=False, norm_obs=trained.norm_obs, norm_reward=False)
+        if trained.norm_obs:
+            env.obs_rms = trained.obs_rms
+    rewards, lengths = evaluate_policy(model, env, episodes, deterministic=True, return_episode_rewards=True)
+    assert isinstance(rewards, list) and isinstance(lengths, list)
+    return {
+        f"{HELD_OUT}{name}": float(value)
+        for name, value in _summary([*zip(rewards, map(float, lengths), strict=True)]).items()
+    }
+
+
+class Metrics(BaseCallback):
+    """Writes a row of metrics every `interval` timesteps, as our trainer does."""
+
+    def __init__(self, path: Path, interval: int) -> None:
+        """Begin a file of metrics."""
+        super().__init__()
+        self._path, self._interval = path, interval
+        self._rows: list[Cells] = []
+        self._episodes: list[tuple[float, float]] = []  # reward and length of those since the last row
+        self._begin = time.monotonic()
+
+    def finish(self, columns: Row) -> None:
+        """Add columns to the last row."""
+        if self._rows:
+            self._rows[-1] |= _cells(columns)
+            write_cells(self._path, self._rows)
+
+    def _on_step(self) -> bool:
+        ended = (info["episode"] for info in self.locals["infos"] if "episode" in info)
+        self._episodes += [(episode["r"], float(episode["l"])) for episode in ended]
+        before = self.num_timesteps - self.training_env.num_envs
+        if before // self._interval < self.num_timesteps // self._interval:
+            seconds = time.monotonic() - self._begin
+            self._rows.append(_cells({"timesteps": self.num_timesteps, "seconds": seconds, **_summary(self._episodes)}))
+            write_cells(self._path, self._rows)
+            self._episodes = []
+        return True
+
+
+def _summary(episodes: Sequence[tuple[float, float]]) -> Row:
+    """Return the columns of episodes, each with its reward and its length."""
+    if not episodes:
+        return {"episodes": 0}
+    rewards, lengths = zip(*episodes, strict=True)
+    return {"episodes": len(rewards), "reward": mean(rewards), "reward_std": pstdev(rewards), "length": mean(lengths)}
+
+
+def _cells(row: Row) -> Cells:
+    return {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
+
+
+def _schedule(value: float, kind: str) -> float | Callable[[float], float]:
+    """Return a constant, or what falls linearly to 0."""
+    return value if kind == "constant" else lambda left: left * value
+
+
+def _environments(config: Config, number: int, seed: int) -> VecEnv:
+    """Return environments of Gymnasium, one after the other in this process. Raises ConfigError for another game."""
+    if config.game not in gymnasium.registry:
+        raise ConfigError(f"Stable-Baselines3 trains environments of Gymnasium here; there is no {config.game!r}")
+    return make_vec_env(config.game, number, seed=seed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,68 @@
+"""Who may hold seats beside a policy, by name.
+
+`script:NAME` is a script of the game's author, FILE.json or FILE.onnx an exported policy, anything else the folder of a
+run.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from joybridge.config.errors import ConfigError
+from joybridge.policy.actor import Actor, trained_actors
+from joybridge.policy.scripted import find_scripts
+from joybridge.policy.table import Guest, Table
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.folder import run_config
+from joybridge.v1 import bridge_pb2 as pb
+
+SCRIPT, FILES = "script:", (".json", ".onnx")
+
+
+def is_run(name: str) -> bool:
+    """Return whether a name is that of the folder of a run."""
+    return not name.startswith(SCRIPT) and not name.endswith(FILES)
+
+
+def seat_others(names: Sequence[str], game: str, spec: pb.GameSpec, arenas: int, seed: int) -> Table:
+    """Return the seats of some arenas in which all that are named play, in turn, but for the first agent of each arena.
+
+    game: its name. The first agent, whose holder is 0, is somebody else's. Raises CheckpointError and ConfigError.
+    """
+    table = Table(spec, arenas, seed)
+    if table.seats.count < 2:
+        raise ConfigError(f"others: {spec.name} has one agent, which plays alone; leave them out")
+    for number, name in enumerate(names, 1):
+        table.join(number, load_other(name, game, spec))
+    for arena in range(arenas):
+        table.seats.begin(arena, [0, *(1 + np.arange(table.seats.count - 1) % len(names))])
+    return table
+
+
+def load_other(name: str, game: str, spec: pb.GameSpec) -> Sequence[Actor | Guest]:
+    """Return who plays under a name, a part for each policy or behavior.
+
+    game: the name of the one that is played. Raises CheckpointError and ConfigError.
+    """
+    if name.startswith(SCRIPT):
+        return find_scripts(spec, name.removeprefix(SCRIPT))
+    if not is_run(name):
+        return [_load_file(Path(name), spec)]
+    other = run_config(run := Path(name))
+    if other.game != game:
+        raise ConfigError(f"opponents: {run} plays {other.game}, expected {game}; name a run of this game")
+    return trained_actors(other, spec, load_checkpoint(run)[0])
+
+
+def _load_file(file: Path, spec: pb.GameSpec) -> Guest:
+    if len(spec.behaviors) > 1:
+        names = ", ".join(behavior.name for behavior in spec.behaviors)
+        raise ConfigError(f"{file} plays one behavior, and who holds seats plays all ({names}); name the run instead")
+    try:
+        from joybridge.policy.exported import load_exported  # what it needs is an extra of its own
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"{file}: needs the module {error.name}; install it with `pip install 'joybridge[export]'`"
+        ) from None
+    return load_exported(file, spec)
