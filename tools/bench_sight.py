@@ -22,6 +22,7 @@ from joybridge.config.config import Config, load_config
 from joybridge.gym.sb3 import BridgeVecEnv
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from tools.bench import CONFIGS, children, machine, megabytes
 
 SCREEN = ["options.observation=screen"]
@@ -42,7 +43,7 @@ def ours(experiment: str, overrides: Sequence[str]) -> tuple[float, float, float
 
     with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
         simulator = children()[-1]
-        train(config, Path(folder) / "run", [address], resume=False, report=report)
+        train(config, Path(folder) / "run", [address], resume=False, audience=Audience(report))
         held = megabytes(simulator)
     return statistics.harmonic_mean(rates[1:]), megabytes(os.getpid()), held
 
