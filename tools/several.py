@@ -87,33 +87,33 @@ def joybridge(*words: str) -> str:
 
 def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mapping[str, Sequence[float]]) -> str:
     """Return the page about the results so far."""
-    seeds = [*results["single"][GAMES[0]]]
+    seeds, kinds = [*results["single"][GAMES[0]]], [kind for kind in KINDS if results.get(kind)]
     rows = []
     for game in GAMES:
         single = results["single"][game]
         cells = [game, _mean(single)]
-        for kind in KINDS:
-            mine = results.get(kind, {}).get(game, {})
+        for kind in kinds:
+            mine = results[kind][game]
             shared = [seed for seed in mine if seed in single]
             low, middle, high = ratio([mine[seed] for seed in shared], [single[seed] for seed in shared])
             interval = f" ({low:.0%} to {high:.0%})" if len(shared) > 1 else ""
-            cells += [f"{_mean(mine)}, {middle:.0%}{interval}" if shared else ""]
+            cells.append(f"{_mean(mine)}, {middle:.0%}{interval}, n = {len(mine)}")
         rows.append(f"| {' | '.join(cells)} |")
     pace = ", ".join(f"{kind} {np.median(values):,.0f}" for kind, values in speeds.items())
-    others = ", ".join({seed for kind in ("told", "unscaled") for seed in results.get(kind, {}).get(GAMES[0], {})})
     return "\n".join([
         "# One policy for three games, and one for each",
         "",
-        f"Made by `python -m tools.several --seeds {','.join(seeds)}`: {CONFIG}, {TIMESTEPS:,} timesteps of each game,",
-        f"seeds {', '.join(seeds)}, for *told* and *unscaled* {others or 'none'}. A number is the mean over the seeds",
-        f"of the interquartile mean of {EPISODES} returns; beside it the share of the single policies' mean, with the",
-        "95 % interval of a bootstrap over the seeds in pairs, which so few seeds make narrower than it should be.",
+        f"Made by `python -m tools.several --seeds {','.join(seeds)}`: `{CONFIG}`,",
+        f"{TIMESTEPS:,} timesteps of each game. A number is the mean over the seeds of the interquartile mean of",
+        f"{EPISODES} returns; beside it is its share of that of a policy for each game, with the 95 % interval of a",
+        "bootstrap over the seeds in pairs. One seed has no interval and proves nothing; few seeds make it narrower",
+        "than it should be.",
         "",
-        "| game | a policy for each | joint | joint, told the game | joint, rewards not scaled |",
-        "| --- | --- | --- | --- | --- |",
+        f"| game | {' | '.join(['a policy for each', *kinds])} |",
+        f"| --- | --- |{' --- |' * len(kinds)}",
         *rows,
         "",
-        f"Timesteps per second, medians, on a shared machine under changing load: {pace}.",
+        f"Timesteps per second, medians, on a shared machine whose load changed from run to run: {pace}.",
         "",
     ])  # fmt: skip
 
