@@ -12,9 +12,10 @@ from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConf
 from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import TensorError
 from joybridge.play.agent import load
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.folder import SPEC
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
 REMEMBERING = SMALL.model_copy(update={"memory": MemoryConfig(kind="lstm", size=6)})
@@ -31,7 +32,7 @@ def trained(simulator, tmp_path_factory):
         if key not in runs:
             runs[key] = tmp_path_factory.mktemp("agent") / "run"
             config = Config(**({"arenas": 2, "total_timesteps": 64, "log_interval": 64, "policy": SMALL} | settings))
-            train(config, runs[key], [simulator], resume=False, report=lambda *_: None, say=lambda text: None)
+            train(config, runs[key], [simulator], resume=False, audience=Audience(say=lambda text: None))
         return runs[key]
 
     return short
@@ -49,7 +50,7 @@ def trained(simulator, tmp_path_factory):
 )
 def test_an_agent_does_what_the_run_does_at_a_simulator(settings, trained, simulator):
     run = trained(**settings)
-    with open_play(run, simulator, seed=1, deterministic=settings["game"] == "duel") as play:
+    with open_play(PlaySpec(run, simulator, seed=1, deterministic=settings["game"] == "duel")) as play:
         for index, behavior in enumerate(play.spec.behaviors):
             agent = load(run, behavior.name, deterministic=settings["game"] == "duel")
             sensors, branches = ([one.name for one in part] for part in (behavior.sensors, behavior.device.branches))

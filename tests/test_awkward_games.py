@@ -10,20 +10,21 @@ import av
 import numpy as np
 import pytest
 
-from joybridge.client.client import SimulatorError
+from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
-from joybridge.client.sharded_session import ShardedSession
 from joybridge.commands.replay import main as replay
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, DivergedError
 from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays
+from joybridge.play.playing import PlaySpec
 from joybridge.play.record import record
 from joybridge.policy.policy import Policy
 from joybridge.policy.stratify import balanced_options
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.progress import Display
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.awkward_games import LENGTH
 
@@ -50,7 +51,7 @@ def talked(awkward, tmp_path_factory) -> Path:
     """Return a run of a game without snapshots that was stopped in the middle of episodes."""
     run = tmp_path_factory.mktemp("talked") / "run"
     with Display("run talkative", "hybrid", 324, 0) as display:
-        train(config("talkative", 324), run, [awkward], resume=False, report=display.report)
+        train(config("talkative", 324), run, [awkward], resume=False, audience=Audience(display.report))
     return run
 
 
@@ -59,7 +60,7 @@ def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(monkeypatch):
     heard = io.StringIO()
     monkeypatch.setattr(sys, "stderr", heard)
     with simulator_process(["tests.support.awkward_games:Talkative"]) as address:
-        session = ShardedSession([address], "talkative", arenas=4, seed=0, options=[{}])
+        session = Session(address, "talkative", arenas=4, seed=0)
         for _ in range(40):  # 320 kB: more than a pipe holds
             session.step([ActArrays(np.zeros((4, 0), np.float32), np.zeros((4, 1), np.int32))])
         deadline = time.monotonic() + 30
@@ -88,7 +89,7 @@ def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, m
         act(self, steps, acts, group)
 
     monkeypatch.setattr(Policy, "act", spy)
-    train(config("talkative", 600), talked, [awkward], resume=True, report=lambda *_: None)
+    train(config("talkative", 600), talked, [awkward], resume=True)
     stack, shown = seen[0]
     np.testing.assert_array_equal(stack, np.concatenate([np.zeros_like(shown), shown], axis=1))
     lengths = [row["length"] for row in read_rows(talked / "metrics-..%2Fred%2Fleft.csv")]
@@ -99,9 +100,7 @@ def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, m
 @pytest.mark.parametrize(("inputs", "height"), [(False, 74), (True, 134)])
 def test_an_odd_picture_can_be_recorded(inputs, height, talked, awkward, tmp_path):
     output = tmp_path / "play.mp4"
-    frames = record(
-        talked, awkward, output, seconds=1.0, seed=0, deterministic=False, say=lambda _: None, inputs=inputs
-    )
+    frames = record(PlaySpec(talked, awkward, seed=0), output, seconds=1.0, say=lambda _: None, inputs=inputs)
     with av.open(str(output)) as video:
         assert [picture.to_ndarray(format="rgb24").shape for picture in video.decode(video=0)] == [
             (height, 100, 3)
@@ -117,7 +116,7 @@ def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved_and_
         r"parameters .*actor\.head\.weight.*smaller learning_rate"
     )
     with pytest.raises(DivergedError, match=text) as caught:
-        train(config("generous", 600), tmp_path, [awkward], resume=False, report=lambda *_: None, record_faults=True)
+        train(config("generous", 600), tmp_path, [awkward], resume=False, record_faults=True)
     arrays, manifest = load_checkpoint(tmp_path)
     assert 150 < manifest.timesteps < 200
     assert all(np.isfinite(array).all() for name, array in arrays.items() if "/network." in name)
@@ -128,22 +127,17 @@ def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved_and_
 
 
 def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(simulator, tmp_path):
-    train(config("duel", 240), tmp_path, [simulator], resume=False, report=lambda *_: None)
+    train(config("duel", 240), tmp_path, [simulator], resume=False)
     rows = read_rows(tmp_path / "metrics-judge.csv")
     assert len(rows) == 4
     assert all(np.isfinite(value) for row in rows for value in row.values())
     assert any("policy_loss" in row for row in rows)
 
 
-def test_simulators_that_play_different_games_are_refused(simulator):
-    with pytest.raises(SimulatorError, match="run different versions of hybrid: their behaviors differ"):
-        ShardedSession([simulator] * 2, "hybrid", arenas=2, seed=0, options=[{"size": "small"}, {"size": "large"}])
-
-
 def test_what_evaluation_cannot_balance_is_refused_before_training(simulator, tmp_path):
     chosen = config("hybrid", 60).model_copy(update={"stratify_by": "levle"})
     with pytest.raises(ConfigError, match="stratify_by: hybrid has no option 'levle'"):
-        train(chosen, tmp_path, [simulator], resume=False, report=lambda *_: None)
+        train(chosen, tmp_path, [simulator], resume=False)
 
 
 def test_an_option_without_alternatives_cannot_be_balanced():

@@ -188,7 +188,7 @@ def runs(simulator, tmp_path_factory) -> dict[str, Path]:
     for game in ("shooting_birds", "beastly_rivals"):
         made[game] = tmp_path_factory.mktemp(game) / "bucket-3-s0"
         config = load_config(CONFIGS / game / "bucket-3.yaml", SMALL)
-        train(config, made[game], [simulator], resume=False, report=lambda *_: None)
+        train(config, made[game], [simulator], resume=False)
     return made
 
 

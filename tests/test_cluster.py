@@ -30,6 +30,7 @@ from joybridge.ray_cluster import program as ray_program
 from joybridge.ray_cluster.program import Simulator, start_all
 from joybridge.ray_cluster.simulators import PRIVATE, join_cluster
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from tests.support.jobs import train_here
 from tests.test_experiments import command_line, figures, make_job, write_configs
 from tests.test_recovery import CONFIG, LANES, ROLLOUT, outcome
@@ -76,7 +77,7 @@ def nodes() -> Iterator[Nodes]:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of Ray
 def test_a_run_whose_simulators_lose_their_nodes_ends_like_one_on_this_machine(nodes, simulator, tmp_path, caplog):
-    train(CONFIG, tmp_path / "here", [simulator], resume=False, report=lambda *_: None)
+    train(CONFIG, tmp_path / "here", [simulator], resume=False)
     used: list[list[str]] = []
 
     def report(timesteps: int, *_: object) -> None:
@@ -91,7 +92,7 @@ def test_a_run_whose_simulators_lose_their_nodes_ends_like_one_on_this_machine(n
             used.append(list(start()))
             return used[-1]
 
-        train(CONFIG, tmp_path / "there", connect(), resume=False, report=report, revive=connect)
+        train(CONFIG, tmp_path / "there", connect(), resume=False, audience=Audience(report), revive=connect)
     assert outcome(tmp_path / "there") == outcome(tmp_path / "here")
     assert len(used) == 2 and len(set(used[0]) | set(used[1])) == 4
     assert "training goes on from 128 timesteps (restart 1 of 5)" in caplog.text

@@ -17,7 +17,7 @@ from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.loss import Batch, acted_log_probs, joint_log_probs
-from joybridge.ppo.networks import Network, Outputs, flatten_parameters
+from joybridge.ppo.networks import Network, Outputs, Towers, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 from joybridge.run.collect import collect, group_bounds, open_groups
@@ -55,7 +55,7 @@ def test_an_axis_that_does_not_count_adds_nothing_in_the_old_and_in_the_new_poli
     assert float(entropy) == pytest.approx(1.755444, abs=1e-6)
     (gradient,) = torch.autograd.grad(log_probs.sum(), means)
     assert gradient[0, 0] == gradient[0, 2] == 0.0 and gradient[0, 1] == pytest.approx(0.3 / 0.25)
-    network = Network(1, space, [4], False, 0)
+    network = Network(1, space, Towers([4]), 0)
     flat = flatten_parameters(network)
     with torch.no_grad():
         network.actor.head.weight.zero_()

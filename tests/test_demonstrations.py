@@ -39,6 +39,7 @@ from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.update import Learner
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from joybridge.simulator import axis, behavior, branch, button, sensor, spec
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from tests.support.broken_servers import BrokenServer, Gauntlet, serving
@@ -264,7 +265,7 @@ def test_a_run_that_clones_and_is_resumed_ends_in_the_same_bits(tmp_path):
             remarks: list[str] = []
             whole, parts = tmp_path / f"whole-{cloning}", tmp_path / f"parts-{cloning}"
             given = config(tmp_path / "demos", cloning=cloning, layout="bucket-5")
-            go_on = partial(train, report=lambda *_: None, say=remarks.append)
+            go_on = partial(train, audience=Audience(say=remarks.append))
             go_on(given, whole, [address], resume=False)
             go_on(given.model_copy(update={"stop_at": 128}), parts, [address], resume=False)
             record(tmp_path / "demos", address, "gauntlet", 3)

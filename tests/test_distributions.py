@@ -14,7 +14,7 @@ from joybridge.ppo.distributions import (
     gaussian_log_probs,
 )
 from joybridge.ppo.fast.kernels import NO_MASKS, Head, Noise, sample
-from joybridge.ppo.networks import Network
+from joybridge.ppo.networks import Network, Towers
 from joybridge.ppo.observation_tensors import Observations
 
 SIZES = (5, 3, 2)
@@ -123,7 +123,7 @@ def test_the_likeliest_action_is_the_largest_logit_and_the_mean():
 
 
 def test_ordinal_log_probs_and_entropies_are_those_of_tang_and_agrawal():
-    network = Network(6, ActionSpace(0, (5, 3), ordinal=(0,)), [16], True, seed=1)
+    network = Network(6, ActionSpace(0, (5, 3), ordinal=(0,)), Towers([16], shared=True), seed=1)
     observations = torch.randn(64, 6, generator=torch.Generator().manual_seed(3))
     with torch.no_grad():
         network.actor.head.weight *= 30.0

@@ -21,7 +21,7 @@ from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.play import export as exporting
 from joybridge.play.export import compare
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.actor import SCALING, make_actors
 from joybridge.policy.document import decode, encode, make_document
 from joybridge.policy.exported import Model
@@ -170,7 +170,7 @@ def test_each_map_points_as_the_trainer_does(pointer, simulator, runtime, tmp_pa
     (table,) = [table for table in document["policies"][0]["discrete"] if "places" in table]
     for place in table["places"]:
         place["weight"] = np.flip(place["weight"], 0)  # the comparison would notice
-    with open_play(run, simulator, seed=3, episodes=10) as play:
+    with open_play(PlaySpec(run, simulator, seed=3), episodes=10) as play:
         found = compare(build_model(document).SerializeToString(), play, 0)
     assert found.different > 100
 
@@ -190,14 +190,14 @@ def test_each_memory_plays_as_the_trainer_does(memory, simulator, runtime, tmp_p
     for policy in document["policies"]:
         weight = policy["memory"]["state"]["weight"]
         policy["memory"]["state"]["weight"] = -weight  # the comparison would notice
-    with open_play(run, simulator, seed=3, episodes=10) as play:
+    with open_play(PlaySpec(run, simulator, seed=3), episodes=10) as play:
         found = compare(build_model(document).SerializeToString(), play, 0)
     assert found.different > 100
 
 
 def play_beside(run, simulator, runtime, *, deterministic=False):
     """Let an ONNX model and the runtime in NumPy play beside the trainer, all alike; return the document."""
-    with open_play(run, simulator, seed=3, episodes=10, deterministic=deterministic) as play:
+    with open_play(PlaySpec(run, simulator, seed=3, deterministic=deterministic), episodes=10) as play:
         document = documents(play, deterministic=deterministic)
         (run / "policy.json").write_bytes(encode(document))
         policy = runtime.Policy(run / "policy.json")
@@ -229,7 +229,7 @@ def play_beside(run, simulator, runtime, *, deterministic=False):
 @pytest.mark.parametrize("behavior", [0, 1])
 def test_each_behavior_of_a_game_with_turns_plays_as_the_trainer_does(behavior, simulator, tmp_path):
     run = make_run(tmp_path / "run", simulator, game="duel")
-    with open_play(run, simulator, seed=3, episodes=8) as play:
+    with open_play(PlaySpec(run, simulator, seed=3), episodes=8) as play:
         found = compare(build_model(documents(play, behavior)).SerializeToString(), play, behavior)
     assert found.decisions == pytest.approx(8 * 128 * (0.7, 0.3)[behavior], rel=0.1)  # of ten decisions the judge has 3
     assert (found.different, found.forbidden) == (0, 0) and found.largest < 1e-5
@@ -252,7 +252,7 @@ def test_a_policy_that_plays_otherwise_is_not_written(simulator, tmp_path, monke
 def test_noise_in_even_steps_gives_choices_in_proportion_to_their_probabilities(simulator, tmp_path):
     run = make_run(tmp_path / "run", simulator, layout="hybrid")
     lanes = 10_000
-    with open_play(run, simulator, seed=3) as play:
+    with open_play(PlaySpec(run, simulator, seed=3)) as play:
         session = ort.InferenceSession(build_model(documents(play)).SerializeToString())
         before, actor = play.session.steps[0], play.players[0].actor
         assert before.masks is not None
@@ -280,7 +280,7 @@ def test_noise_in_even_steps_gives_choices_in_proportion_to_their_probabilities(
 
 def test_masks_hold_for_noise_at_both_ends(simulator, tmp_path):
     run = make_run(tmp_path / "run", simulator)
-    with open_play(run, simulator, seed=3) as play:
+    with open_play(PlaySpec(run, simulator, seed=3)) as play:
         model = Model(build_model(documents(play)).SerializeToString(), play.spec.behaviors[0], 1)
         before = play.session.steps[0]
         for allowed in ([1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1]):
@@ -450,7 +450,7 @@ def test_the_runtimes_remember_nothing_of_observations_with_which_they_wait(
         axes, choices, state = policy.act(sensors, state, Given([SimpleNamespace(noise=noise)]))
         np.testing.assert_allclose([*axes[0], *choices[0]], next(given), rtol=0, atol=1e-5)
         state[:] *= not decision["ends"]
-    with open_play(run, simulator, seed=3, episodes=8) as play:
+    with open_play(PlaySpec(run, simulator, seed=3), episodes=8) as play:
         found = compare(build_model(documents(play, behavior)).SerializeToString(), play, behavior)
     assert (found.different, found.forbidden) == (0, 0) and found.largest < 1e-5
 
@@ -460,7 +460,7 @@ def play_elsewhere(run, simulator, players, count, *, index=0, deterministic=Fal
     if not players:
         pytest.skip("install Node.js or a C++ compiler to play a policy there")
     decisions, wanted = [], []
-    with open_play(run, simulator, seed=3, deterministic=deterministic) as play:
+    with open_play(PlaySpec(run, simulator, seed=3, deterministic=deterministic)) as play:
         (run / "policy.json").write_bytes(encode(documents(play, index, deterministic=deterministic)))
         behavior = play.spec.behaviors[index]
         acting, first = [player for player in play.players if player.actor.behavior == index], True

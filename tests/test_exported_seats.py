@@ -32,7 +32,7 @@ NOUGHTS = Config(game="noughts", arenas=4, total_timesteps=320, log_interval=320
 def run(simulator, tmp_path_factory) -> Path:
     """Return a run whose policy is exported beside it, as policy.json and policy.onnx, without chance."""
     folder: Path = tmp_path_factory.mktemp("seats") / "run"
-    train(NOUGHTS, folder, [simulator], resume=False, report=lambda *_: None)
+    train(NOUGHTS, folder, [simulator], resume=False)
     for suffix in ("json", "onnx"):
         file = str(folder.parent / f"policy.{suffix}")
         assert main(["export", str(folder), file, "--deterministic", "--simulator", simulator]) == 0
@@ -75,12 +75,12 @@ def test_an_exported_policy_is_an_opponent_and_the_checkpoint_keeps_it(run, simu
     shutil.copy(run.parent / "policy.json", file)
     opponents = OpponentsConfig(shares={str(file): 1})
     config = NOUGHTS.model_copy(update={"opponents": opponents})
-    train(config.model_copy(update={"stop": 160}), tmp_path / "run", [simulator], resume=False, report=lambda *_: None)
+    train(config.model_copy(update={"stop_at": 160}), tmp_path / "run", [simulator], resume=False)
     arrays, _ = load_checkpoint(tmp_path / "run")
     assert arrays["league/policies.1.player.file"].tobytes() == file.read_bytes()
     shutil.copy(run.parent / "policy.onnx", tmp_path / "other.onnx")
     file.write_bytes(file.read_bytes().replace(b'"timesteps"', b'"changed"  '))  # it plays on as it was
-    train(config, tmp_path / "run", [simulator], resume=True, report=lambda *_: None)
+    train(config, tmp_path / "run", [simulator], resume=True)
     arrays, manifest = load_checkpoint(tmp_path / "run")
     assert manifest.timesteps >= 320 and b'"timesteps"' in arrays["league/policies.1.player.file"].tobytes()
     command = ["evaluate", str(run), "--episodes", "10", "--others", str(file), "--simulator", simulator]

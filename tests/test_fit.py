@@ -7,14 +7,14 @@ from joybridge.layouts import ActionSpace
 from joybridge.policy.fit import misfits
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.images import Image
-from joybridge.ppo.networks import Network
+from joybridge.ppo.networks import Network, Towers
 from joybridge.simulator import image, sensor
 
 SENSORS = [sensor("hand", [3]), sensor("target", [1])]
 
 
 def network(observation=8, continuous=2, branches=(2,), hidden=(8, 6), shared=False):
-    made = Network(observation, ActionSpace(continuous, branches), list(hidden), shared, seed=0)
+    made = Network(observation, ActionSpace(continuous, branches), Towers(hidden, shared), seed=0)
     return {name: tensor.numpy() for name, tensor in made.state_dict().items()}
 
 
@@ -39,7 +39,7 @@ def test_each_difference_has_a_phrase(before, difference):
 
 def seeing(kind="simple", size=8, channels=1, frames=2, encoders=1):
     made = [ImageEncoder(kind, [Image(size, size, channels)], 3 * frames, frames, "relu") for _ in range(encoders)]
-    network = Network(3 * frames, ActionSpace(2, (2,)), [8], False, seed=0, encoders=made)
+    network = Network(3 * frames, ActionSpace(2, (2,)), Towers([8]), seed=0, encoders=made)
     return {name: tensor.numpy() for name, tensor in network.state_dict().items()}
 
 

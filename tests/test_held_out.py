@@ -8,9 +8,11 @@ from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.metrics import read_rows
 from joybridge.contract.errors import JoybridgeError
 from joybridge.play.evaluate import evaluate
+from joybridge.play.playing import PlaySpec
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.held_out import OTHER_SEED
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 
 SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
 
@@ -18,7 +20,7 @@ SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_hor
 def short(simulator, run, said=None, resume=False, **settings):
     given = {"game": "hybrid", "arenas": 4, "total_timesteps": 512, "log_interval": 64, "policy": SMALL} | settings
     say = (lambda text: None) if said is None else said.append
-    train(Config(**given), run, [simulator], resume=resume, report=lambda *_: None, say=say)
+    train(Config(**given), run, [simulator], resume=resume, audience=Audience(say=say))
     return {path.stem.removeprefix("metrics-"): read_rows(path) for path in run.glob("metrics-*.csv")}
 
 
@@ -44,9 +46,8 @@ def test_without_every_the_last_row_is_measured_and_the_most_probable_actions_ar
     rows = short(simulator, tmp_path / "run", total_timesteps=500, evaluate_during=during)["player"]
     assert [row["timesteps"] for row in rows if "held_out_reward" in row] == [448]
     rows = short(simulator, tmp_path / "whole", evaluate_during=during)["player"]
-    found = evaluate(
-        tmp_path / "whole", simulator, episodes=10, seed=OTHER_SEED, deterministic=True, say=lambda text: None
-    )["player"]
+    plays = PlaySpec(tmp_path / "whole", simulator, seed=OTHER_SEED, deterministic=True)
+    found = evaluate(plays, episodes=10, say=lambda text: None)["player"]
     assert rows[-1]["held_out_reward"] == pytest.approx(found.means["reward"], rel=1e-5)
 
 
@@ -68,10 +69,9 @@ def test_a_resumed_run_measures_when_one_does_that_never_stopped(measured, simul
 
 def test_the_last_measure_is_that_of_evaluate_within_chance(measured, simulator, tmp_path):
     run, rows = measured
-    found = evaluate(
-        shutil.copytree(run, tmp_path / "run"), simulator, episodes=200, seed=3, deterministic=False,
-        say=lambda text: None, overrides=["parameters.drift=0"],
-    )["player"]  # fmt: skip
+    run = shutil.copytree(run, tmp_path / "run")
+    plays = PlaySpec(run, simulator, seed=3, overrides=["parameters.drift=0"])
+    found = evaluate(plays, episodes=200, say=lambda text: None)["player"]
     half_width = found.half_widths["reward"] * (200 / 10) ** 0.5
     assert abs(rows["player"][-1]["held_out_reward"] - found.means["reward"]) < 3 * half_width
 

@@ -17,7 +17,7 @@ from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.history import History
 from joybridge.ppo.images import MIN_PIXELS, Image, encoder_kind, find_images
 from joybridge.ppo.loss import Batch
-from joybridge.ppo.networks import Network
+from joybridge.ppo.networks import Network, Towers
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
@@ -81,7 +81,7 @@ def test_the_pictures_of_a_stack_are_channels_of_one_image_and_numbers_pass_by()
 @pytest.mark.parametrize(("shared", "encoders"), [(True, 1), (False, 1), (False, 2)])
 def test_every_convolution_learns_shared_or_not(kind, size, numbers, shared, encoders):
     made = [ImageEncoder(kind, [Image(size, size, 2)], numbers, 1, "elu") for _ in range(encoders)]
-    network = Network(numbers, ActionSpace(1, (3,)), [8], shared, 1, "elu", made)
+    network = Network(numbers, ActionSpace(1, (3,)), Towers([8], shared, "elu"), 1, made)
     learner = Learner("player", network, branches=["b"], gaussians=["x"], autograd=False)
     assert not isinstance(learner.gradient, ClosedFormGradient)
     normal = partial(torch.randn, generator=torch.Generator().manual_seed(0))

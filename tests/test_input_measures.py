@@ -238,7 +238,7 @@ def run(simulator, tmp_path_factory):
     """Return a run with two policies for one device that has hardly begun."""
     folder = tmp_path_factory.mktemp("inputs") / "run"
     config = Config(game="hybrid", layout="multiagent", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 

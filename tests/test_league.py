@@ -34,7 +34,7 @@ MATCH = NOUGHTS.model_copy(
 
 
 def trained(config, folder, simulator, *, resume=False, **changes):
-    train(config.model_copy(update=changes), folder, [simulator], resume=resume, report=lambda *_: None)
+    train(config.model_copy(update=changes), folder, [simulator], resume=resume)
     return load_checkpoint(folder)
 
 

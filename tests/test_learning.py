@@ -7,6 +7,7 @@ import pytest
 from joybridge.client.launch import simulator_process
 from joybridge.config.config import Config, PolicyConfig, load_config
 from joybridge.play.evaluate import evaluate
+from joybridge.play.playing import PlaySpec
 from joybridge.run.train import train
 from tests.support.learning_games import LENGTH
 
@@ -40,8 +41,8 @@ def learn(address: str, run: Path, game: str, layout: str, timesteps: int, **mor
         game=game, layout=layout, arenas=32, total_timesteps=timesteps, log_interval=timesteps,
         policy=FAST.model_copy(update=more), policies=policies,
     )  # fmt: skip
-    train(config, run, [address], resume=False, report=lambda *_: None)
-    scores = evaluate(run, address, episodes=64, seed=5, deterministic=True, say=lambda _: None)
+    train(config, run, [address], resume=False)
+    scores = evaluate(PlaySpec(run, address, seed=5, deterministic=True), episodes=64, say=lambda _: None)
     return min(score.means["reward"] for score in scores.values()) / LENGTH
 
 
@@ -88,8 +89,8 @@ def test_an_untrained_policy_does_not_reach_it(address, tmp_path):
 
 def test_two_behaviors_learn_side_by_side_each_with_its_own_policy(address, tmp_path):
     config = load_config(Path(__file__).parents[1] / "configs/ferry/hybrid.yaml", ["total_timesteps=30000"])
-    train(config, tmp_path / "run", [address], resume=False, report=lambda *_: None)
-    scores = evaluate(tmp_path / "run", address, episodes=32, seed=5, deterministic=True, say=lambda _: None)
+    train(config, tmp_path / "run", [address], resume=False)
+    scores = evaluate(PlaySpec(tmp_path / "run", address, seed=5, deterministic=True), episodes=32, say=lambda _: None)
     # 60 decisions per episode: a lookout earns 1 each without fail; the helmsman must first reach each gate.
     assert scores["lookout"].means["reward"] > 59
     assert scores["lookout"].episodes == 2 * scores["helmsman"].episodes

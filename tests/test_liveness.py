@@ -204,7 +204,7 @@ def test_a_client_that_is_frozen_loses_its_place(transport):
     with server("--address", "127.0.0.1:0", "--sessions", "1") as process:
         command = [sys.executable, "-c", FROZEN, process.address, transport]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as client:
-            assert client.stdout.readline() == "ready\n"
+            assert client.stdout and client.stdout.readline() == "ready\n"
             client.send_signal(signal.SIGSTOP)
             until = time.monotonic() + FROZEN_SECONDS
             while not is_free(process.address):

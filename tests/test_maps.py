@@ -18,7 +18,7 @@ from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.fast.kernels import draw_noise
 from joybridge.ppo.images import Image, check_maps
 from joybridge.ppo.loss import Actions, Batch, autograd_gradient, joint_log_probs
-from joybridge.ppo.networks import Network
+from joybridge.ppo.networks import Network, Towers
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.pointing import Pointer
 from joybridge.ppo.sampling import sample_actions
@@ -231,7 +231,7 @@ def test_every_parameter_of_a_network_with_maps_learns(shared):
     space = ActionSpace(
         1, (3, 24, 7, 25), ordinal=(2,), maps=((1, Map(4, 6, relative=False)), (3, Map(5, 5, relative=True)))
     )
-    network = Network(2, space, [8], shared, 1, "elu", [ImageEncoder("simple", images, 2, 1, "elu")])
+    network = Network(2, space, Towers([8], shared, "elu"), 1, [ImageEncoder("simple", images, 2, 1, "elu")])
     draw = partial(torch.randn, generator=torch.Generator().manual_seed(0))
     rows, rng = 32, np.random.default_rng(0)
     pictures = tuple(torch.from_numpy(rng.integers(0, 256, (rows, 1, *image.shape), np.uint8)) for image in images)

@@ -10,7 +10,7 @@ import torch
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import make_acts
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.actor import make_actors
 from joybridge.policy.player import Player
 from joybridge.ppo.cloning import refresh
@@ -195,15 +195,15 @@ def test_a_run_with_memory_that_is_cut_off_and_resumed_ends_in_the_same_bits(sim
         update={"total_timesteps": 480, "log_interval": 160, "pipeline_groups": 2}
     )
     once, twice = tmp_path / "once", tmp_path / "twice"
-    train(config, once, [simulator], resume=False, report=lambda *_: None)
-    train(config.model_copy(update={"stop_at": 160}), twice, [simulator], resume=False, report=lambda *_: None)
+    train(config, once, [simulator], resume=False)
+    train(config.model_copy(update={"stop_at": 160}), twice, [simulator], resume=False)
     assert any(array.any() for name, array in load_state(twice).arrays.items() if name.endswith("/policy/memory"))
-    train(config, twice, [simulator], resume=True, report=lambda *_: None)
+    train(config, twice, [simulator], resume=True)
     wanted, got = load_state(once).arrays, load_state(twice).arrays
     assert wanted.keys() == got.keys()
     for name, array in wanted.items():
         assert array.tobytes() == got[name].tobytes(), name
-    with open_play(twice, simulator, seed=1, episodes=4) as play:
+    with open_play(PlaySpec(twice, simulator, seed=1), episodes=4) as play:
         (player,) = play.players
         next(play.decisions())
         assert player.observations.memory is not None and player.observations.memory.any()

@@ -18,6 +18,7 @@ from joybridge.run.folder import keep_spec, run_spec
 from joybridge.run.origin import FILE, differences, keep_origin, own_origin, remark, run_origins
 from joybridge.run.results import find_runs, load, read_run
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 
 pytestmark = pytest.mark.usefixtures("signals")
 
@@ -31,7 +32,7 @@ def runs(simulator, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     for name, game, layout in (("a", "hybrid", "bucket-3"), ("deep/b", "duel", "hybrid")):
         config = Config(game=game, layout=layout, arenas=4, total_timesteps=128, log_interval=64, policy=SMALL)
-        train(config, folder / name, [simulator], resume=False, report=lambda *_: None, say=lambda text: None)
+        train(config, folder / name, [simulator], resume=False, audience=Audience(say=lambda text: None))
     return folder
 
 

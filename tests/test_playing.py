@@ -24,7 +24,7 @@ def run(simulator, tmp_path_factory):
     """Return a run that has hardly begun."""
     folder = tmp_path_factory.mktemp("playing") / "run"
     config = Config(game="hybrid", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 
@@ -67,7 +67,7 @@ def test_the_first_line_says_how_actions_are_chosen(run, simulator, capsys):
 
 def test_each_agent_of_an_arena_has_episodes_and_short_ones_count_no_more_often(simulator, tmp_path, capsys):
     config = Config(game="duel", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
-    train(config, tmp_path, [simulator], resume=False, report=lambda *_: None)
+    train(config, tmp_path, [simulator], resume=False)
     report, _ = evaluate(tmp_path, simulator, capsys, "--episodes", "70")
     assert {name: played["episodes"] for name, played in report.items()} == {"runner": 140, "judge": 70}
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from joybridge.config.config import MemoryConfig
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player
 from tests.test_export import EXAMPLES, IMAGES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run, pointing
@@ -46,7 +46,7 @@ def policy(request, simulator, tmp_path_factory):
         "map": pointing(IMAGES[1], "map-3x2"),
     }[request.param]
     run = make_run(tmp_path_factory.mktemp("run") / "run", simulator, **settings)
-    with open_play(run, simulator, seed=3, deterministic=False) as play:
+    with open_play(PlaySpec(run, simulator, seed=3)) as play:
         return json.loads(encode(documents(play)))
 
 

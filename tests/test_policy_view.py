@@ -98,7 +98,7 @@ def run(simulator, tmp_path_factory):
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("seeing") / "run"
     config = Config(game="hybrid", arenas=4, total_timesteps=64, log_interval=64, policy=policy)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 

@@ -14,7 +14,7 @@ from joybridge.layouts import ActionSpace
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.loss import Batch, acted_log_probs, autograd_gradient, joint_log_probs, ppo_loss
-from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.networks import Network, Towers, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients, anneal
 from joybridge.ppo.update import Learner, explained_variance, ppo_update
@@ -37,7 +37,7 @@ def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 
     """Return a network away from its initial state, its flat parameters, and a batch it disagrees with."""
     generator = torch.Generator().manual_seed(seed)
     normal = partial(torch.randn, generator=generator)
-    network = Network(20, space, [16, 12], shared, seed, activation)
+    network = Network(20, space, Towers([16, 12], shared, activation), seed)
     flat = flatten_parameters(network)
     with torch.no_grad():
         flat += 0.1 * normal(flat.shape)
@@ -227,7 +227,9 @@ def test_a_longer_gradient_is_shortened_to_the_longest_that_is_allowed_and_a_sho
         ClosedFormGradient(network)(batch, torch.arange(32), Coefficients(1e-9, 0.2, 0.05))
         assert learner.weights.grad is not None
         whole = learner.weights.grad.clone()
-        statistics = update(learner, batch, Coefficients(1e-9, 0.2, 0.05), epochs=1, minibatch_size=32, longest=longest)
+        statistics = update(
+            learner, batch, Coefficients(1e-9, 0.2, 0.05), epochs=1, minibatch_size=32, max_grad_norm=longest
+        )
         wanted = whole * longest / whole.norm() if shortened else whole
         torch.testing.assert_close(learner.weights.grad, wanted, atol=1e-6, rtol=1e-3)
         assert statistics["grad_norm"] == pytest.approx(float(whole.norm()), rel=1e-4)
@@ -305,16 +307,16 @@ def test_a_critic_that_predicts_the_returns_explains_all_of_their_variance_and_a
 
 
 def update(
-    learner, batch, coefficients=Coefficients(1e-3, 0.2, 0.05), *, epochs, minibatch_size, longest=None, target_kl=None  # noqa: B008
-):  # fmt: skip
-    return ppo_update(
-        learner, batch, coefficients, epochs=epochs, minibatch_size=minibatch_size, rng=np.random.default_rng(0),
-        max_grad_norm=longest, target_kl=target_kl,
-    )  # fmt: skip
+    learner,
+    batch,
+    coefficients=Coefficients(1e-3, 0.2, 0.05),  # noqa: B008
+    **settings,
+):
+    return ppo_update(learner, batch, coefficients, PolicyConfig(**settings), np.random.default_rng(0))
 
 
 def test_the_network_begins_as_the_original_does():
-    network = Network(132, ActionSpace(2, (11, 3)), [300, 300], False, 0)
+    network = Network(132, ActionSpace(2, (11, 3)), Towers([300, 300]), 0)
     for layer in network.actor.layers:
         fan_in = layer.weight.shape[1]
         assert layer.weight.std().item() == pytest.approx((1 / fan_in) ** 0.5, rel=0.05)

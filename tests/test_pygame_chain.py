@@ -12,7 +12,7 @@ from joybridge.config.metrics import read_rows
 from joybridge.contract.places import PYGAME, program_place
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import play
+from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.command_line import joybridge
 from tests.support.wire import SECONDS
@@ -45,7 +45,7 @@ def play_at_the_page(folder):
     with (
         Simulator(None, [program_place(PROGRAM)]) as simulator,
         open_website(
-            0, lambda page: play(page, simulator, "chimp", Settings(1, OPTIONS, {}), SECONDS, demos=folder)
+            0, lambda page: play(page, simulator, PageGame("chimp", SECONDS, demos=folder), Settings(1, OPTIONS, {}))
         ) as url,
     ):
         page = Page(url)

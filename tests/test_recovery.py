@@ -17,6 +17,7 @@ from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.recovery import recovering
 from joybridge.run.run_state import RunState
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 
 LANES, ROLLOUT, ROLLOUTS = 4, 16, 6
 CONFIG = Config(
@@ -81,10 +82,10 @@ def outcome(run: Path) -> tuple[dict[str, bytes], list[dict[str, float]]]:
 def test_a_run_whose_simulator_is_killed_at_any_moment_ends_like_one_that_is_left_alone(
     mortal, simulator, tmp_path, caplog
 ):
-    train(CONFIG, tmp_path / "quiet", [simulator], resume=False, report=lambda *_: None)
+    train(CONFIG, tmp_path / "quiet", [simulator], resume=False)
     moments = [LANES, LANES * ROLLOUT, LANES * ROLLOUT * 3 + LANES * 5, CONFIG.end - LANES * 3]
     report = killing(mortal, signal.SIGKILL, moments)
-    train(CONFIG, tmp_path / "run", mortal.start(), resume=False, report=report, revive=mortal.start)
+    train(CONFIG, tmp_path / "run", mortal.start(), resume=False, audience=Audience(report), revive=mortal.start)
     assert mortal.starts == 1 + len(moments)
     assert outcome(tmp_path / "run") == outcome(tmp_path / "quiet")
     assert len(outcome(tmp_path / "run")[1]) == ROLLOUT * ROLLOUTS
@@ -96,7 +97,7 @@ def test_a_run_that_has_used_up_its_restarts_saves_and_ends(mortal, tmp_path):
     report = killing(mortal, signal.SIGKILL, [LANES * (ROLLOUT + 1), LANES * (ROLLOUT * 2 + 1)])
     config = CONFIG.model_copy(update={"max_restarts": 1})
     with pytest.raises(SimulatorLost):
-        train(config, tmp_path, mortal.start(), resume=False, report=report, revive=mortal.start)
+        train(config, tmp_path, mortal.start(), resume=False, audience=Audience(report), revive=mortal.start)
     assert mortal.starts == 2
     assert load_checkpoint(tmp_path)[1].timesteps == LANES * ROLLOUT * 2
 

@@ -170,7 +170,5 @@ def test_training_records_the_faults_of_its_sessions_if_asked_to(simulator, tmp_
     config = load_config(file, ["total_timesteps=1000", "policy.rollout_steps=50"])
     for record_faults in (False, True):
         with pytest.raises(SimulatorError, match="ZeroDivisionError"):
-            train(
-                config, tmp_path / "run", [simulator], resume=False, report=lambda *_: None, record_faults=record_faults
-            )
+            train(config, tmp_path / "run", [simulator], resume=False, record_faults=record_faults)
         assert (tmp_path / "run" / "faults" / "arenas-0-1.fault").exists() == record_faults

@@ -11,7 +11,7 @@ from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.fast.kernels import Noise, draw_noise
 from joybridge.ppo.loss import Batch, autograd_gradient, joint_log_probs
-from joybridge.ppo.networks import Network, flatten_parameters
+from joybridge.ppo.networks import Network, Towers, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.sampling import sample_actions
 from joybridge.ppo.schedule import Coefficients
@@ -38,7 +38,7 @@ def other_package(tmp_path_factory):
 def networks(name: str):
     """Yield a network with large random weights for each policy of a layout, and the layout."""
     for role in list_roles(name, SPEC):
-        network = Network(5, role.layout.space, [16], False, seed=1)
+        network = Network(5, role.layout.space, Towers([16]), seed=1)
         with torch.no_grad():
             network.actor.head.weight *= 10.0
             network.log_variance.add_(0.3)

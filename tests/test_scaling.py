@@ -5,7 +5,7 @@ import pytest
 
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.scaling import LIMIT, Scaling, make_scaling
 from joybridge.ppo.moments import Moments
 from joybridge.ppo.return_scale import ReturnScale
@@ -78,14 +78,14 @@ def test_a_resumed_run_scales_to_the_same_bits_and_play_scales_as_training_did(s
     scaled = {"scale_observations": "running", "scale_rewards": True}
     for run, stops in (("whole", [4]), ("parts", [1, 4])):
         for stop in stops:
-            train(run_of(stop, **scaled), tmp_path / run, [simulator], resume=stop != stops[0], report=lambda *_: None)
+            train(run_of(stop, **scaled), tmp_path / run, [simulator], resume=stop != stops[0])
     whole, parts = (load_checkpoint(tmp_path / run)[0] for run in ("whole", "parts"))
     assert whole.keys() == parts.keys()
     for name, array in whole.items():
         np.testing.assert_array_equal(parts[name], array, err_msg=name)
     moments = {name.rpartition(".")[2]: array for name, array in whole.items() if ".scaling." in name}
     assert moments["count"] == LANES * (4 * ROLLOUT + 1) and whole["hunter/policy/returns.count"] == LANES * 4 * ROLLOUT
-    with open_play(tmp_path / "whole", simulator, seed=0) as play:
+    with open_play(PlaySpec(tmp_path / "whole", simulator, seed=0)) as play:
         (player,) = play.players
         scaling, (step,) = player.actor.scaling, play.session.steps
         assert isinstance(scaling, Scaling)
@@ -97,4 +97,4 @@ def test_a_resumed_run_scales_to_the_same_bits_and_play_scales_as_training_did(s
         )
     other = run_of(4).model_copy(update={"weights_from": str(tmp_path / "whole")})
     with pytest.raises(CheckpointError, match="does not fit: scale_observations was running, now none"):
-        train(other, tmp_path / "other", [simulator], resume=False, report=lambda *_: None)
+        train(other, tmp_path / "other", [simulator], resume=False)

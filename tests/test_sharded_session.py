@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from joybridge.client.client import Session, SimulatorError
-from joybridge.client.sharded_session import ShardedSession, split
+from joybridge.client.sharded_session import SessionSpec, ShardedSession, divide
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.parts import split
 from joybridge.layouts import make_acts
 
 ARENAS = 7
@@ -45,7 +46,7 @@ def random_acts(session: Session, rng: np.random.Generator) -> list[ActArrays]:
 def test_its_steps_are_those_of_a_single_session(simulator, game, parts):
     rng = np.random.default_rng(0)
     with Session(simulator, game, arenas=ARENAS, seed=3) as single:
-        sharded = ShardedSession([simulator] * parts, game, arenas=ARENAS, seed=3, options=[{}] * parts)
+        sharded = ShardedSession([simulator] * parts, divide(SessionSpec(game, ARENAS, seed=3), parts))
         with closing(sharded):
             assert_same(sharded.steps, single.steps)
             ended = 0
@@ -59,26 +60,20 @@ def test_its_steps_are_those_of_a_single_session(simulator, game, parts):
 def test_it_continues_from_its_snapshots(simulator):
     rng = np.random.default_rng(0)
     addresses: list[str] = [simulator] * 2
-    options: list[dict[str, str]] = [{}] * 2
-    with closing(ShardedSession(addresses, "shooting_birds", arenas=ARENAS, seed=3, options=options)) as session:
+    whole = SessionSpec("shooting_birds", ARENAS, seed=3)
+    with closing(ShardedSession(addresses, divide(whole, 2))) as session:
         acts = random_acts(session.sessions[0], rng)
         session.step(acts)
-        again = ShardedSession(
-            addresses,
-            "shooting_birds",
-            arenas=ARENAS,
-            seed=3,
-            options=options,
-            snapshots=[part.save() for part in session.sessions],
-        )
+        again = ShardedSession(addresses, divide(whole, 2, snapshots=[part.save() for part in session.sessions]))
         with closing(again):
             for _ in range(TIMESTEPS):
                 assert_same(again.step(acts), session.step(acts))
 
 
 def test_behaviors_that_differ_are_an_error(simulator):
-    with pytest.raises(SimulatorError, match="their behaviors differ; restart both from the same files"):
-        ShardedSession([simulator] * 2, "hybrid", arenas=2, seed=0, options=[{"size": "small"}, {"size": "large"}])
+    parts = divide(SessionSpec("hybrid", 2, seed=0), 2, [{"size": "small"}, {"size": "large"}])
+    with pytest.raises(SimulatorError, match="different versions of hybrid: their behaviors differ; restart both"):
+        ShardedSession([simulator] * 2, parts)
 
 
 @pytest.mark.parametrize(

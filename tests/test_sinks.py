@@ -10,6 +10,7 @@ from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.metrics import read_rows
 from joybridge.run.sinks import SINKS
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from tools.check_sinks import main as check
 
 SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
@@ -17,7 +18,7 @@ SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_hor
 
 def short(simulator, run, **settings):
     config = Config(game="hybrid", arenas=4, total_timesteps=128, log_interval=64, policy=SMALL, **settings)
-    train(config, run, [simulator], resume=False, report=lambda *_: None, say=lambda text: None)
+    train(config, run, [simulator], resume=False, audience=Audience(say=lambda text: None))
     return read_rows(run / "metrics-player.csv")
 
 

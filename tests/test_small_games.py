@@ -16,6 +16,7 @@ from joybridge.games.noughts.game import Noughts, outcome
 from joybridge.games.orchard.game import APPLES, COLUMNS, PAUSE, Orchard
 from joybridge.games.recall.game import ANSWERS, BACK, COLORS, Recall
 from joybridge.play.evaluate import evaluate
+from joybridge.play.playing import PlaySpec
 from joybridge.run.train import train
 from joybridge.simulator import option
 
@@ -339,8 +340,8 @@ def test_all_colors_are_shown_and_drawn():
 def test_each_is_learned_as_configured(game, metric, timesteps, untrained, trained, simulator, tmp_path):
     def score(name, *overrides):
         config = load_config(Path(__file__).parents[1] / f"configs/{game}/hybrid.yaml", overrides)
-        train(config, tmp_path / name, [simulator], resume=False, report=lambda *_: None)
-        scores = evaluate(tmp_path / name, simulator, episodes=64, seed=5, deterministic=False, say=lambda _: None)
+        train(config, tmp_path / name, [simulator], resume=False)
+        scores = evaluate(PlaySpec(tmp_path / name, simulator, seed=5), episodes=64, say=lambda _: None)
         (means,) = (score.means for score in scores.values())
         return means[metric]
 

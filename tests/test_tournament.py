@@ -13,7 +13,6 @@ from joybridge.client.client import describe
 from joybridge.commands.__main__ import main
 from joybridge.compare import rate as rating_command
 from joybridge.compare import rating_page
-from joybridge.compare.matches import read_matches
 from joybridge.compare.rating import rate
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import StepArrays
@@ -24,6 +23,7 @@ from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.player import Player
 from joybridge.policy.seats import Seats
 from joybridge.policy.table import Table
+from joybridge.run.matches import read_matches
 from joybridge.run.pool import thinned
 from joybridge.run.train import train
 from joybridge.simulator import Game, behavior, button, channel, sensor, spec
@@ -47,7 +47,7 @@ NOUGHTS = Config(
 def run(simulator, tmp_path_factory):
     """Return a run with four checkpoints."""
     folder = tmp_path_factory.mktemp("tournament") / "run"
-    train(NOUGHTS, folder, [simulator], resume=False, report=lambda *_: None)
+    train(NOUGHTS, folder, [simulator], resume=False)
     return folder
 
 
@@ -218,7 +218,7 @@ def test_a_run_is_evaluated_with_another_one_in_all_seats_but_its_own(run, simul
 
 def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, capsys):
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
-    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    train(archer, tmp_path / "archer", [simulator], resume=False)
     for played, message in (
         (tmp_path / "archer", "others: archer has one agent, which plays alone; leave them out"),
         (run, f"opponents: {tmp_path / 'archer'} plays archer, expected noughts; name a run of this game"),
@@ -287,7 +287,7 @@ def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
         return done.errors
 
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
-    train(archer, tmp_path / "archer", [simulator], resume=False, report=lambda *_: None)
+    train(archer, tmp_path / "archer", [simulator], resume=False)
     assert "archer has one agent, and a match needs two" in refused(tmp_path / "archer")
     assert f"{tmp_path / 'archer'} plays archer, expected noughts as {run}" in refused(run, tmp_path / "archer")
     assert "has one checkpoint, and a tournament needs two players" in refused(run, "--policies", 1)

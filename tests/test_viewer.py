@@ -19,10 +19,10 @@ from websockets.sync.client import connect
 
 from joybridge.cli import main
 from joybridge.client.client import Session
-from joybridge.compare.matches import read_matches
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
+from joybridge.run.matches import read_matches
 from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button
 from joybridge.v1 import bridge_pb2 as pb
@@ -31,7 +31,7 @@ from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
 from joybridge.viewer.rival import load_others, open_rival, run_settings
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import play
+from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.games import PICTURE
 from tests.support.wire import SECONDS
@@ -87,7 +87,9 @@ class Page:
 
 @contextmanager
 def website(source, game, settings=SETTINGS, against=None, others=None):
-    with open_website(0, lambda page: play(page, source, game, settings, SECONDS, against, others=others)) as url:
+    with open_website(
+        0, lambda page: play(page, source, PageGame(game, SECONDS, against, others=others), settings)
+    ) as url:
         yield url
 
 
@@ -296,7 +298,7 @@ def begun(simulator, folder, game, options):
     """Return a run that has hardly begun."""
     policy = PolicyConfig(hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
     config = Config(game=game, arenas=4, total_timesteps=64, log_interval=64, policy=policy, options=options)
-    train(config, folder, [simulator], resume=False, report=lambda *_: None)
+    train(config, folder, [simulator], resume=False)
     return folder
 
 
@@ -359,7 +361,7 @@ def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):
     assert settings == Settings(3, {"masks": "off"}, {})
     with (
         website(Simulator(simulator, ()), "hybrid", settings, partial(open_rival, run)) as url,
-        open_play(run, simulator, seed=3) as alone,
+        open_play(PlaySpec(run, simulator, seed=3)) as alone,
     ):
         page, score, ends = Page(url), 0.0, 0
         page.begin()

@@ -7,7 +7,7 @@ import pytest
 
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import play
+from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.watched import watch
 from joybridge.viewer.watched_game import watch_game
 from joybridge.viewer.web import open_website
@@ -46,7 +46,7 @@ def visit(browser, simulator):
             settings = Settings(seed=1, options=options, parameters={})
             source = source or Simulator(simulator, ())
             url = open_pages.enter_context(
-                open_website(0, lambda page: play(page, source, game, settings, SECONDS)),
+                open_website(0, lambda page: play(page, source, PageGame(game, SECONDS), settings)),
             )
             tab = browser.tab()
             open_pages.callback(tab.close)

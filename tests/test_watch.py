@@ -28,7 +28,7 @@ def files(run):
 
 
 def go_on(run, simulator, *, resume=True, **more):
-    train(CONFIG.model_copy(update=more), run, [simulator], resume=resume, report=lambda *_: None)
+    train(CONFIG.model_copy(update=more), run, [simulator], resume=resume)
 
 
 def first_of(page, *kinds):

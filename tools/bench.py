@@ -35,7 +35,7 @@ from gymnasium.vector import AsyncVectorEnv
 
 from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
-from joybridge.config.config import load_config
+from joybridge.config.config import PolicyConfig, load_config
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.memory import keep_memory
 from joybridge.contract.spec import choose_options
@@ -46,12 +46,13 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.history import Window
 from joybridge.ppo.images import Image
 from joybridge.ppo.loss import Batch
-from joybridge.ppo.networks import Network
+from joybridge.ppo.networks import Network, Towers
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 from joybridge.ppo.threads import use_one_thread
 from joybridge.ppo.update import Learner, ppo_update
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from joybridge.simulator.catalog import load_games
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -251,7 +252,7 @@ def bench_learner() -> Figures:
     layout = make_layouts("bucket-11", _device())[""]
     for shared in (True, False):
         body = "one tower" if shared else "two towers"
-        networks = [Network(inputs, layout.space, [hidden, hidden], shared, 0) for _ in range(3)]
+        networks = [Network(inputs, layout.space, Towers([hidden, hidden], shared), 0) for _ in range(3)]
         names = [str(branch) for branch in range(len(layout.space.branches))]
         ways = ("autograd", "closed form", "closed form with two threads")
         learners = {
@@ -270,9 +271,12 @@ def bench_learner() -> Figures:
 
             def work(learner=learner, batch=batch) -> float:  # type: ignore[no-untyped-def]
                 ppo_update(
-                    learner, batch, Coefficients(3e-4, 0.2, 0.05),
-                    epochs=4, minibatch_size=minibatch, rng=np.random.default_rng(0),
-                )  # fmt: skip
+                    learner,
+                    batch,
+                    Coefficients(3e-4, 0.2, 0.05),
+                    PolicyConfig(epochs=4, minibatch_size=minibatch),
+                    np.random.default_rng(0),
+                )
                 return 4.0 * (rows // minibatch) * minibatch
 
             figures[f"{name}, {body}, sample passes/s"] = measure(work)
@@ -291,7 +295,7 @@ def bench_learner() -> Figures:
 def _image_learner(space: ActionSpace) -> Figures:
     """Sample passes per second of an update from two images of 32 x 32, and of the bare passes of its network."""
     rows, minibatch, images, rng = 3072, 1024, [Image(32, 32, 1)] * 2, np.random.default_rng(0)
-    network = Network(0, space, [128, 128], True, 0, "relu", [ImageEncoder("auto", images, 0, 1, "relu")])
+    network = Network(0, space, Towers([128, 128], True, "relu"), 0, [ImageEncoder("auto", images, 0, 1, "relu")])
     names = [str(branch) for branch in range(len(space.branches))]
     learner = Learner("player", network, branches=names, gaussians=[], autograd=False)
     bytes_of_all = [rng.integers(0, 256, (rows, 1, *image.shape), np.uint8) for image in images]
@@ -303,10 +307,8 @@ def _image_learner(space: ActionSpace) -> Figures:
     seen = batch.observations.index_select(0, torch.arange(minibatch))
 
     def update() -> float:
-        ppo_update(
-            learner, batch, Coefficients(1e-3, 0.2, 0.02), epochs=1, minibatch_size=minibatch,
-            rng=np.random.default_rng(0),
-        )  # fmt: skip
+        settings = PolicyConfig(epochs=1, minibatch_size=minibatch)
+        ppo_update(learner, batch, Coefficients(1e-3, 0.2, 0.02), settings, np.random.default_rng(0))
         return float(rows)
 
     def bare() -> float:
@@ -361,7 +363,7 @@ def bench_train(timesteps: int = 1_500_000) -> Figures:
                     rates.append(row["timesteps_per_second"])
                     shares.append(row)
 
-            train(config, Path(folder) / "run", [address], resume=False, report=report)
+            train(config, Path(folder) / "run", [address], resume=False, audience=Audience(report))
         rates = rates[1:]
         figures[f"{experiment}, timesteps/s"] = {
             "median": statistics.median(rates), "low": min(rates), "high": max(rates)
@@ -419,7 +421,7 @@ def bench_start(timesteps: int = 1_500_000) -> Figures:
                 held["trainer"].append(megabytes(os.getpid()))
                 held["simulator"].append(megabytes(simulator))
 
-        train(config, Path(folder) / "run", [address], resume=False, report=report)
+        train(config, Path(folder) / "run", [address], resume=False, audience=Audience(report))
         with Session(address, "shooting_birds", arenas=256, seed=0) as session:
             acts = random_acts(session.spec, 256, np.random.default_rng(0))
             for step in range(400):

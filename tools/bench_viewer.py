@@ -22,7 +22,7 @@ from joybridge.client.client import describe
 from joybridge.contract.tensors import Array
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import play
+from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.chromium import Tab, chromium
 
@@ -98,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             spec = describe(simulator.reach(), game, {})
 
             def serve(page: ServerConnection, game: str = game) -> None:
-                play(page, simulator, game, Settings(1, {}, {}), TIMEOUT)
+                play(page, simulator, PageGame(game, TIMEOUT), Settings(1, {}, {}))
 
             with open_website(0, serve) as url:
                 print(f"{game}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")

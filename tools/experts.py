@@ -20,6 +20,7 @@ from joybridge.games.marble import game as marble
 from joybridge.games.noughts import game as noughts
 from joybridge.layouts import make_acts
 from joybridge.play.evaluate import evaluate
+from joybridge.play.playing import PlaySpec
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.policy.episodes import Episodes
 from joybridge.run.train import train
@@ -106,8 +107,8 @@ def clone(game: str, layout: str, address: str, folder: Path, run: Path, seed: i
     """Clone the demonstrations in a folder under a layout; return the score of the clone, which takes no chances."""
     overrides = [*TRAINING, f"layout={layout}", f"demonstrations={folder}", f"seed={seed}"]
     config = load_config(find_config(f"{game}/hybrid"), overrides)
-    train(config, run, [address], resume=False, report=lambda *_: None)
-    results = evaluate(run, address, episodes=EPISODES, seed=2, deterministic=True, say=lambda text: None)
+    train(config, run, [address], resume=False)
+    results = evaluate(PlaySpec(run, address, seed=2, deterministic=True), episodes=EPISODES, say=lambda text: None)
     return next(iter(results.values())).means[SCORES[game]]
 
 

@@ -21,11 +21,12 @@ from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.games import BUILT_IN
 from joybridge.play.evaluate import CONFIDENCE
 from joybridge.play.export import export
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.episodes import Episodes
 from joybridge.policy.exported import Model
 from joybridge.run.folder import play_config
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from joybridge.v1 import bridge_pb2 as pb
 
 RUNTIME = Path(__file__).parents[1] / "proto/examples/python/policy.py"
@@ -105,10 +106,10 @@ def answers(folder: Path, games: Sequence[str], layouts: Sequence[str]) -> None:
                 run = folder / game / layout
                 config = load_config(find_config(f"{game}/hybrid"), [*SHORT, f"layout={layout}"])
                 config = config.model_copy(update={"policies": {}})  # settings by names that `multiagent` changes
-                train(config, run, [address], resume=False, report=lambda *_: None, say=lambda text: None)
+                train(config, run, [address], resume=False, audience=Audience(say=lambda text: None))
                 for behavior in BEHAVIORS.get(game, ("",)):
                     file = run / f"{behavior or 'policy'}.onnx"
-                    print(export(run, address, file, behavior=behavior, seed=1, deterministic=False), flush=True)
+                    print(export(PlaySpec(run, address, seed=1), file, behavior=behavior), flush=True)
 
 
 def scores(run: Path, episodes: int) -> None:
@@ -116,7 +117,7 @@ def scores(run: Path, episodes: int) -> None:
     files = {"ONNX Runtime": run / "exported.onnx", "policy.py": run / "exported.json"}
     with simulator_process() as address:
         for file in files.values():
-            print(export(run, address, file, behavior="", seed=1, deterministic=False))
+            print(export(PlaySpec(run, address, seed=1), file, behavior=""))
         print(f"trainer: reward {score(run, address, None, episodes)}", flush=True)
         for name, file in files.items():
             print(f"{name}: reward {score(run, address, file, episodes)}", flush=True)
@@ -127,7 +128,7 @@ def scores(run: Path, episodes: int) -> None:
 
 def score(run: Path, address: str, file: Path | None, episodes: int) -> str:
     """Return mean and 95 % interval of the first episode of each lane. file: None lets the trainer play."""
-    with open_play(run, address, seed=7, episodes=episodes, arenas_limit=episodes) as play:
+    with open_play(PlaySpec(run, address, seed=7), episodes=episodes, arenas_limit=episodes) as play:
         (player,) = play.players
         (behavior,) = play.spec.behaviors
         table = Episodes(player.lanes, [metric.name for metric in behavior.metrics])

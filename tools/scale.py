@@ -26,6 +26,7 @@ from joybridge.client.launch import simulator_process
 from joybridge.config.config import load_config
 from joybridge.config.metrics import Row
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from tools.bench import CONFIGS, GAMES, children, machine, megabytes, random_acts
 
 ARENAS = (1, 4, 16, 64, 256, 1024, 4096)
@@ -162,7 +163,7 @@ def training(experiment: str, simulators: int, timesteps: int) -> Figures:
                 held = [megabytes(process) for process in processes]
                 memory.append({"timesteps": done, "trainer": megabytes(os.getpid()), "simulator": max(held)})
 
-        train(config, Path(folder) / "run", addresses, resume=False, report=report)
+        train(config, Path(folder) / "run", addresses, resume=False, audience=Audience(report))
     between = memory[-1]["timesteps"] - memory[1]["timesteps"]  # without the first row, in which rules are compiled
     seconds = [1.0 / row["timesteps_per_second"] for row in rows[2:]]
 

@@ -18,7 +18,7 @@ def main() -> None:
     with simulator_process() as address, TemporaryDirectory() as folder:
         for number, name in enumerate(CONFIGS):
             config = load_config(FOLDER / f"{name}.yaml", SMALL)
-            train(config, Path(folder) / str(number), [address], resume=False, report=lambda *_: None)
+            train(config, Path(folder) / str(number), [address], resume=False)
 
 
 if __name__ == "__main__":

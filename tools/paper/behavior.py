@@ -22,7 +22,7 @@ from joybridge.client.client import SimulatorError
 from joybridge.client.launch import simulator_process
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.folder import run_config
 from tools.paper.behavior_figure import draw
 from tools.paper.birds import measure_birds, watch
@@ -166,7 +166,7 @@ def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, i
     With `stratify_by` in the configuration, the choices of that option are the groups of the trace. Raises the same
     errors as `measure`.
     """
-    with open_play(run, address, seed=seed, episodes=episodes, arenas_limit=episodes) as played:
+    with open_play(PlaySpec(run, address, seed=seed), episodes=episodes, arenas_limit=episodes) as played:
         spec = played.spec
         behavior, decisions = spec.behaviors[0], spec.max_episode_decisions
         shape = (decisions, played.arenas)

@@ -14,6 +14,7 @@ from joybridge.client.launch import simulator_process
 from joybridge.config.config import load_config
 from joybridge.config.config_files import find_config
 from joybridge.play.evaluate import evaluate
+from joybridge.play.playing import PlaySpec
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.train import train
 
@@ -50,13 +51,13 @@ def trained(run: Path, address: str, layout: str, timesteps: int, *keys: str) ->
     """Train a layout in the folder `run`, unless that is done; return its score."""
     overrides = [f"layout={layout}", f"total_timesteps={timesteps}", *keys]
     config = load_config(find_config("shooting_birds/bucket-11"), overrides)
-    train(config, run, [address], resume=has_checkpoint(run), report=lambda *_: None)
+    train(config, run, [address], resume=has_checkpoint(run))
     return score(run, address)
 
 
 def score(run: Path, address: str, *, episodes: int = EPISODES, demos: Path | None = None) -> float:
     """Return the mean reward of a run's policy, of the one with the buttons if there are two."""
-    results = evaluate(run, address, episodes=episodes, seed=2, deterministic=False, say=lambda text: None, demos=demos)
+    results = evaluate(PlaySpec(run, address, seed=2), episodes=episodes, say=lambda text: None, demos=demos)
     return list(results.values())[-1].means["reward"]
 
 

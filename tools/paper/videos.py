@@ -20,7 +20,7 @@ from joybridge.client.client import SimulatorError
 from joybridge.client.launch import simulator_process
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.folder import run_config
 
 RATE = 25  # frames per second
@@ -45,7 +45,7 @@ def frames(run: Path, address: str, seed: int) -> Iterator[av.VideoFrame]:
 
     Raises SimulatorError, CheckpointError or ConfigError.
     """
-    with open_play(run, address, seed=seed) as played:
+    with open_play(PlaySpec(run, address, seed=seed)) as played:
         spec = played.spec
         if not spec.HasField("picture"):
             raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")

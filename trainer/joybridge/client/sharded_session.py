@@ -6,14 +6,27 @@ not depend on the number of simulators.
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from typing import Protocol
 
 from joybridge.client.client import CALL_SECONDS, Distributions, Session, Transport
 from joybridge.client.errors import SimulatorError
+from joybridge.config.config import Config
+from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.parts import join, part_of, split
 
-__all__ = ["ShardedSession", "Snapshot", "check_alike", "split"]
+__all__ = [
+    "SessionSpec",
+    "ShardedSession",
+    "Snapshot",
+    "check_alike",
+    "divide",
+    "open_session",
+    "session_spec",
+    "split",
+]
 
 Snapshot = dict[str, bytes]
 
@@ -27,41 +40,76 @@ def check_alike(session: Session, first: Session) -> None:
         )
 
 
+@dataclass(frozen=True)
+class SessionSpec:
+    """What a session plays: the arguments of `Session` beside the address of the simulator."""
+
+    game: str
+    arenas: int
+    seed: int
+    first_arena: int = 0
+    options: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    distributions: Distributions = field(default_factory=dict)
+    snapshot: Snapshot | None = None
+    timeout: float = CALL_SECONDS
+    transport: Transport = "auto"
+
+    def open(self, address: str) -> Session:
+        """Open the session at one simulator. Raises SimulatorError."""
+        return Session(address, **vars(self))
+
+
+def session_spec(config: Config, arenas: int, seed: int) -> SessionSpec:
+    """Return the spec of a session with the game of a configuration, its options and its parameters."""
+    return SessionSpec(
+        config.game,
+        arenas,
+        seed,
+        options=config.options,
+        parameters=fixed(config.parameters),
+        distributions=drawn(config.parameters),
+        timeout=config.timeout_seconds,
+        transport=config.transport,
+    )
+
+
+def divide(
+    whole: SessionSpec, parts: int, options: Sequence[Mapping[str, str]] = (), snapshots: Sequence[Snapshot] = ()
+) -> list[SessionSpec]:
+    """Return the specs of so many sessions that play the arenas of one, side by side.
+
+    options, snapshots: one for each part, if they are not those of the whole.
+    """
+    bounds = split(whole.arenas, parts)
+    return [
+        replace(
+            whole,
+            arenas=bounds[index + 1] - first,
+            first_arena=whole.first_arena + first,
+            options=options[index] if options else whole.options,
+            snapshot=snapshots[index] if snapshots else whole.snapshot,
+        )
+        for index, first in enumerate(bounds[:-1])
+    ]
+
+
 class ShardedSession:
     """Sessions with the interface of a single one. `steps` holds the last step, one StepArrays per behavior."""
 
-    def __init__(
-        self,
-        addresses: Sequence[str],
-        game: str,
-        *,
-        arenas: int,
-        seed: int,
-        first_arena: int = 0,
-        options: Sequence[Mapping[str, str]],
-        parameters: Mapping[str, float] | None = None,
-        distributions: Distributions | None = None,
-        snapshots: Sequence[Snapshot] | None = None,
-        timeout: float = CALL_SECONDS,
-        transport: Transport = "auto",
-    ) -> None:
-        """Open one session per address, each with its own options; arenas are divided among them.
+    def __init__(self, addresses: Sequence[str], parts: Sequence[SessionSpec]) -> None:
+        """Open one session per address, each with its part of the arenas. Raises SimulatorError.
 
-        The options must give the same behaviors. Raises SimulatorError.
+        The options of the parts must give the same behaviors.
         """
-        bounds = split(arenas, len(addresses))
         self.sessions: list[Session] = []
         with ExitStack() as opened:
-            for index, address in enumerate(addresses):
-                session = Session(
-                    address, game, arenas=bounds[index + 1] - bounds[index], seed=seed,
-                    first_arena=first_arena + bounds[index], options=options[index], parameters=parameters,
-                    distributions=distributions,
-                    snapshot=snapshots[index] if snapshots else None, timeout=timeout, transport=transport,
-                )  # fmt: skip
-                self.sessions.append(opened.enter_context(session))
+            for address, part in zip(addresses, parts, strict=True):
+                session = opened.enter_context(part.open(address))
+                self.sessions.append(session)
                 check_alike(session, self.sessions[0])
             self._opened = opened.pop_all()
+        bounds = [0, *accumulate(part.arenas for part in parts)]
         self.spec = self.sessions[0].spec
         self.bounds = [[lane_count(behavior, arena) for arena in bounds] for behavior in self.spec.behaviors]
         self.steps = join([session.steps for session in self.sessions])
@@ -96,31 +144,9 @@ class ShardedSession:
         self._opened.close()
 
 
-def open_session(
-    addresses: Sequence[str],
-    game: str,
-    *,
-    arenas: int,
-    seed: int,
-    first_arena: int = 0,
-    options: Sequence[Mapping[str, str]],
-    parameters: Mapping[str, float] | None = None,
-    distributions: Distributions | None = None,
-    snapshots: Sequence[Snapshot] | None = None,
-    timeout: float = CALL_SECONDS,
-    transport: Transport = "auto",
-) -> Session | ShardedSession:
+def open_session(addresses: Sequence[str], parts: Sequence[SessionSpec]) -> Session | ShardedSession:
     """Open one session at a single address, or a sharded one at several. Raises SimulatorError."""
-    if len(addresses) > 1:
-        return ShardedSession(
-            addresses, game, arenas=arenas, seed=seed, first_arena=first_arena, options=options, parameters=parameters,
-            distributions=distributions, snapshots=snapshots, timeout=timeout, transport=transport,
-        )  # fmt: skip
-    return Session(
-        addresses[0], game, arenas=arenas, seed=seed, first_arena=first_arena, options=options[0],
-        parameters=parameters, distributions=distributions, snapshot=snapshots[0] if snapshots else None,
-        timeout=timeout, transport=transport,
-    )  # fmt: skip
+    return ShardedSession(addresses, parts) if len(parts) > 1 else parts[0].open(addresses[0])
 
 
 class Composed(Protocol):

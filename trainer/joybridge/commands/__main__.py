@@ -13,6 +13,7 @@ from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
+from typing import TYPE_CHECKING
 
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
@@ -51,6 +52,9 @@ from joybridge.run.origin import remark
 from joybridge.run.own_code import check_code, sign_code, trust
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 from joybridge.run.sinks import check_sinks
+
+if TYPE_CHECKING:
+    from joybridge.play.playing import PlaySpec
 
 # What learns and plays is imported by the command that needs it: torch takes seconds to load, errors should not.
 
@@ -223,6 +227,7 @@ def _train(options: argparse.Namespace) -> None:
             from joybridge.ppo.fast.announce import announcing
             from joybridge.run.progress import Display
             from joybridge.run.train import train
+            from joybridge.run.training import Audience
 
         saved = checkpoints(run)
         begin = int(saved[-1].name) if saved else 0
@@ -236,9 +241,8 @@ def _train(options: argparse.Namespace) -> None:
                     run,
                     addresses,
                     resume=options.resume,
-                    report=display.report,
+                    audience=Audience(display.report, display.say),
                     revive=connect,
-                    say=display.say,
                     record_faults=options.record_faults,
                 )
         except (KeyboardInterrupt, SimulatorError, StorageError) as error:
@@ -281,12 +285,14 @@ def _evaluate(options: argparse.Namespace) -> None:
             fitting_spec(simulator, play_config(run, overrides))
         results = {
             setting: evaluate(
-                run, simulator, episodes=options.episodes, seed=options.seed, deterministic=options.deterministic,
-                say=say, overrides=overrides, checkpoint=options.checkpoint, demos=options.demos,
-                inputs=options.inputs, others=options.others, only_game=game,
+                replace(_play_spec(options, simulator, game), overrides=overrides),
+                episodes=options.episodes,
+                say=say,
+                demos=options.demos,
+                inputs=options.inputs,
             )
             for setting, (game, overrides) in plays.items()
-        }  # fmt: skip
+        }
     if not sweep:
         for game, found in results.items():
             print(summary({f"{game}: {name}" if game else name: result for name, result in found.items()}))
@@ -322,17 +328,11 @@ def _record(options: argparse.Namespace) -> None:
         from joybridge.play.record import record
         from joybridge.play.record_games import record_games
 
+        plays = _play_spec(options, simulator, games[0])
         if len(games) > 1:
-            frames = record_games(
-                options.run, simulator, options.output, games=games, seconds=options.seconds, seed=options.seed,
-                deterministic=options.deterministic, overrides=options.overrides, checkpoint=options.checkpoint,
-            )  # fmt: skip
+            frames = record_games(plays, options.output, games=games, seconds=options.seconds)
         else:
-            frames = record(
-                options.run, simulator, options.output, seconds=options.seconds, seed=options.seed,
-                deterministic=options.deterministic, say=say, overrides=options.overrides,
-                checkpoint=options.checkpoint, inputs=options.inputs, others=options.others, only_game=games[0],
-            )  # fmt: skip
+            frames = record(plays, options.output, seconds=options.seconds, say=say, inputs=options.inputs)
     print(f"{options.output}: {frames} frames")
     say_next("export", str(options.run), "policy.onnx")
 
@@ -342,12 +342,24 @@ def _export(options: argparse.Namespace) -> None:
     with _player(options) as simulator:
         from joybridge.play.export import export
 
-        exported = export(
-            options.run, simulator, options.output, behavior=options.behavior, seed=options.seed,
-            deterministic=options.deterministic, overrides=options.overrides, checkpoint=options.checkpoint,
-            only_game=games[0],
-        )  # fmt: skip
+        exported = export(_play_spec(options, simulator, games[0]), options.output, behavior=options.behavior)
     print(exported)
+
+
+def _play_spec(options: argparse.Namespace, address: str, game: str) -> "PlaySpec":
+    """Return what the command line lets play at the simulator at an address."""
+    from joybridge.play.playing import PlaySpec
+
+    return PlaySpec(
+        options.run,
+        address,
+        options.seed,
+        options.deterministic,
+        options.overrides,
+        options.checkpoint,
+        getattr(options, "others", ()),
+        game,
+    )
 
 
 @contextmanager

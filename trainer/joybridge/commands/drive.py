@@ -41,11 +41,10 @@ def _drive(options: argparse.Namespace) -> None:
     remembered = last_simulators(options.run).believed(options.trust_run).games
     sys.path.insert(0, str(Path.cwd()))
     with simulator_process([window_place(options.program, remembered, config)]) as address:
-        from joybridge.play.playing import open_play  # it imports torch, errors come sooner
+        from joybridge.play.playing import PlaySpec, open_play  # it imports torch, errors come sooner
 
-        with open_play(
-            options.run, address, seed=options.seed, deterministic=options.deterministic, checkpoint=options.checkpoint
-        ) as play:
+        plays = PlaySpec(options.run, address, options.seed, options.deterministic, checkpoint=options.checkpoint)
+        with open_play(plays) as play:
             say(f"{play.heading()}; the window's close button or Ctrl-C ends it")
             left, reward, decisions = options.episodes, 0.0, 0
             for played in play.decisions():

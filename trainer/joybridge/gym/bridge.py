@@ -1,8 +1,9 @@
 """What all environments share: the session with a simulator, and the players in it."""
 
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,14 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
-from joybridge.client.own_games import Game, Games, choose_game
+from joybridge.client.own_games import choose_game
 from joybridge.config.errors import ConfigError
-from joybridge.contract.codec import lane_count
 from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
-from joybridge.gym.player import FORBIDDEN, Player
-from joybridge.layouts import Role, list_roles, make_acts
+from joybridge.gym.player import Player
+from joybridge.gym.settings import EnvSettings, Seat, check_seed
+from joybridge.layouts import list_roles, make_acts
 from joybridge.plugins import load
 
 TURN_BASED_FPS = 5.0  # frames per second of games without a clock
@@ -26,57 +27,31 @@ TURN_BASED_FPS = 5.0  # frames per second of games without a clock
 class Bridge:
     """A session, its simulator if that was started for it, and the players."""
 
-    def __init__(
-        self,
-        game: Game,
-        *,
-        arenas: int,
-        layout: str,
-        frame_stack: int,
-        flatten: bool,
-        seed: int,
-        options: Mapping[str, str] | None,
-        parameters: Mapping[str, float] | None,
-        sensors: Any,
-        reward_weights: Any,
-        forbidden: str,
-        games: Games,
-        simulator: str | None,
-        render_mode: str | None,
-        single: bool,
-        split: bool,
-        others: Sequence[str] = (),
-    ) -> None:
-        """Open the session; the arguments are those of BridgeVectorEnv, which also describes the errors.
+    def __init__(self, settings: EnvSettings, *, single: bool, split: bool) -> None:
+        """Open the session; BridgeVectorEnv describes the errors.
 
         single: only one player is allowed, and `sensors` and `reward_weights` are its; otherwise they are by player.
-        split: one player per agent of the game, not one in all lanes of a behavior. others: who hold all seats but the
-        first.
+        split: one player per agent of the game, not one in all lanes of a behavior.
         """
-        if not isinstance(arenas, int) or arenas < 1:
-            raise ConfigError(f"arenas is {arenas!r}, expected an integer of at least 1")
-        if frame_stack < 1:
-            raise ConfigError(f"frame_stack is {frame_stack}, expected at least 1")
-        if forbidden not in FORBIDDEN:
-            raise ConfigError(f"forbidden is {forbidden!r}, expected one of {', '.join(FORBIDDEN)}")
-        if render_mode not in (None, "rgb_array"):
-            raise ConfigError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
-        seed = _check_seed(seed)
-        name, places = choose_game(game, games, simulator)
+        name, places = choose_game(settings.game, settings.games, settings.simulator)
         with ExitStack() as resources:
-            address = simulator or resources.enter_context(simulator_process(places))
-            self.session = resources.enter_context(
-                Session(address, name, arenas=arenas, seed=seed, options=options, parameters=parameters)
+            address = settings.simulator or resources.enter_context(simulator_process(places))
+            session = Session(
+                address,
+                name,
+                arenas=settings.arenas,
+                seed=check_seed(settings.seed),
+                options=settings.options,
+                parameters=settings.parameters,
             )
+            self.session = resources.enter_context(session)
             self.spec = self.session.spec
-            self._others = (
-                load("joybridge.opponents", "table")(others, name, self.spec, arenas, seed) if others else None
-            )
-            self.players = self._make_players(
-                layout, sensors, reward_weights or {}, single=single, split=split,
-                frame_stack=frame_stack, flatten=flatten, forbidden=forbidden,
-            )  # fmt: skip
-            self._drawable = self._choose_drawn(render_mode)
+            self._others = None
+            if settings.others:
+                seat_others = load("joybridge.opponents", "table")
+                self._others = seat_others(settings.others, name, self.spec, settings.arenas, check_seed(settings.seed))
+            self.players = self._make_players(settings, single=single, split=split)
+            self._drawable = self._choose_drawn(settings.render_mode)
             self._drawing = False  # whether `render` has been called since the last reset
             self._pictures: list[Array] = []  # of all arenas after the last step
             self.fresh = True  # the current episodes have not been played yet
@@ -84,45 +59,34 @@ class Bridge:
             # Called by `close`, when the environment is garbage collected, or when the interpreter exits; only once.
             self.close = weakref.finalize(self, resources.pop_all().close)
 
-    def _make_players(
-        self,
-        layout: str,
-        sensors: Any,
-        reward_weights: Mapping[str, Any],
-        *,
-        single: bool,
-        split: bool,
-        **settings: Any,
-    ) -> dict[str, Player]:
-        """Return the players by name; `settings` are the same for all of them. Raises ConfigError."""
-        seats: dict[str, tuple[Role, int | None]] = {}
-        for role in list_roles(layout, self.spec):
+    def _make_players(self, settings: EnvSettings, *, single: bool, split: bool) -> dict[str, Player]:
+        """Return the players by name. Raises ConfigError."""
+        seats = {}
+        for role in list_roles(settings.layout, self.spec):
             agents = self.spec.behaviors[role.behavior].agents_per_arena if split else 1
             if self._others is not None and role.behavior == 0:
-                seats[role.name] = (role, 0)
+                seats[role.name] = Seat(role, 0)
             for agent in range(agents if self._others is None else 0):
-                seats[f"{role.name}_{agent}" if agents > 1 else role.name] = (role, agent if agents > 1 else None)
+                seats[f"{role.name}_{agent}" if agents > 1 else role.name] = Seat(role, agent if agents > 1 else None)
         if single and len(seats) > 1:
             raise ConfigError(
-                f"{self.spec.name} with layout {layout!r} has {len(seats)} agents ({', '.join(seats)}), and this "
-                "environment is for one; use joybridge.gym.BridgeParallelEnv, or let `others` hold all seats but one"
+                f"{self.spec.name} with layout {settings.layout!r} has {len(seats)} agents ({', '.join(seats)}), and "
+                "this environment is for one; use joybridge.gym.BridgeParallelEnv, or let `others` hold all seats but "
+                "one"
             )
         if single:
-            (only,) = seats
-            sensors, reward_weights = {only: sensors}, {only: reward_weights}
-        sensors = sensors or {}
-        for argument, given in (("sensors", sensors), ("reward_weights", reward_weights)):
-            for name in given:
+            (name,) = seats
+            settings = replace(
+                settings, sensors={name: settings.sensors}, reward_weights={name: settings.reward_weights or {}}
+            )
+        for argument in ("sensors", "reward_weights"):
+            for name in getattr(settings, argument) or {}:
                 if name not in seats:
                     raise ConfigError(f"{argument}: there is no agent {name!r}; there are {', '.join(seats)}")
-        players = {}
-        for name, (role, lane) in seats.items():
-            behavior = self.spec.behaviors[role.behavior]
-            players[name] = Player(
-                "" if single else name, role, behavior, lanes=lane_count(behavior, self.session.arenas), lane=lane,
-                sensors=sensors.get(name), reward_weights=reward_weights.get(name, {}), **settings,
-            )  # fmt: skip
-        return players
+        return {
+            name: Player(name, seat, self.spec.behaviors[seat.role.behavior], settings, "" if single else f"[{name!r}]")
+            for name, seat in seats.items()
+        }
 
     def _choose_drawn(self, render_mode: str | None) -> range:
         """Return the arenas to draw. Raises ConfigError if they cannot be drawn."""
@@ -142,7 +106,7 @@ class Bridge:
     def reset(self, seed: int | None, parameters: Mapping[str, float]) -> int | None:
         """Begin new episodes in all arenas; return the seed as an int of Python. Raises ConfigError or SpecError."""
         self._require_open()
-        seed = None if seed is None else _check_seed(seed)
+        seed = None if seed is None else check_seed(seed)
         if seed is not None or parameters or not self.fresh:
             chosen = choose_parameters(self.spec.parameters, parameters, self.spec.name)
             self.session.reset(seed, chosen)
@@ -190,13 +154,6 @@ class Bridge:
     def _require_open(self) -> None:
         if not self.close.alive:
             raise ClosedEnvironmentError("the environment is closed; make a new one")
-
-
-def _check_seed(seed: Any) -> int:
-    """Return a seed as an int of Python. Raises ConfigError for one that the contract cannot carry."""
-    if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**64:
-        raise ConfigError(f"seed is {seed!r}, expected one int of 0..2^64-1, which seeds all arenas")
-    return int(seed)
 
 
 def only_parameters(options: Mapping[str, Any] | None) -> Mapping[str, float]:

@@ -10,6 +10,7 @@ from joybridge.client.own_games import Game, Games
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one
 from joybridge.gym.player import ActionError
+from joybridge.gym.settings import EnvSettings
 from joybridge.gym.spaces import ActionSpaces
 
 
@@ -45,11 +46,24 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
 
         sensors and reward_weights are by agent: {agent: [sensor, ...]} and {agent: {channel: weight}}.
         """
-        self._bridge = Bridge(
-            game, arenas=1, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
-            parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
-            simulator=simulator, render_mode=render_mode, single=False, others=others, split=True,
-        )  # fmt: skip
+        settings = EnvSettings(
+            game=game,
+            arenas=1,
+            layout=layout,
+            frame_stack=frame_stack,
+            flatten=flatten,
+            seed=seed,
+            options=options,
+            parameters=parameters,
+            sensors=sensors,
+            reward_weights=reward_weights,
+            forbidden=forbidden,
+            games=games,
+            simulator=simulator,
+            render_mode=render_mode,
+            others=others,
+        )
+        self._bridge = Bridge(settings, single=False, split=True)
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
         self.render_mode = render_mode

@@ -7,17 +7,17 @@ import numpy as np
 from gymnasium.spaces import Dict
 
 from joybridge.config.errors import ConfigError
-from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.parts import rows_of
 from joybridge.contract.tensors import Array
 from joybridge.gym.observer import Observer, one_row
+from joybridge.gym.settings import EnvSettings, Seat
 from joybridge.gym.spaces import ActionSpaces, make_action_spaces
-from joybridge.layouts import CLIP, Role
+from joybridge.layouts import CLIP
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
 
-FORBIDDEN = ("error", "first_allowed")  # what to do with a choice that its mask forbids
 Outcome = tuple[Any, float, bool, bool, dict[str, Any]]  # observation, reward, terminated, truncated, info
 
 
@@ -36,46 +36,37 @@ class Player:
     final: Any
 
     def __init__(
-        self,
-        name: str,
-        role: Role,
-        behavior: pb.Behavior,
-        *,
-        lanes: int,
-        lane: int | None,
-        frame_stack: int,
-        flatten: bool,
-        sensors: Sequence[str] | None,
-        reward_weights: Mapping[str, float],
-        forbidden: str,
+        self, name: str, seat: Seat, behavior: pb.Behavior, settings: EnvSettings, part_of_actions: str
     ) -> None:
         """Make the spaces.
 
-        name: of the actions in errors begins with it, unless it is empty. lanes: number of lanes of the behavior.
-        lane: the number of the agent to play in each arena; None: all. forbidden: one of FORBIDDEN. Raises ConfigError
-        for an unknown sensor or reward channel, and for images that are to be flattened.
+        name: in errors, and of its sensors and reward weights in the settings. part_of_actions: which part of the
+        actions of a step is its, for errors: "" if they are all its, or "['name']".
+
+        Raises ConfigError for an unknown sensor or reward channel, and for images that are to be flattened.
         """
-        self.index, self.layout, self.behavior, self._lane = role.behavior, role.layout, behavior, lane
-        self._where = f"actions[{name!r}]" if name else "actions"
-        self._rows = slice(None) if lane is None else slice(lane, None, behavior.agents_per_arena)
-        self._own = np.arange(lanes)[self._rows]
+        self.index, self.layout, self.behavior, self._lane = seat.role.behavior, seat.role.layout, behavior, seat.lane
+        self._where = f"actions{part_of_actions}"
+        self._rows = slice(None) if seat.lane is None else slice(seat.lane, None, behavior.agents_per_arena)
+        self._own = np.arange(lane_count(behavior, settings.arenas))[self._rows]
         self.lanes = len(self._own)
+        sensors, weights = ((each or {}).get(name) for each in (settings.sensors, settings.reward_weights))
         if sensors is not None and not sensors:
-            raise ConfigError(f"{name or role.name}: sensors is empty, expected at least one; leave it out to use all")
-        self._encoder = ObservationEncoder(name or role.name, behavior, sensors, reward_weights)
+            raise ConfigError(f"{name}: sensors is empty, expected at least one; leave it out to use all")
+        self._encoder = ObservationEncoder(name, behavior, sensors, weights or {})
         images = [sensor.name for sensor in self._encoder.sensors if sensor.HasField("image")]
-        if flatten and images:
+        if settings.flatten and images:
             raise ConfigError(
-                f"{name or role.name}: {', '.join(images)} of {behavior.name} would be flattened, which makes four "
-                "bytes of each byte of an image; pass flatten=False, or choose sensors that are no images"
+                f"{name}: {', '.join(images)} of {behavior.name} would be flattened, which makes four bytes of each "
+                "byte of an image; pass flatten=False, or choose sensors that are no images"
             )
-        self._observer = Observer(self._encoder, behavior, self.lanes, frame_stack, flatten=flatten)
+        self._observer = Observer(self._encoder, behavior, self.lanes, settings.frame_stack, flatten=settings.flatten)
         self.observation_space = self._observer.space
         self._parts = make_action_spaces(self.layout.space)
         self.action_space: ActionSpaces = (
             Dict(self._parts) if len(self._parts) > 1 else next(iter(self._parts.values()))
         )
-        self._forbidden = forbidden
+        self._forbidden = settings.forbidden
 
     def begin(self, step: StepArrays) -> None:
         """Take the first timestep of new episodes, of all lanes of the behavior."""

@@ -9,6 +9,7 @@ from joybridge.client.own_games import Game, Games
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one, only_parameters
 from joybridge.gym.player import Outcome
+from joybridge.gym.settings import EnvSettings
 
 
 class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
@@ -35,11 +36,24 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
         render_mode: str | None = None,
     ) -> None:
         """Open a session with a simulator; arguments and errors are those of BridgeVectorEnv."""
-        self._bridge = Bridge(
-            game, arenas=1, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
-            parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
-            simulator=simulator, render_mode=render_mode, single=True, others=others, split=True,
-        )  # fmt: skip
+        settings = EnvSettings(
+            game=game,
+            arenas=1,
+            layout=layout,
+            frame_stack=frame_stack,
+            flatten=flatten,
+            seed=seed,
+            options=options,
+            parameters=parameters,
+            sensors=sensors,
+            reward_weights=reward_weights,
+            forbidden=forbidden,
+            games=games,
+            simulator=simulator,
+            render_mode=render_mode,
+            others=others,
+        )
+        self._bridge = Bridge(settings, single=True, split=True)
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
         self.render_mode = render_mode

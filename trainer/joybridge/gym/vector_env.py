@@ -11,6 +11,7 @@ from joybridge.client.own_games import Game, Games
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, only_parameters
 from joybridge.gym.observer import one_row
+from joybridge.gym.settings import EnvSettings
 
 
 class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
@@ -58,11 +59,24 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         Raises ConfigError, which is a ValueError, for an argument that cannot be used; SimulatorError if the simulator
         rejects an option or parameter; SimulatorLost if it cannot be started or reached.
         """
-        self._bridge = Bridge(
-            game, arenas=arenas, layout=layout, frame_stack=frame_stack, flatten=flatten, seed=seed, options=options,
-            parameters=parameters, sensors=sensors, reward_weights=reward_weights, forbidden=forbidden, games=games,
-            simulator=simulator, render_mode=render_mode, single=True, others=others, split=False,
-        )  # fmt: skip
+        settings = EnvSettings(
+            game=game,
+            arenas=arenas,
+            layout=layout,
+            frame_stack=frame_stack,
+            flatten=flatten,
+            seed=seed,
+            options=options,
+            parameters=parameters,
+            sensors=sensors,
+            reward_weights=reward_weights,
+            forbidden=forbidden,
+            games=games,
+            simulator=simulator,
+            render_mode=render_mode,
+            others=others,
+        )
+        self._bridge = Bridge(settings, single=True, split=False)
         self.game_spec = self._bridge.spec
         self.metadata = self._bridge.metadata(self.metadata)
         self.render_mode = render_mode

@@ -10,7 +10,7 @@ from joybridge.client.sharded_session import single_sessions
 from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
 from joybridge.play.input_statistics import InputMeasures, Inputs
-from joybridge.play.playing import Change, Play, open_play
+from joybridge.play.playing import Change, Play, PlaySpec, open_play
 from joybridge.policy.episodes import Episodes, equal_shares
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
@@ -32,27 +32,22 @@ class Evaluation:
 
 
 def evaluate(
-    run: Path, address: str, *, episodes: int, seed: int, deterministic: bool, say: Callable[[str], None],
-    overrides: Sequence[str] = (), checkpoint: str = "", demos: Path | None = None, inputs: bool = False,
-    others: Sequence[str] = (), only_game: str = "",
-) -> dict[str, Evaluation]:  # fmt: skip
-    """Play so many episodes of a run's policies; return an Evaluation per policy.
+    plays: PlaySpec, *, episodes: int, say: Callable[[str], None], demos: Path | None = None, inputs: bool = False
+) -> dict[str, Evaluation]:
+    """Play a number of episodes of a run's policies; return an Evaluation per policy.
 
-    overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint: "best",
-    its timesteps, or "" for the newest. demos: record what is played in this folder. inputs: measure what the agents do
-    with their devices. others: who hold all seats but one of each arena, see `load_other`; only this one counts.
-    only_game: which of several games is played.
+    demos: record what is played in this folder. inputs: measure what the agents do with their devices. Of an arena
+    with others, only the seat that they do not hold counts.
 
     Where the configuration names an option in `stratify_by`, every choice of it but the default is played equally
     often. How many episodes of an arena count is fixed beforehand, so short ones count no more often than long ones.
     Each agent of an arena has its own episodes. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
     """
-    with open_play(
-        run, address, seed=seed, episodes=episodes, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint, others=others, only_game=only_game,
-    ) as play:  # fmt: skip
+    with open_play(plays, episodes=episodes) as play:
         actions = (
-            "the most probable actions" if deterministic else "sampled actions (--deterministic: the most probable)"
+            "the most probable actions"
+            if plays.deterministic
+            else "sampled actions (--deterministic: the most probable)"
         )
         say(play.heading(actions))
         if demos:
@@ -60,7 +55,7 @@ def evaluate(
             arena = 0
             for session in single_sessions(play.session):
                 shown, arenas = session.record_demonstration(demos), slice(arena, arena := arena + session.arenas)
-                if others:
+                if plays.others:
                     shown.hold([np.flatnonzero(_of_arenas(held, play.arenas, arenas)).tolist() for held in play.held])
         balanced = f", as many for each {play.config.stratify_by}" if len(play.choices) > 1 else ""
         say(f"{episodes} episodes in {play.arenas} arenas{balanced}")

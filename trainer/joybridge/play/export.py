@@ -11,7 +11,7 @@ from joybridge.config.errors import ExportError
 from joybridge.config.files import storing, write_atomically
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import Play, open_play
+from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.policy.config_fit import find_behavior
 from joybridge.policy.document import decode, encode, make_document
 from joybridge.policy.exported import Model, masks_of
@@ -44,24 +44,21 @@ class Comparison:
             self.forbidden += int((~mask[np.arange(len(mask)), ours.choices[:, branch]])[rows].sum())
 
 
-def export(
-    run: Path, address: str, output: Path, *, behavior: str, seed: int, deterministic: bool,
-    overrides: Sequence[str] = (), checkpoint: str = "", only_game: str = "",
-) -> str:  # fmt: skip
+def export(plays: PlaySpec, output: Path, *, behavior: str) -> str:
     """Write the policies that play one behavior of a run into one file; return what was written, in words.
 
     output: its suffix is .onnx or .json. behavior: its name; "" if the game has one. Before it is written, the
-    content plays beside the trainer at the simulator at `address`. overrides: "key=value" each, options and parameters
-    of the game that differ from the training. checkpoint: "best", its timesteps, or "" for the newest. only_game: which
-    of several games is played; the file has the common sensors and the common device. Raises SimulatorError,
-    CheckpointError, ConfigError, StorageError and ExportError; then nothing is written.
+    content plays beside the trainer at the simulator. Raises SimulatorError, CheckpointError, ConfigError,
+    StorageError and ExportError; then nothing is written.
     """
-    with open_play(
-        run, address, seed=seed, episodes=ARENAS, arenas_limit=ARENAS, deterministic=deterministic, overrides=overrides,
-        checkpoint=checkpoint, only_game=only_game,
-    ) as play:  # fmt: skip
+    with open_play(plays, episodes=ARENAS, arenas_limit=ARENAS) as play:
         index = find_behavior(play.spec, behavior, "--behavior")
         actors = [player.actor for player in play.players if player.actor.behavior == index]
+        if play.config.pointer == "velocity":
+            raise ExportError(
+                "with `pointer: velocity` the trainer remembers where the pointer is, and exported files do not; play "
+                "the policy with joybridge.play.agent, or train it with axes that move the pointer"
+            )
         for actor in actors:
             if actor.config.network:
                 raise ExportError(
@@ -72,7 +69,7 @@ def export(
             "game": play.spec.name, "options": play.config.options, "layout": play.config.layout,
             "timesteps": play.timesteps,
         }  # fmt: skip
-        data = encode(make_document(actors, play.spec.behaviors[index], deterministic=deterministic, about=about))
+        data = encode(make_document(actors, play.spec.behaviors[index], deterministic=plays.deterministic, about=about))
         model = build_model(decode(data)).SerializeToString(deterministic=True)
         found = compare(model, play, index)
     if found.forbidden or found.different > 1 + found.decisions // TIES:

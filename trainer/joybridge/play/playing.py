@@ -1,6 +1,6 @@
 """Play the policies of a run without learning: what evaluation, recording and the tools share.
 
-with open_play(run, address, seed=1) as play:
+with open_play(PlaySpec(run, address, seed=1)) as play:
     for decision in play.decisions():
         ...
 """
@@ -15,9 +15,9 @@ import numpy as np
 
 from joybridge.client.client import Session
 from joybridge.client.several_session import SeveralSession
-from joybridge.client.sharded_session import ShardedSession, open_session
+from joybridge.client.sharded_session import ShardedSession, divide, open_session, session_spec
 from joybridge.config.config import Config, play_settings
-from joybridge.config.game_settings import Value, drawn, fixed, value_text
+from joybridge.config.game_settings import Value, value_text
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.play.policy_view import PolicyView
@@ -127,41 +127,48 @@ class Play:
             yield Played(before, acts, after, self._policies.store(after), pictures)
 
 
+@dataclass(frozen=True)
+class PlaySpec:
+    """Which policies play, where and how."""
+
+    run: Path
+    address: str  # of the simulator
+    seed: int  # of the games and the samples
+    deterministic: bool = False  # take the most probable actions
+    overrides: Sequence[str] = ()  # "key=value" each: options and parameters of the game that differ from the training
+    checkpoint: str = ""  # "best", its timesteps, or "" for the newest
+    others: Sequence[str] = ()  # who hold all seats but one of each arena, in turn, see `load_other`
+    only_game: str = ""  # which of several games is played; "": the first
+
+
 @contextmanager
-def open_play(
-    run: Path, address: str, *, seed: int, episodes: int = 0, arenas_limit: int = 64, deterministic: bool = False,
-    overrides: Sequence[str] = (), checkpoint: str = "", others: Sequence[str] = (), only_game: str = "",
-) -> Iterator[Play]:  # fmt: skip
+def open_play(plays: PlaySpec, *, episodes: int = 0, arenas_limit: int = 64) -> Iterator[Play]:
     """Load a checkpoint of a run and open a session at a simulator; the session is closed on leaving.
 
-    checkpoint: "best", its timesteps, or "" for the newest. overrides: "key=value" each, options and parameters of the
-    game that differ from the training. episodes: 0 plays one arena under the options of the run. Otherwise arenas for
-    so many episodes at once, at most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice
-    are side by side. others: who hold all seats but one of each arena, in turn, see `load_other`. only_game: which of
-    several games is played; "": the first.
-    `seed` fixes the games and the samples. Raises SimulatorError, CheckpointError and ConfigError.
+    episodes: 0 plays one arena under the options of the run. Otherwise arenas for this number of episodes at once, at
+    most `arenas_limit` per choice of the option `stratify_by`; arenas of the same choice are side by side.
+
+    Raises SimulatorError, CheckpointError and ConfigError.
     """
-    trained, config = play_config(run, ()), play_config(run, overrides)
-    lineup = make_lineup(address, config) if config.games or only_game else None
+    run, seed, address = plays.run, plays.seed, plays.address
+    trained, config = play_config(run, ()), play_config(run, plays.overrides)
+    lineup = make_lineup(address, config) if config.games or plays.only_game else None
     if lineup:
-        game = only_game or next(iter(config.games))
+        game = plays.only_game or next(iter(config.games))
         trained, config = trained.of_game(game), config.of_game(game)
         address = lineup.games[game].simulator or address
     spec = lineup.spec_of(game) if lineup else fitting_spec(address, config)
     options = balanced_options(config, spec) if episodes else {"": config.options}
     arenas = len(options) * max(1, min(math.ceil(episodes / len(options)), spec.max_arenas, arenas_limit))
-    policies = Policies(run, config, spec, arenas, seed, deterministic=deterministic, checkpoint=checkpoint)
-    session: Session | ShardedSession | SeveralSession = open_session(
-        [address] * len(options), config.game, arenas=arenas, seed=seed, options=list(options.values()),
-        parameters=fixed(config.parameters), distributions=drawn(config.parameters), timeout=config.timeout_seconds,
-        transport=config.transport,
-    )  # fmt: skip
+    policies = Policies(run, config, spec, arenas, seed, deterministic=plays.deterministic, checkpoint=plays.checkpoint)
+    parts = divide(session_spec(config, arenas, seed), len(options), [*options.values()])
+    session: Session | ShardedSession | SeveralSession = open_session([address] * len(parts), parts)
     if lineup and not isinstance(session, SeveralSession):
         session = SeveralSession([session], [arenas], [lineup.translation(game, alone=True)], spec)
     with closing(session):
         table = Table(spec, arenas, seed)
-        if others:
-            table = seat_others(others, config.game, spec, arenas, seed)
+        if plays.others:
+            table = seat_others(plays.others, config.game, spec, arenas, seed)
             for arena, dealt in enumerate(table.seats.dealt.tolist()):
                 table.seats.begin(arena, np.roll(dealt, arena))
             policies.seat(table)

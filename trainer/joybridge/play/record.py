@@ -1,13 +1,13 @@
 """Recording: watch a run's policy play, as a video."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
 from joybridge.config.errors import ConfigError
 from joybridge.play.input_overlay import Inputs
-from joybridge.play.playing import open_play
+from joybridge.play.playing import PlaySpec, open_play
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
 
@@ -15,24 +15,14 @@ FASTEST = 30.0  # frames per second; faster games are recorded every few decisio
 SLOWEST = 5.0  # for turn-based games
 
 
-def record(
-    run: Path, address: str, output: Path, *, seconds: float, seed: int, deterministic: bool,
-    say: Callable[[str], None], overrides: Sequence[str] = (), checkpoint: str = "", inputs: bool = False,
-    others: Sequence[str] = (), only_game: str = "",
-) -> int:  # fmt: skip
+def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str], None], inputs: bool = False) -> int:
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
     The picture is the simulator's, score included; images that the policy sees are beside it, and what it remembers is
-    below. overrides: "key=value" each, options and parameters of the game that differ from the training. checkpoint:
-    "best", its timesteps, or "" for the newest. inputs: below the picture, draw what is pressed. others: who hold all
-    seats but the first. only_game: which of several games is played. Raises SimulatorError, CheckpointError or
-    ConfigError.
+    below. inputs: below the picture, draw what is pressed. Raises SimulatorError, CheckpointError or ConfigError.
     """
     video_format(output)  # a wrong one is refused before anything is played
-    with open_play(
-        run, address, seed=seed, deterministic=deterministic, overrides=overrides, checkpoint=checkpoint, others=others,
-        only_game=only_game,
-    ) as play:  # fmt: skip
+    with open_play(plays) as play:
         say(play.heading())
         spec = play.spec
         if not spec.HasField("picture"):

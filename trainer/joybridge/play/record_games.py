@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -10,7 +11,7 @@ import numpy as np
 
 from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import Play, open_play
+from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.play.record import FASTEST, SLOWEST
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
@@ -18,13 +19,10 @@ from joybridge.play.video_formats import video_format
 CELL = (360, 240)  # width and height of a game's place, px
 
 
-def record_games(
-    run: Path, address: str, output: Path, *, games: Sequence[str], seconds: float, seed: int, deterministic: bool,
-    overrides: Sequence[str] = (), checkpoint: str = "",
-) -> int:  # fmt: skip
+def record_games(plays: PlaySpec, output: Path, *, games: Sequence[str], seconds: float) -> int:
     """Record a run's policy in these games at once, in rows from the top left; return the number of frames.
 
-    See `record` for the other arguments and for errors.
+    See `record` for errors.
     """
     video_format(output)
     columns = math.ceil(math.sqrt(len(games)))
@@ -33,12 +31,7 @@ def record_games(
     with ExitStack() as opened:
         shown = []
         for game in games:
-            play = opened.enter_context(
-                open_play(
-                    run, address, seed=seed, deterministic=deterministic, overrides=overrides, checkpoint=checkpoint,
-                    only_game=game,
-                )
-            )  # fmt: skip
+            play = opened.enter_context(open_play(replace(plays, only_game=game)))
             shown.append(_pictures(play))
         video = opened.enter_context(VideoFile(output, width, height, FASTEST))
         for _ in range(frames):

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from joybridge.client.sharded_session import open_session
+from joybridge.client.sharded_session import session_spec
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
@@ -73,12 +72,7 @@ def play_tournament(
     """
     use_one_thread()
     arenas = min(MAX_ARENAS, matches, fitting_spec(address, config).max_arenas)
-    session = open_session(
-        [address], config.game, arenas=arenas, seed=seed, options=[config.options],
-        parameters=fixed(config.parameters), distributions=drawn(config.parameters), timeout=config.timeout_seconds,
-        transport=config.transport,
-    )  # fmt: skip
-    with closing(session):
+    with closing(session_spec(config, arenas, seed).open(address)) as session:
         spec = session.spec
         seated, table = Players([], config, spec, arenas, seed), Table(spec, arenas, seed)
         seated.seat(table)

@@ -22,7 +22,7 @@ from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import Form, form, heads
 from joybridge.ppo.images import check_maps
 from joybridge.ppo.initialization import orthogonal, set_log_std
-from joybridge.ppo.networks import Heads, MemoryKind, Network, flatten_parameters
+from joybridge.ppo.networks import Heads, MemoryKind, Network, Towers, flatten_parameters
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.ppo.own import OwnEncoder
@@ -85,9 +85,8 @@ class Actor:
                 for _ in range(count)
             ]
         memory = None if config.memory.kind == "none" else MemoryKind(config.memory.kind, config.memory.size)
-        network = Network(
-            self.observation_size, space, config.hidden_sizes, shared, seed, config.activation, encoders, memory
-        )
+        towers = Towers(config.hidden_sizes, shared, config.activation, memory)
+        network = Network(self.observation_size, space, towers, seed, encoders)
         if config.ortho_init:
             orthogonal(network, seed)
         if config.log_std_init:

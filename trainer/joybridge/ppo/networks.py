@@ -69,6 +69,15 @@ class Tower(nn.Module):
         return self.head(features), states
 
 
+class Towers(NamedTuple):
+    """The layers between observations and outputs."""
+
+    hidden: Sequence[int]  # units of each layer
+    shared: bool = False  # one tower for actor and critic
+    activation: str = "swish"
+    memory: MemoryKind | None = None  # of each tower
+
+
 class Network(nn.Module):
     """Actor and critic: one tower for both, or one each, over numbers and the features of images.
 
@@ -88,14 +97,18 @@ class Network(nn.Module):
     sums: Tensor | None
 
     def __init__(
-        self, observation: int, space: ActionSpace, hidden: list[int], shared: bool, seed: int,
-        activation: str = "swish", encoders: Sequence[ImageEncoder | OwnEncoder] = (), memory: MemoryKind | None = None,
-    ) -> None:  # fmt: skip
-        """Make a network for observations of `observation` numbers; `shared`: one tower for both.
+        self,
+        observation: int,
+        space: ActionSpace,
+        towers: Towers,
+        seed: int,
+        encoders: Sequence[ImageEncoder | OwnEncoder] = (),
+    ) -> None:
+        """Make a network for observations of `observation` numbers.
 
-        encoders: what comes before the towers, if anything does: one for both, or one each. memory: of
-        each tower.
+        encoders: what comes before the towers, if anything does: one for both, or one each.
         """
+        hidden, shared, activation, memory = towers
         super().__init__()
         self.encoders = nn.ModuleList(encoders)
         self.space = space

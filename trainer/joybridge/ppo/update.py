@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch.optim.adam import adam
 
+from joybridge.config.config import PolicyConfig
 from joybridge.config.errors import DivergedError
 from joybridge.config.metrics import STATISTICS
 from joybridge.contract.tensors import Array
@@ -89,20 +90,23 @@ class Learner:
 
 
 def ppo_update(
-    learner: Learner, batch: Batch, coefficients: Coefficients, *, epochs: int, minibatch_size: int,
-    rng: np.random.Generator, max_grad_norm: float | None = None, target_kl: float | None = None,
+    learner: Learner,
+    batch: Batch,
+    coefficients: Coefficients,
+    config: PolicyConfig,
+    rng: np.random.Generator,
     cloning: Cloning | None = None,
-) -> dict[str, float]:  # fmt: skip
+) -> dict[str, float]:
     """Improve the network of `learner` on `batch`; return statistics by name, means over all minibatches.
 
     Each epoch shuffles the batch with `rng` and takes as many whole minibatches as there are; the rest is left out. A
-    batch smaller than a minibatch is one. With memory, a minibatch is as many whole sequences as hold about so many
-    timesteps. max_grad_norm: longer gradients are shortened to it. target_kl: no epoch
-    follows one whose mean KL divergence is larger. cloning: for each minibatch, the gradient of one of demonstrations
-    is added; if it is alone, target_kl does not count. Raises DivergedError.
+    batch smaller than a minibatch is one. With memory, a minibatch is whole sequences that hold about `minibatch_size`
+    timesteps. cloning: for each minibatch, the gradient of one of demonstrations is added; if it is alone, `target_kl`
+    does not count. Raises DivergedError.
     """
+    max_grad_norm, target_kl = config.max_grad_norm, config.target_kl
     accelerator = batch.returns.device
-    size = min(max(1, minibatch_size * batch.units // len(batch)), batch.units)  # in units
+    size = min(max(1, config.minibatch_size * batch.units // len(batch)), batch.units)  # in units
     if batch.counts is not None:  # when actions were sampled, it was not known yet which of their parts count
         batch.log_probs = acted_log_probs(learner.network, batch, size)
     rows: list[Array] = []
@@ -112,7 +116,7 @@ def ppo_update(
         coefficients, target_kl = replace(coefficients, entropy_coef=0.0), None
     done, divergence = 0, 0.0  # epochs; of the last one
     norm = torch.zeros(())  # of the last gradient, if gradients are clipped
-    while done < epochs and (target_kl is None or divergence <= target_kl):
+    while done < config.epochs and (target_kl is None or divergence <= target_kl):
         order = torch.from_numpy(rng.permutation(batch.units)).to(accelerator)
         for start in range(0, batch.units - size + 1, size):
             rows.append(learner.gradient(batch, order[start : start + size], coefficients))

@@ -7,6 +7,7 @@ played in it.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -17,14 +18,16 @@ from joybridge.client.sharded_session import (
     ShardedSession,
     Snapshot,
     check_alike,
+    divide,
     open_session,
+    session_spec,
     single_sessions,
-    split,
 )
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.codec import StepArrays
+from joybridge.contract.parts import split
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.policy.hand import Hand, make_hands
@@ -129,12 +132,13 @@ def open_groups(
     groups: list[Group] = []
     with ExitStack() as opened:
         for index, (home, (first, end)) in enumerate(zip(homes, bounds, strict=True)):
-            session = open_session(
-                home, config.game, arenas=end - first, first_arena=first, seed=config.seed,
-                options=[config.options] * len(home), parameters=parameters, distributions=distributions,
-                snapshots=list(islice(saved, len(home))), timeout=config.timeout_seconds,
-                transport=config.transport,
-            )  # fmt: skip
+            whole = replace(
+                session_spec(config, end - first, config.seed),
+                first_arena=first,
+                parameters=parameters,
+                distributions=distributions,
+            )
+            session = open_session(home, divide(whole, len(home), snapshots=[*islice(saved, len(home))]))
             opened.callback(session.close)
             hands = make_hands(config, session.spec, first, end, config.seed)
             groups.append(Group(index, session, end - first, hands))
@@ -160,12 +164,15 @@ def open_groups_of_games(config: Config, addresses: Sequence[str], snapshots: Se
         for index, counts in enumerate(groups):
             sessions: list[Session | ShardedSession] = []
             for (name, game), arenas, home in zip(lineup.games.items(), counts, homes_left, strict=False):
-                session = open_session(
-                    home, game.game, arenas=arenas, first_arena=first[name], seed=config.seed,
-                    options=[game.options] * len(home), parameters=fixed(game.parameters),
-                    distributions=drawn(game.parameters), snapshots=list(islice(saved, len(home))),
-                    timeout=config.timeout_seconds, transport=config.transport,
-                )  # fmt: skip
+                whole = replace(
+                    session_spec(config, arenas, config.seed),
+                    game=game.game,
+                    first_arena=first[name],
+                    options=game.options,
+                    parameters=fixed(game.parameters),
+                    distributions=drawn(game.parameters),
+                )
+                session = open_session(home, divide(whole, len(home), snapshots=[*islice(saved, len(home))]))
                 opened.callback(session.close)
                 sessions.append(session)
                 first[name] += arenas

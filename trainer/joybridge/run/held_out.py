@@ -6,10 +6,10 @@ The same episodes are played each time, so the curve shows the policies and not 
 from collections.abc import Sequence
 from contextlib import closing
 
-from joybridge.client.client import Session
+from joybridge.client.sharded_session import session_spec
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import check_drawn, distribution_of, drawn, fixed
+from joybridge.config.game_settings import check_drawn, distribution_of
 from joybridge.config.metrics import HELD_OUT, Row
 from joybridge.policy.actor import Actor
 from joybridge.policy.config_fit import fitting_spec
@@ -68,13 +68,7 @@ class HeldOut:
         players = Players(actors, config, spec, arenas, seed, deterministic=due.deterministic)
         tables = [Episodes(player.lanes, player.actor.metrics) for player in players.players]
         shares = equal_shares(due.episodes, arenas)
-        with closing(
-            Session(
-                self._address, config.game, arenas=arenas, seed=seed, options=config.options,
-                parameters=fixed(config.parameters), distributions=drawn(config.parameters),
-                timeout=config.timeout_seconds, transport=config.transport,
-            )
-        ) as session:  # fmt: skip
+        with closing(session_spec(config, arenas, seed).open(self._address)) as session:
             players.begin(session.steps)
             while not all(table.has(shares) for table in tables):
                 steps = session.step(players.act(session.steps))

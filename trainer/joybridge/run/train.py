@@ -5,7 +5,7 @@ that of the simulators if the game has snapshots. If a run stops within a cycle,
 captured state, with the same results as a run that never stopped.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -25,18 +25,24 @@ from joybridge.run.folder import check_run
 from joybridge.run.recovery import Revive, recovering
 from joybridge.run.run_state import RunState, load_state
 from joybridge.run.saving import Saver
-from joybridge.run.training import Audience, Report, open_training
+from joybridge.run.training import Audience, open_training
 
 
 def train(
-    config: Config, run: Path, addresses: Sequence[str], *, resume: bool, report: Report, revive: Revive | None = None,
-    say: Callable[[str], None] = print, record_faults: bool = False,
-) -> None:  # fmt: skip
+    config: Config,
+    run: Path,
+    addresses: Sequence[str],
+    *,
+    resume: bool,
+    audience: Audience = Audience(),  # noqa: B008
+    revive: Revive | None = None,
+    record_faults: bool = False,
+) -> None:
     """Train `config` in the folder `run` on the simulators at `addresses`, from the beginning or a checkpoint.
 
-    revive: called when a simulator is lost; returns the addresses of simulators that answer. Without it, training ends.
-    say: called with remarks on the run, a line each. record_faults: write what led to a fault of a simulator, or to an
-    update that diverged, into the folder faults of the run.
+    audience: who follows the run; by default, remarks are printed. revive: called when a simulator is lost; returns the
+    addresses of simulators that answer. Without it, training ends. record_faults: write what led to a fault of a
+    simulator, or to an update that diverged, into the folder faults of the run.
 
     Raises ConfigError, CheckpointError, StorageError, SimulatorError and DivergedError. The last state
     between two rollouts is saved on any exception.
@@ -46,7 +52,7 @@ def train(
     check_run(config, run, resume=resume)
     state = load_state(run) if has_checkpoint(run) else RunState()
     saver = Saver(run, config, state)
-    proceed = partial(play_and_learn, config, run, Audience(report, say), record_faults)
+    proceed = partial(play_and_learn, config, run, audience, record_faults)
     states = recovering(proceed, state, addresses, revive, config.max_restarts)
     try:
         with closing(states):
@@ -101,11 +107,8 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
         coefficients = anneal(progress, config)
         try:
             statistics = ppo_update(
-                policy.learner, batch, coefficients,
-                epochs=config.epochs, minibatch_size=config.minibatch_size,
-                rng=policy.shuffles(), max_grad_norm=config.max_grad_norm, target_kl=config.target_kl,
-                cloning=policy.cloning(progress, alone=alone),
-            )  # fmt: skip
+                policy.learner, batch, coefficients, config, policy.shuffles(), policy.cloning(progress, alone=alone)
+            )
         except DivergedError as error:
             raise DivergedError(f"after update {policy.updates + 1:,}, {error}") from None
         statistics["value"] = float(rollout.values[decided].mean())

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,29 +34,37 @@ from joybridge.v1 import bridge_pb2 as pb
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
 
 
+def _ignore(timesteps: int, live: Row, row: Row | None) -> None:
+    """Take figures that nobody looks at."""
+
+
 class Audience(NamedTuple):
     """Who follows a run: figures go to `report`, remarks, a line each, to `say`."""
 
-    report: Report
-    say: Callable[[str], None]
+    report: Report = _ignore
+    say: Callable[[str], None] = print
 
 
+@dataclass
 class Training:
     """What a run consists of while it goes on."""
 
-    def __init__(
-        self, config: Config, policies: Sequence[Policy], groups: Sequence[Group], loggers: Sequence[Logger],
-        curriculum: Curriculum, league: League | None, audience: Audience, held_out: HeldOut,
-    ) -> None:  # fmt: skip
-        """Take the parts; nothing is played yet. league: None where the learner holds all seats. Raises ConfigError."""
-        self.config, self.policies, self.groups, self._league = config, policies, groups, league
+    config: Config
+    policies: Sequence[Policy]
+    groups: Sequence[Group]
+    loggers: Sequence[Logger]  # one for each policy
+    curriculum: Curriculum
+    league: League | None  # None where the learner holds all seats
+    held_out: HeldOut
+    audience: Audience
+
+    def __post_init__(self) -> None:
+        """Nothing is played yet. Raises ConfigError."""
         self.timesteps, self.profiler = 0, Profiler()
-        self.stretches, self.stretch = rollout_stretches(policies)
-        behaviors = groups[0].session.spec.behaviors
-        self._advisers = {policy.actor.name: Adviser(policy, behaviors[policy.actor.behavior]) for policy in policies}
-        self._loggers = {policy.actor.name: logger for policy, logger in zip(policies, loggers, strict=True)}
-        self._curriculum, self._audience, self._held_out = curriculum, audience, held_out
-        self._metric, self._sign = best_metric(config, policies[0])
+        self.stretches, self.stretch = rollout_stretches(self.policies)
+        behaviors = self.groups[0].session.spec.behaviors
+        self._advisers = [Adviser(policy, behaviors[policy.actor.behavior]) for policy in self.policies]
+        self._metric, self._sign = best_metric(self.config, self.policies[0])
         self._score: float | None = None  # of the rows since the last state
         self._logged = 0  # timesteps
 
@@ -64,13 +72,13 @@ class Training:
         """Begin, or continue from a state. Raises CheckpointError."""
         self.timesteps = self._logged = state.timesteps
         if state.arrays:
-            state.restore(self.policies, [*self._loggers.values()], self.groups, self._league)
+            state.restore(self.policies, self.loggers, self.groups, self.league)
         elif self.config.weights_from:
             trained = take_weights(self.policies, Path(self.config.weights_from))
-            self._audience.say(f"begins with the policies of {self.config.weights_from} after {trained:,} timesteps")
-        if self._league:
+            self.audience.say(f"begins with the policies of {self.config.weights_from} after {trained:,} timesteps")
+        if self.league:
             self.renew_opponents()
-            for group, opponents in zip(self.groups, self._league.groups, strict=True):
+            for group, opponents in zip(self.groups, self.league.groups, strict=True):
                 group.opponents = opponents
                 if state.snapshots is None:
                     opponents.begin(group.session.steps)
@@ -78,7 +86,7 @@ class Training:
         if state.snapshots is None:
             for policy in self.policies:
                 policy.begin([group.steps for group in self.groups])
-        self._audience.report(self.timesteps, self.profiler.live(), None)
+        self.audience.report(self.timesteps, self.profiler.live(), None)
         self._say_lesson()
 
     @property
@@ -93,63 +101,61 @@ class Training:
         decisions = int(sum(held)) if held else policy.lanes
         self.timesteps += decisions
         self.profiler.timesteps += decisions
-        self._curriculum.watch()
+        self.curriculum.watch()
 
     def renew_opponents(self) -> None:
         """After an update: draw opponents anew, among them the policies as they are now, if it is time."""
-        if self._league:
+        if self.league:
             actors = [policy.actor for policy in self.policies]
-            self._league.renew(self.timesteps, self.policies[0].updates, actors)
+            self.league.renew(self.timesteps, self.policies[0].updates, actors)
 
     def log(self) -> None:
         """Write a row of metrics for each policy if it is time; else report live figures if it is time for them."""
         interval = self.config.log_interval
         if self.timesteps // interval == self._logged // interval:
             if self.profiler.due():
-                self._audience.report(self.timesteps, self.profiler.live(), None)
+                self.audience.report(self.timesteps, self.profiler.live(), None)
             return
         before, now = (timesteps // interval * interval for timesteps in (self._logged, self.timesteps))
-        self._logged, times, lesson = self.timesteps, self.profiler.summarize(), self._curriculum.row()
-        lesson |= self._league.row() if self._league else {}
-        held_out = self._held_out.rows([policy.actor for policy in self.policies], before, now)
+        self._logged, times, lesson = self.timesteps, self.profiler.summarize(), self.curriculum.row()
+        lesson |= self.league.row() if self.league else {}
+        held_out = self.held_out.rows([policy.actor for policy in self.policies], before, now)
         rows = [
-            self._loggers[policy.actor.name].write(self.timesteps, lesson | policy.episodes.summarize() | more, times)
-            for policy, more in zip(self.policies, held_out, strict=True)
+            logger.write(self.timesteps, lesson | policy.episodes.summarize() | more, times)
+            for policy, logger, more in zip(self.policies, self.loggers, held_out, strict=True)
         ]
-        self._audience.report(self.timesteps, rows[0], rows[0])
+        self.audience.report(self.timesteps, rows[0], rows[0])
         for policy, row in zip(self.policies[1:], rows[1:], strict=True):
-            self._audience.say(f"{'':>11}  {policy.actor.name}: {row_text(row)}")
+            self.audience.say(f"{'':>11}  {policy.actor.name}: {row_text(row)}")
         if self._metric in rows[0]:
             self._score = self._sign * rows[0][self._metric]
 
     def advise(self, policy: Policy) -> None:
         """Say what is odd about a full rollout."""
-        for remark in self._advisers[policy.actor.name].look():
-            self._audience.say(remark)
+        for remark in self._advisers[self.policies.index(policy)].look():
+            self.audience.say(remark)
 
     def keep(self, policy: Policy, statistics: Row) -> None:
         """Count the statistics of an update in the next row of metrics."""
-        self._loggers[policy.actor.name].mean.add(statistics)
+        self.loggers[self.policies.index(policy)].mean.add(statistics)
 
     def end_lesson(self) -> None:
         """Begin the next lesson in all sessions if the present one is over."""
-        if self._curriculum.advance(self.progress):
+        if self.curriculum.advance(self.progress):
             self._say_lesson()
             for group in self.groups:
-                group.session.distribute(self._curriculum.distributions)
+                group.session.distribute(self.curriculum.distributions)
 
     def capture(self) -> RunState:
         """Return the state between two cycles, and report live figures."""
-        state = capture(
-            self.timesteps, self.policies, [*self._loggers.values()], self.groups, self._curriculum, self._league
-        )
-        self._audience.report(self.timesteps, self.profiler.live(), None)
+        state = capture(self.timesteps, self.policies, self.loggers, self.groups, self.curriculum, self.league)
+        self.audience.report(self.timesteps, self.profiler.live(), None)
         score, self._score = self._score, None
         return replace(state, score=score)
 
     def _say_lesson(self) -> None:
-        if heading := self._curriculum.heading():
-            self._audience.say(heading)
+        if heading := self.curriculum.heading():
+            self.audience.say(heading)
 
 
 @contextmanager
@@ -192,7 +198,7 @@ def open_training(
             for policy in policies
         ]
         held_out = HeldOut(config, spec, addresses[0])
-        training = Training(config, policies, groups, loggers, curriculum, league, audience, held_out)
+        training = Training(config, policies, groups, loggers, curriculum, league, held_out, audience)
         training.begin(state)
         yield training
 

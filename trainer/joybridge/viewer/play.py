@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     options = _parse(arguments, prog)
     from joybridge.viewer.arena import Settings
     from joybridge.viewer.simulator import Simulator
-    from joybridge.viewer.tab import play
+    from joybridge.viewer.tab import PageGame, play
     from joybridge.viewer.web import open_browser, open_website
 
     interrupt_on_signals()
@@ -49,10 +49,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             check_settings(settings.options, settings.parameters, spec)
             if others and sum(lane_count(behavior, 1) for behavior in spec.behaviors) < 2:
                 raise ConfigError(f"--others: {game} has one seat, and you hold it; leave --others out")
-            with open_website(
-                options.port,
-                lambda page: play(page, simulator, game, settings, options.timeout, against, options.demos, others),
-            ) as url:
+            what = PageGame(game, options.timeout, against, options.demos, others)
+            with open_website(options.port, lambda page: play(page, simulator, what, settings)) as url:
                 recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
                 print(f"play {game} at {url}\n{recorded}Ctrl-C ends it", flush=True)
                 if not options.no_browser:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,8 @@ from joybridge.viewer.messages import (
 from joybridge.viewer.simulator import Simulator
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.viewer.rival import Others, Rival
+    from joybridge.viewer.others import Others
+    from joybridge.viewer.rival import Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
 LoadOthers = Callable[[pb.GameSpec, Settings], "Others"]
@@ -34,25 +36,32 @@ LATE = 2  # decisions that are made up for, after a delay
 RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
 
 
-def play(
-    page: ServerConnection, simulator: Simulator, game: str, settings: Settings, timeout: float,
-    against: Against | None = None, demos: Path | None = None, others: LoadOthers | None = None,
-) -> None:  # fmt: skip
+@dataclass(frozen=True)
+class PageGame:
+    """What is played with a page."""
+
+    game: str
+    timeout: float  # seconds to wait for an answer of the simulator
+    against: Against | None = None  # opens the rival of each session
+    demos: Path | None = None  # the folder in which each session is recorded
+    others: LoadOthers | None = None  # loads the policies that hold the other seats
+
+
+def play(page: ServerConnection, simulator: Simulator, what: PageGame, settings: Settings) -> None:
     """Play a game with a page until the page goes away, which raises ConnectionClosed.
 
     Begin under `settings`, and again with those that the page asks for. A simulator that is lost is tried again until
-    it answers. timeout: seconds to wait for an answer of the simulator. against: opens the rival of each session.
-    demos: the folder in which each session is recorded. others: loads who hold the other seats.
+    it answers.
     """
     while True:
         try:
             address = simulator.reach()
             with (
-                closing(Arena(address, game, settings, timeout, demos)) as arena,
-                against(address, settings) if against else nullcontext() as rival,
+                closing(Arena(address, what.game, settings, what.timeout, what.demos)) as arena,
+                what.against(address, settings) if what.against else nullcontext() as rival,
             ):
-                if others:
-                    arena.seat(others(arena.spec, settings))
+                if what.others:
+                    arena.seat(what.others(arena.spec, settings))
                 settings = _play_arena(page, arena, rival)
         except SimulatorLost as error:
             page.send(error_message("lost", error))
