@@ -60,9 +60,10 @@ class Line(NamedTuple):
 def draw_times(tasks: Mapping[str, Sequence[Line]]) -> Figure:
     """Return a panel for each task, with a line per run over seconds; runs of a variant share a color."""
     labels = list(dict.fromkeys(line.label for lines in tasks.values() for line in lines))
-    rows = -(-len(tasks) // COLUMNS)
-    figure = Figure(figsize=(9, 0.4 + 2.3 * max(rows, 1)), layout="constrained")
-    panels = figure.subplots(max(rows, 1), COLUMNS, squeeze=False).ravel()
+    columns = max(1, min(COLUMNS, len(tasks)))
+    rows = max(1, -(-len(tasks) // columns))
+    figure = Figure(figsize=(3 * columns + 1.5, 0.6 + 2.4 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
     drawn: dict[str, Any] = {}
     for axes, (task, lines) in zip(panels, tasks.items(), strict=False):
         axes.set_title(without_formula(task), fontsize=10)
@@ -72,7 +73,7 @@ def draw_times(tasks: Mapping[str, Sequence[Line]]) -> Figure:
     for axes in panels[len(tasks) :]:
         axes.set_visible(False)
     figure.supxlabel("seconds", fontsize=10)
-    figure.legend([*drawn.values()], [*map(without_formula, drawn)], loc="outside upper left", ncols=2, fontsize=9)
+    figure.legend([*drawn.values()], [*map(without_formula, drawn)], loc="outside upper left", fontsize=9)
     return figure
 
 

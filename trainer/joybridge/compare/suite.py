@@ -144,7 +144,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) 
     notes = [f"- {task}: {reason}" for task, reason in missing.items()]
     blocks = [
         f"# The suite {name}",
-        f"The mean {', '.join(sorted({f'*{task.metric}*' for task in suite.tasks.values()}))} of the episodes that "
+        f"The mean {', '.join(sorted({f'*{suite.tasks[task].metric}*' for task in found}))} of the episodes that "
         "each run's policy plays at the end, with the most probable actions and without learning: the interquartile "
         "mean over seeds, with its 95 % interval, and below it the score of each seed.",
         table(heads, rows),
@@ -197,7 +197,7 @@ def _lines(folder: Path, data: dict[str, Any], metric: str) -> list[Line]:
         points = [(row["seconds"], row[metric]) for row in numbers(cells) if metric in row and "seconds" in row]
         if name.run.experiment in labels and points:
             lines.append(Line(labels[name.run.experiment], *map(list, zip(*points, strict=True))))
-    return lines
+    return sorted(lines, key=lambda line: [*labels.values()].index(line.label))  # as in the table
 
 
 def _cells(data: dict[str, Any], labels: list[str], cell: Callable[[dict[str, Any], dict[str, Any]], str]) -> list[str]:
