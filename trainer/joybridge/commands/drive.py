@@ -24,9 +24,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         "drive", help="let the policy of a run play a pygame program in its own window, by the real clock"
     )
     drive.add_argument(
-        "program", metavar="PROGRAM",
+        "program",
+        metavar="PROGRAM",
         help="FILE, MODULE or PACKAGE:SCRIPT; settings that differ from those of the training may follow, quoted",
-    )  # fmt: skip
+    )
     drive.add_argument("run", type=Path, help="folder of a run")
     drive.add_argument("--episodes", type=at_least(1), default=1, help="how many are played; default %(default)s")
     drive.add_argument("--seed", type=at_least(0), default=1, help="of action sampling; default %(default)s")

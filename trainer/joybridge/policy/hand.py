@@ -90,9 +90,13 @@ class Hand:
 
     def _arrays(self) -> dict[str, Array]:
         return {
-            "axes": self._axes, "choices": self._choices, "last_axes": self._last.axes,
-            "last_choices": self._last.choices, "kept": self._kept, "decisions": self._decisions,
-        }  # fmt: skip
+            "axes": self._axes,
+            "choices": self._choices,
+            "last_axes": self._last.axes,
+            "last_choices": self._last.choices,
+            "kept": self._kept,
+            "decisions": self._decisions,
+        }
 
 
 def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: int) -> list[Hand]:
