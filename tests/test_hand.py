@@ -15,11 +15,13 @@ SPEC = pb.GameSpec(
     name="table",
     behaviors=[
         behavior(
-            "player", sensors=[sensor("eye", [1], -1, 1)], axes=[axis("x"), axis("lift", 0.5, 2.5)],
+            "player",
+            sensors=[sensor("eye", [1], -1, 1)],
+            axes=[axis("x"), axis("lift", 0.5, 2.5)],
             branches=[button("grip"), branch("gear", ["low", "middle", "high"])],
         )
     ],
-)  # fmt: skip
+)
 REST = [0.0, 0.5]
 
 
