@@ -6,6 +6,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from tools.docs.pages import filled
+from tools.docs.search import indexed
 
 project = html_title = "Joybridge"
 extensions = ["myst_parser"]
@@ -43,4 +44,4 @@ def setup(app):  # noqa: D103 - Sphinx calls it
 
 def _fill(app, page, source):
     path = f"{page}.md"
-    source[0] = filled(path, source[0])
+    source[0] = indexed(path, filled(path, source[0]))

@@ -19,7 +19,7 @@ from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.keys import SCHEMA, all_keys
 from joybridge.v1 import bridge_pb2 as pb
 from tests.test_public_api import PROMISED
-from tools.docs import errors, promises, reference
+from tools.docs import errors, promises, reference, search
 from tools.docs.api import api, exported
 from tools.docs.contract import contract
 from tools.docs.pages import INSTEAD, filled
@@ -287,3 +287,16 @@ def test_the_line_for_editors_names_the_schema(capsys):
     assert main(["keys", "--schema"]) == 0
     uri = capsys.readouterr().out.strip().removeprefix("# yaml-language-server: $schema=")
     assert Path(unquote(urlparse(uri).path)) == SCHEMA and SCHEMA.exists()
+
+
+def test_each_question_of_the_search_has_a_page_that_answers():
+    pages = {page for answers in search.QUESTIONS.values() for page in answers}
+    assert len(search.QUESTIONS) >= 30 and all((ROOT / f"{page}.md").exists() for page in pages)
+
+
+def test_the_words_that_people_search_for_are_entries_of_the_page_that_answers():
+    assert "self-play" in search.words()["docs/opponents.md"] and "lstm" in search.words()["docs/memory.md"]
+    text = search.indexed("docs/memory.md", "# Memory\n\nText.\n")
+    assert text.startswith("# Memory\n\n```{index} ! memory, ! lstm,") and text.endswith("```\n\nText.\n")
+    assert search.indexed("docs/unknown.md", "# Other\n") == "# Other\n"
+    assert all((ROOT / page).exists() for page in search.words())

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from joybridge.config.config import load_config
+from joybridge.config.config import load_config, make_config
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays
+from joybridge.policy.config_fit import check_fit
 from joybridge.policy.hand import make_hands
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
@@ -51,6 +53,58 @@ def test_without_limits_there_is_no_hand(tmp_path):
     assert make(tmp_path) == []
     axes, choices = play([], [([1.0, 2.0], [1, 2])])
     assert axes[0].tolist() == [[1.0, 2.0]] * 2 and choices[0].tolist() == [[1, 2]] * 2
+
+
+POINTER = pb.GameSpec(
+    name="desk",
+    behaviors=[
+        behavior(
+            "player", sensors=[sensor("eye", [1], -1, 1)],
+            axes=[axis("x", 0, 100, kind="position"), axis("tilt"), axis("y", kind="position")],
+        )
+    ],
+)  # fmt: skip
+
+
+def pointing(*overrides, spec=POINTER):
+    config = make_config({"game": "desk"} | dict(one.split("=") for one in overrides))
+    return make_hands(config, spec, 0, 2, 7)
+
+
+def test_a_policy_moves_a_pointer_that_the_game_places_and_every_episode_begins_in_the_middle():
+    axes, _ = play(pointing("pointer=velocity"), [([100, 0.5, -0.5], [])] * 3, ends={(2, 1)})
+    np.testing.assert_allclose(
+        [each[0] for each in axes], [[60, 0.5, -0.1], [70, 0.5, -0.2], [80, 0.5, -0.3]], rtol=1e-6
+    )
+    np.testing.assert_allclose([each[1, 0] for each in axes], [60, 70, 60])
+    axes, _ = play(pointing("pointer=velocity", "pointer_speed=0.4"), [([100, 0.5, -1], [])] * 3)
+    np.testing.assert_allclose([each[0] for each in axes], [[90, 0.5, -0.8], [100, 0.5, -1], [100, 0.5, -1]], rtol=1e-6)
+    assert pointing("pointer=position") == []
+
+
+def test_a_pointer_of_a_game_that_says_nothing_is_all_axes_that_always_count():
+    spec = pb.GameSpec()
+    spec.CopyFrom(POINTER)
+    for one in spec.behaviors[0].device.axes:
+        one.kind = pb.AXIS_KIND_UNSPECIFIED
+    axes, _ = play(pointing("pointer=velocity", spec=spec), [([50, 0.5, 0], [])] * 2)
+    np.testing.assert_allclose([each[0] for each in axes], [[50, 0.1, 0], [50, 0.2, 0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pointer", "kind", "text"),
+    [
+        ("velocity", pb.AXIS_KIND_VELOCITY, "desk has no axis that places a pointer"),
+        ("position", pb.AXIS_KIND_VELOCITY, "desk moves its pointer by axis 'x'"),
+    ],
+)
+def test_a_pointer_that_cannot_be_so_is_refused(pointer, kind, text):
+    spec = pb.GameSpec()
+    spec.CopyFrom(POINTER)
+    for one in spec.behaviors[0].device.axes:
+        one.kind = kind
+    with pytest.raises(ConfigError, match=text):
+        check_fit(make_config({"game": "desk", "pointer": pointer}), spec)
 
 
 def test_an_action_answers_the_observation_of_some_decisions_ago_and_never_one_of_the_last_episode(tmp_path):

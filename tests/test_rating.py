@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from joybridge.compare.matches import Match, payoff, read_matches, seat_shares, write_matches
 from joybridge.compare.rating import GHOST_MATCHES, POINTS, rate
 from joybridge.config.errors import CheckpointError
 from joybridge.policy.seats import places_of
+from joybridge.run.matches import Match, payoff, read_matches, seat_shares, write_matches
 
 
 def matches(*rows: tuple[str, Sequence[float]]) -> list[Match]:

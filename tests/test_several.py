@@ -14,9 +14,13 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays
 from joybridge.layouts import make_acts
+from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.common_observation import common_sensors
 from joybridge.policy.episodes import Episodes
 from joybridge.policy.lineup import arenas_by_game, kinds_of, make_lineup
+from joybridge.policy.transfer import transferred
+from joybridge.ppo.fast.kernels import Noise
+from joybridge.ppo.observation import Observation
 from joybridge.ppo.return_scale import ReturnScale
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.simulator import image, sensor
@@ -152,6 +156,38 @@ def test_rewards_are_scaled_and_episodes_summed_up_for_each_game():
     }
     episodes.finished = np.array([[0, 1, 10, 5, nan]])
     assert "reward" not in episodes.summarize()  # which would be that of one game alone
+
+
+@pytest.mark.parametrize("layout", ["hybrid", "bucket-5"])
+def test_a_policy_plays_the_games_that_stay_as_before_when_others_join_and_leave(layout, simulator):
+    shared = {"layout": layout, "policy": {"frame_stack": 2, "hidden_sizes": [8]}, "tell_game": True}
+    marble: dict[str, dict[str, str]] = {"marble": {}}
+    more = {"birds": {"game": "shooting_birds"}, "archer": {}, "other": {"game": "orchard"}} | marble
+    played: list[tuple[np.ndarray, np.ndarray]] = []
+    before: Actor | None = None
+    for games in (marble | {"archer": {}}, more, marble):
+        lineup = make_lineup(simulator, make_config(shared | {"games": games}))
+        (actor,) = make_actors(make_config(shared | {"games": games}), lineup.spec)
+        if before:
+            actor.load(transferred(before, actor))
+        else:
+            rng = np.random.default_rng(1)
+            actor.load({n: rng.normal(size=array.shape).astype(np.float32) for n, array in actor.state().items()})
+        rng = np.random.default_rng(2)
+        numbers = [rng.normal(size=(5, 2)).astype(np.float32) for _ in range(6)]
+        frames = [actor.see(lineup.views["marble"].see(numbers[i : i + 3])).numbers for i in (0, 3)]
+        seen = Observation(np.concatenate(frames, axis=1), ())
+        noise = Noise(np.zeros((5, actor.layout.space.continuous), np.float32), np.zeros((5, 9), np.float32))
+        (act,) = make_acts(lineup.spec, 5)
+        acted = actor.act(seen, None, noise, deterministic=True)
+        actor.layout.write(acted.action.continuous, acted.action.discrete, act)
+        axes = [axis.name for axis in lineup.common.device.axes]
+        played.append((act.axes[:, [axes.index("x"), axes.index("y")]], acted.values))
+        before = actor
+    assert np.ptp(played[0][0]) > 0.1
+    for moved, values in played[1:]:
+        np.testing.assert_allclose(moved, played[0][0], rtol=1e-5)
+        np.testing.assert_allclose(values, played[0][1], rtol=1e-5)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ from joybridge.client.client import describe
 from joybridge.commands.__main__ import main
 from joybridge.compare import rate as rating_command
 from joybridge.compare import rating_page
-from joybridge.compare.matches import read_matches
 from joybridge.compare.rating import rate
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import StepArrays
@@ -24,6 +23,7 @@ from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.player import Player
 from joybridge.policy.seats import Seats
 from joybridge.policy.table import Table
+from joybridge.run.matches import read_matches
 from joybridge.run.pool import thinned
 from joybridge.run.train import train
 from joybridge.simulator import Game, behavior, button, channel, sensor, spec

@@ -19,10 +19,10 @@ from websockets.sync.client import connect
 
 from joybridge.cli import main
 from joybridge.client.client import Session
-from joybridge.compare.matches import read_matches
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays
 from joybridge.play.playing import PlaySpec, open_play
+from joybridge.run.matches import read_matches
 from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, button
 from joybridge.v1 import bridge_pb2 as pb

@@ -1,11 +1,15 @@
 """Build the site into `site/`: `python -m tools.docs`. Warnings, such as a link that leads nowhere, are errors.
 
+Its search is then asked the questions of `tools/docs/search.py`, where Node.js is installed.
+
 All pages are read again each time, because Sphinx does not know which of them take parts from the code.
 """
 
+import shutil
 import subprocess
 import sys
 
+from tools.docs import search
 from tools.docs.pages import ROOT
 
 if __name__ == "__main__":
@@ -14,5 +18,6 @@ if __name__ == "__main__":
     command = [sys.executable, "-m", "sphinx", *options, ".", "site"]
     status = subprocess.run(command, cwd=ROOT, check=False).returncode
     if not status:
+        status = search.main() if shutil.which("node") else 0
         print(f"open {ROOT / 'site/index.html'}")
     sys.exit(status)

@@ -20,12 +20,12 @@ from joybridge.client.command_line import (
     wanted_simulators,
 )
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
-from joybridge.compare.matches import Match, read_matches, write_matches
 from joybridge.compare.rating import rate
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.run.folder import play_config, run_config
+from joybridge.run.matches import Match, read_matches, write_matches
 
 MATCHES, POLICIES = 1000, 8
 

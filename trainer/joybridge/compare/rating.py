@@ -18,8 +18,8 @@ import numpy as np
 from scipy import sparse
 
 from joybridge.compare.estimators import CONFIDENCE, Estimate
-from joybridge.compare.matches import Match
 from joybridge.contract.tensors import Array
+from joybridge.run.matches import Match
 
 POINTS = 400 / math.log(10)  # of a rating, per unit of the logarithm of a strength
 RESAMPLES = 200  # of the bootstrap

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, PercentFormatter
 
 from joybridge.compare.estimators import Estimate
-from joybridge.compare.matches import Match, Payoff, payoff, seat_shares
 from joybridge.compare.page import PICTURES, escaped, page_html, picture_block, table
 from joybridge.compare.pictures import COLORS, draw_themes, without_formula
 from joybridge.config.files import write_atomically
+from joybridge.run.matches import Match, Payoff, payoff, seat_shares
 
 CAPTIONS = {
     "payoff": "How often a row's player was ahead of a column's, in per cent; a shared place counts one half",

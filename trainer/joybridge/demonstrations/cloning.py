@@ -50,6 +50,8 @@ def demonstrate(
 
 def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tuple[Actions | None, str]:
     """Return what a policy clones, None if nothing is shown to it, and a remark. Raises ConfigError."""
+    if config.pointer == "velocity":
+        raise ConfigError("pointer: demonstrations show places of the pointer, not movements; clone without `pointer`")
     if actor.config.scale_observations == "running":
         raise ConfigError(
             f"scale_observations: the moments of {actor.name} change in training, so demonstrations cannot be scaled "

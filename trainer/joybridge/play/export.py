@@ -54,6 +54,11 @@ def export(plays: PlaySpec, output: Path, *, behavior: str) -> str:
     with open_play(plays, episodes=ARENAS, arenas_limit=ARENAS) as play:
         index = find_behavior(play.spec, behavior, "--behavior")
         actors = [player.actor for player in play.players if player.actor.behavior == index]
+        if play.config.pointer == "velocity":
+            raise ExportError(
+                "with `pointer: velocity` the trainer remembers where the pointer is, and exported files do not; play "
+                "the policy with joybridge.play.agent, or train it with axes that move the pointer"
+            )
         for actor in actors:
             if actor.config.network:
                 raise ExportError(

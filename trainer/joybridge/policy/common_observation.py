@@ -90,11 +90,8 @@ def common_sensors(
         if len({*sizes.values()}) > 1:
             common.append(pb.Sensor(name="known", dtype=pb.DTYPE_BOOL, shape=[most], low=[0.0], high=[1.0]))
     if tell_game:
-        text = ", ".join(games)[:1000]
-        one = pb.Sensor(
-            name="game", description=text, dtype=pb.DTYPE_FLOAT32, shape=[len(games)], low=[0.0], high=[1.0]
-        )
-        common.append(one)
+        told = pb.Sensor(name="game", dtype=pb.DTYPE_FLOAT32, shape=[len(games)], low=[0.0], high=[1.0], elements=games)
+        common.append(told)
     views = {game: View(sensors, counted[game], common, number) for number, (game, sensors) in enumerate(games.items())}
     return common, views
 

@@ -10,6 +10,7 @@ from joybridge.config.game_settings import check_drawn, check_settings, distribu
 from joybridge.config.metrics import column_name
 from joybridge.layouts import Role, list_roles
 from joybridge.policy.encoder import ObservationEncoder
+from joybridge.policy.hand import pointer_speeds
 from joybridge.policy.lineup import make_lineup
 from joybridge.policy.scaling import make_scaling
 from joybridge.policy.stratify import balanced_options
@@ -43,6 +44,7 @@ def check_fit(config: Config, spec: pb.GameSpec) -> None:
     check_settings(config.options, config.parameters, spec)
     check_curriculum(config, spec)
     balanced_options(config, spec)
+    pointer_speeds(config, spec)
     for role in fitting_roles(config, spec):
         policy, behavior = config.policy_config(role.name), spec.behaviors[role.behavior]
         weights, images = policy.reward_weights, policy.image_encoder

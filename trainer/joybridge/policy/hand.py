@@ -1,5 +1,7 @@
 """What a person's hand does to actions on their way from a policy to the device: it is late, slow and not exact.
 
+It also moves the pointer where policies do not place it (`pointer: velocity`), since it knows where that is.
+
 The limits are keys of the configuration, see `HandConfig`. They belong to the world in which a policy plays: what a
 policy has chosen is what it learns from, what its hand makes of that is what the game gets.
 """
@@ -9,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from joybridge.config.config import Config, HandConfig
+from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
@@ -21,12 +24,21 @@ class Hand:
     """The hands of all agents of one behavior in one group of arenas."""
 
     def __init__(
-        self, limits: HandConfig, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int
-    ) -> None:
-        """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped."""
+        self, limits: HandConfig, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int,
+        speeds: Array | None = None,
+    ) -> None:  # fmt: skip
+        """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped.
+
+        speeds: how far axes are moved in a decision, see `pointer_speeds`; None: all are placed. Those that are
+        moved rest in the middle of their range.
+        """
         self.limits, self._rest, self._key, self._first_lane = limits, rest, noise_key, first_lane
         self._low = np.array([axis.low for axis in device.axes], np.float32)
         self._high = np.array([axis.high for axis in device.axes], np.float32)
+        self._middle = (self._low + self._high) / 2
+        self._speeds = np.zeros(len(device.axes), np.float32) if speeds is None else speeds
+        self._moves = self._speeds > 0
+        rest.axes[:, self._moves] = self._middle[self._moves]
         self._least = np.clip(rest.axes + limits.reach * (self._low - rest.axes), self._low, self._high)
         self._most = np.clip(rest.axes + limits.reach * (self._high - rest.axes), self._low, self._high)
         length = limits.delay + 1
@@ -69,9 +81,12 @@ class Hand:
     def _moved(self, wanted: Array) -> Array:
         """Return the axes of the device: within reach, not far from the last ones, and not exact.
 
+        Where a policy moves the pointer, the middle of an axis is to stay, and its ends are full speed.
         Noise in proportion to the command is that of human movements (Harris and Wolpert, 1998).
         """
         last, change = self._last.axes, self.limits.change * (self._high - self._low)
+        if self._moves.any():
+            wanted = np.where(self._moves, last + 2 * self._speeds * (wanted - self._middle), wanted)
         last[:] = np.clip(np.clip(wanted, self._least, self._most), last - change, last + change)
         if not self.limits.noise:
             return last
@@ -104,9 +119,40 @@ def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: in
 
     seed: of the noise.
     """
-    if config.hand == HandConfig():
+    if config.hand == HandConfig() and config.pointer != "velocity":
         return []
     return [
-        Hand(config.hand, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first))
-        for index, (behavior, rest) in enumerate(zip(spec.behaviors, make_acts(spec, end - first), strict=True))
+        Hand(config.hand, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first), speeds)
+        for index, (behavior, rest, speeds) in enumerate(
+            zip(spec.behaviors, make_acts(spec, end - first), pointer_speeds(config, spec), strict=True)
+        )
     ]
+
+
+def pointer_speeds(config: Config, spec: pb.GameSpec) -> list[Array]:
+    """Return how far policies move each axis of each behavior in a decision, as a share of its range; 0: they place it.
+
+    They move the axes that say that they are positions. Where no axis of the game says what it is, they move all that
+    always count. Raises ConfigError if the game has none, or if pointers are to be placed that the game moves.
+    """
+    axes = [axis for behavior in spec.behaviors for axis in behavior.device.axes]
+    said = any(axis.kind for axis in axes)
+    if config.pointer == "position" and (moves := [axis for axis in axes if axis.kind == pb.AXIS_KIND_VELOCITY]):
+        raise ConfigError(
+            f"pointer: {spec.name} moves its pointer by axis {moves[0].name!r} and does not say where it is, so no "
+            "policy can place it; leave `pointer` out, or give the game axes of kind position"
+        )
+    speed = config.pointer_speed if config.pointer == "velocity" else 0.0
+    speeds = [
+        np.array(
+            [
+                speed if (axis.kind == pb.AXIS_KIND_POSITION if said else not axis.HasField("only_with")) else 0.0
+                for axis in behavior.device.axes
+            ],
+            np.float32,
+        )
+        for behavior in spec.behaviors
+    ]
+    if config.pointer == "velocity" and not any(each.any() for each in speeds):
+        raise ConfigError(f"pointer: {spec.name} has no axis that places a pointer, so none can be moved; leave it out")
+    return speeds

@@ -10,12 +10,13 @@ from joybridge.client.sharded_session import Snapshot
 from joybridge.config.arrays import select
 from joybridge.config.errors import CheckpointError
 from joybridge.contract.tensors import Array
-from joybridge.policy.actor import Actor, policy_state
+from joybridge.policy.actor import Actor, policy_state, trained_actors
 from joybridge.policy.policy import Policy
+from joybridge.policy.transfer import transferred
 from joybridge.run.checkpoint import Manifest, load_checkpoint, save_checkpoint
 from joybridge.run.collect import Group
 from joybridge.run.curriculum import Curriculum
-from joybridge.run.folder import run_config
+from joybridge.run.folder import run_config, run_spec
 from joybridge.run.league import League
 from joybridge.run.logger import Logger
 from joybridge.run.origin import own_origin
@@ -132,7 +133,8 @@ def capture(
 def take_weights(policies: Sequence[Policy], run: Path) -> int:
     """Give policies the networks that a run has trained; return for how many timesteps.
 
-    Raises CheckpointError, and ConfigError if the folder holds no run.
+    The run may have been one of several games, others than now: see `transferred`. Raises CheckpointError, and
+    ConfigError if the folder holds no run.
     """
     state, trained = load_state(run), run_config(run)
     for policy in policies:
@@ -147,6 +149,9 @@ def take_weights(policies: Sequence[Policy], run: Path) -> int:
             if getattr(before, key) != getattr(now, key)
         ]:
             raise CheckpointError(f"{policy.actor.name}: the trained network does not fit: {'; '.join(differences)}")
+        if trained.games:
+            actors = {actor.name: actor for actor in trained_actors(trained, run_spec(run), state.arrays)}
+            network = transferred(actors[policy.actor.name], policy.actor)
         policy.actor.load(network)
     return state.timesteps
 

@@ -17,7 +17,7 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.scores import Scores
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.viewer.rival import Others
+    from joybridge.viewer.others import Others
 
 
 @dataclass(frozen=True)

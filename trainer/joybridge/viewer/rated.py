@@ -7,9 +7,9 @@ from threading import Lock
 
 import numpy as np
 
-from joybridge.compare.matches import Match, read_matches, write_matches
 from joybridge.contract.codec import StepArrays
 from joybridge.policy.seats import Seats
+from joybridge.run.matches import Match, read_matches, write_matches
 from joybridge.v1 import bridge_pb2 as pb
 
 _WRITING = Lock()  # each tab plays in a thread

@@ -9,7 +9,6 @@ import numpy as np
 from joybridge.config.config import make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import fixed
-from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.policy.players import Players
@@ -19,6 +18,7 @@ from joybridge.run.folder import play_config
 from joybridge.run.others import is_run, load_other
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
+from joybridge.viewer.others import Others
 from joybridge.viewer.rated import RatedMatches
 from joybridge.viewer.scores import Scores
 
@@ -48,30 +48,6 @@ def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
     """Open an arena for the policies of a run. Raises SimulatorError, CheckpointError and ConfigError."""
     with open_play(PlaySpec(run, address, seed=settings.seed, overrides=_overrides(settings))) as play:
         yield Rival(play)
-
-
-class Others:
-    """Who holds the seats that the person does not."""
-
-    def __init__(self, players: Players, rated: RatedMatches | None) -> None:
-        """players: in all seats; the person takes one from them. rated: the log of its matches, if it wants one."""
-        self._players, self._rated = players, rated
-
-    def begin(self, steps: Sequence[StepArrays]) -> None:
-        """Take the first steps of a session."""
-        self._players.begin(steps)
-
-    def act(self, steps: Sequence[StepArrays], seat: int | None) -> list[ActArrays]:
-        """Return what they do in all seats. seat: the person's, None: all."""
-        if self._rated:
-            self._rated.hold(seat)
-        return self._players.act(steps)
-
-    def store(self, steps: Sequence[StepArrays]) -> None:
-        """Take what followed. Raises StorageError and CheckpointError."""
-        self._players.store(steps)
-        if self._rated:
-            self._rated.take(steps)
 
 
 def load_others(names: Sequence[str], game: str, person: str, spec: pb.GameSpec, settings: Settings) -> Others:

@@ -26,7 +26,8 @@ from joybridge.viewer.messages import (
 from joybridge.viewer.simulator import Simulator
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.viewer.rival import Others, Rival
+    from joybridge.viewer.others import Others
+    from joybridge.viewer.rival import Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
 LoadOthers = Callable[[pb.GameSpec, Settings], "Others"]

@@ -56,6 +56,8 @@ def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     if options.trust_run:
         trust(run)
     config = run_config(run)
+    if options.only_game:
+        config.of_game(options.only_game)
     check_code(run, config)
     place, games = None, tuple[str, ...]()
     if options.simulator:
@@ -64,7 +66,11 @@ def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
         games = last_simulators(run).believed(options.trust_run).games
     with (
         Simulator(place, games) as simulator,
-        open_website(options.port, lambda page: watch(page, run, simulator.reach, options.seed), "watch.html") as url,
+        open_website(
+            options.port,
+            lambda page: watch(page, run, simulator.reach, options.seed, options.only_game),
+            "watch.html",
+        ) as url,
     ):
         yield f"{run} ({config.game}, {config.layout})", url
 
@@ -115,6 +121,9 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     add_credentials_arguments(watch)
     add_trust_option(watch)
+    watch.add_argument(
+        "--only-game", default="", metavar="NAME", help="which of the several games of RUN is shown; default: the first"
+    )
     watch.add_argument("--seed", type=int, default=1, help="of the arena and of the samples; default %(default)s")
     watch.add_argument(
         "--port",

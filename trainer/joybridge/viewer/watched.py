@@ -70,16 +70,17 @@ class Watched:
             self.timesteps = state.timesteps
 
 
-def watch(page: ServerConnection, run: Path, reach: Callable[[], str], seed: int) -> None:
+def watch(page: ServerConnection, run: Path, reach: Callable[[], str], seed: int, only_game: str = "") -> None:
     """Show a run to a page until the page goes away, which raises ConnectionClosed.
 
     reach: returns the address of a simulator that answers. Before there is a checkpoint, only the curves are shown.
+    only_game: which of several games is played; "": the first.
     """
     shown: dict[str, Any] = {}
     while True:
         shown = _show_curves(page, run, shown)
         try:
-            with open_play(PlaySpec(run, reach(), seed=seed)) as play:
+            with open_play(PlaySpec(run, reach(), seed=seed, only_game=only_game)) as play:
                 _watch_arena(page, run, Watched(run, play, seed), shown)
         except JoybridgeError as error:
             page.send(json.dumps({"type": "lost", "text": str(error)}))

@@ -16,6 +16,8 @@ from joybridge.simulator import (
     axis,
     behavior,
     branch,
+    image,
+    option,
     parameter,
     sensor,
     spec,
@@ -35,6 +37,14 @@ DROP = 0.02  # how much an arrow's climb decreases per decision
 FASTEST = 0.06  # rise of a balloon per decision
 RADIUS = 0.09  # of a balloon of size 1; the sky is 1 high, and an arrow flies a distance of 1
 WIDTH, HEIGHT = 360, 240
+SENSORS = {
+    "state": [
+        sensor("bow", [3], 0, 1, "slope, string, arrows left"),
+        sensor("arrow", [1], 0, 1, "fraction of its flight that is left; 0: no arrow in the air"),
+        sensor("balloon", [2], 0, 1, "height, speed"),
+    ],
+    "screen": [image("screen", 32, 48, "the whole sky", channels=3)],
+}
 
 
 class Archer(Game):
@@ -44,6 +54,9 @@ class Archer(Game):
     description = "Aim ahead of the balloons and loose the arrow in time: an axis, and choices that are masked."
     version = "1"
     in_event_loop = True
+    options = (
+        option("observation", list(SENSORS), description="what the archer sees: numbers, or an image without speed"),
+    )
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
@@ -51,11 +64,7 @@ class Archer(Game):
         archer = behavior(
             "archer",
             description="reward 1 for each balloon",
-            sensors=[
-                sensor("bow", [3], 0, 1, "slope, string, arrows left"),
-                sensor("arrow", [1], 0, 1, "fraction of its flight that is left; 0: no arrow in the air"),
-                sensor("balloon", [2], 0, 1, "height, speed"),
-            ],
+            sensors=SENSORS[options["observation"]],
             axes=[axis("turn")],
             branches=[
                 branch(
@@ -118,7 +127,11 @@ class Archer(Game):
         drawn = self.pulls == PULLS
         return {"string": [True, not drawn and self.arrows > 0, drawn]}
 
-    def _observe(self) -> dict[str, list[float]]:
+    def _observe(self) -> Mapping[str, npt.ArrayLike]:
+        if self.option["observation"] == "screen":
+            from joybridge.simulator.sight import shrink
+
+            return {"screen": shrink(self.draw(), *SENSORS["screen"][0].shape)}
         return {
             "bow": [self.slope / STEEPEST, self.pulls / PULLS, self.arrows / ARROWS],
             "arrow": [self.flight / FLIGHT],

@@ -6,6 +6,7 @@ Discrete actions only: one branch walks and another closes the lid, both in the 
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 
 from joybridge.contract.tensors import Array
 from joybridge.simulator import (
@@ -16,6 +17,8 @@ from joybridge.simulator import (
     branch,
     button,
     channel,
+    image,
+    option,
     sensor,
     spec,
     transition,
@@ -28,6 +31,20 @@ PAUSE = 3  # decisions between two apples, and the most columns between them: ev
 APPLES = 20  # per episode
 WASP_CHANCE = 0.3  # per decision in which no apple lands
 WIDTH, HEIGHT = 320, 240
+SENSORS = {
+    "state": [
+        sensor(
+            "apples",
+            [2],
+            -1,
+            1,
+            "columns from the basket to the lower and the higher one, as a fraction of the width",
+        ),
+        sensor("fallen", [1], 0, 1, "fraction of its fall that the lower one has completed"),
+        sensor("wasp", [1], 0, 1, "1 if a wasp attacks in the next decision"),
+    ],
+    "screen": [image("screen", 36, 48, "the whole orchard", channels=3)],
+}
 
 
 class Orchard(Game):
@@ -37,23 +54,14 @@ class Orchard(Game):
     description = "Catch the apples and close the lid when a wasp comes: two branches at once."
     version = "1"
     in_event_loop = True
+    options = (option("observation", list(SENSORS), description="what the picker observes: numbers, or an image"),)
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
         """Return the spec: a branch for walking and a button for the lid."""
         picker = behavior(
             "picker",
-            sensors=[
-                sensor(
-                    "apples",
-                    [2],
-                    -1,
-                    1,
-                    "columns from the basket to the lower and to the higher one, as a fraction of the width",
-                ),
-                sensor("fallen", [1], 0, 1, "fraction of its fall that the lower one has completed"),
-                sensor("wasp", [1], 0, 1, "1 if a wasp attacks in the next decision"),
-            ],
+            sensors=SENSORS[options["observation"]],
             branches=[branch("walk", ["left", "stay", "right"]), button("lid", "closed while pressed")],
             channels=[
                 channel("apple", 1.0, "an apple that falls into the open basket"),
@@ -92,7 +100,11 @@ class Orchard(Game):
     def _drop(self, near: int) -> int:
         return int(self.rng.integers(max(0, near - PAUSE), min(COLUMNS, near + PAUSE + 1)))
 
-    def _observe(self) -> dict[str, list[float]]:
+    def _observe(self) -> Mapping[str, npt.ArrayLike]:
+        if self.option["observation"] == "screen":
+            from joybridge.simulator.sight import shrink
+
+            return {"screen": shrink(self.draw(), *SENSORS["screen"][0].shape)}
         apples = [(apple - self.place) / (COLUMNS - 1) for apple in self.apples]
         return {"apples": apples, "fallen": [self.decisions % PAUSE / (PAUSE - 1)], "wasp": [float(self.wasp)]}
 

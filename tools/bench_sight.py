@@ -1,0 +1,92 @@
+"""Training from pictures beside training from numbers, and beside Stable-Baselines3 on the same pictures, in turns.
+
+    python -m tools.bench_sight [--turns N]
+
+The pictures are the screen of Shooting Birds, 64 x 40 gray pixels. Stable-Baselines3 sees them through joybridge.gym
+with its NatureCNN; both learn with the settings of shooting_birds/screen: arenas, rollouts, minibatches and epochs.
+"""
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecExtractDictObs
+
+from joybridge.client.launch import simulator_process
+from joybridge.config.config import Config, load_config
+from joybridge.gym.sb3 import BridgeVecEnv
+from joybridge.ppo.threads import use_one_thread
+from joybridge.run.train import train
+from tools.bench import CONFIGS, children, machine, megabytes
+
+SCREEN = ["options.observation=screen"]
+ROLLOUTS = 4  # of a turn, after the first, in which everything is compiled
+
+
+def ours(experiment: str, overrides: Sequence[str]) -> tuple[float, float, float]:
+    """Train for a turn; return timesteps per second, and the memory of trainer and simulator in MB."""
+    config = load_config(CONFIGS / f"{experiment}.yaml", overrides)
+    rollout = config.arenas * config.policy.rollout_steps
+    ends = [f"log_interval={rollout}", f"stop_at={rollout * (ROLLOUTS + 1)}", "log_to=[]"]
+    config = load_config(CONFIGS / f"{experiment}.yaml", [*overrides, *ends])
+    rates: list[float] = []
+
+    def report(done: int, live: dict[str, float], row: dict[str, float] | None) -> None:
+        if row is not None:
+            rates.append(row["timesteps_per_second"])
+
+    with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
+        simulator = children()[-1]
+        train(config, Path(folder) / "run", [address], resume=False, report=report)
+        held = megabytes(simulator)
+    return statistics.harmonic_mean(rates[1:]), megabytes(os.getpid()), held
+
+
+def sb3(config: Config) -> PPO:
+    """Return their PPO on the same pictures with the same settings."""
+    policy = config.policy
+    envs = BridgeVecEnv(
+        config.game, config.arenas, layout=config.layout, options=config.options, flatten=False,
+        frame_stack=policy.frame_stack,
+    )  # fmt: skip
+    model = PPO(
+        "CnnPolicy", VecExtractDictObs(envs, "screen"), seed=0, device="cpu", n_steps=policy.rollout_steps,
+        batch_size=policy.minibatch_size, n_epochs=policy.epochs, learning_rate=policy.learning_rate,
+        gamma=policy.gamma, ent_coef=policy.entropy_coef, policy_kwargs={"net_arch": policy.hidden_sizes},
+    )  # fmt: skip
+    model.learn(policy.rollout_steps * config.arenas)
+    return model
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description="Compare training from pictures with others, in turns.")
+    parser.add_argument("--turns", type=int, default=5, help="default %(default)s")
+    turns = parser.parse_args().turns
+    print(machine(), flush=True)
+    use_one_thread()  # both learn faster so on two cores, which a simulator shares
+    config = load_config(CONFIGS / "shooting_birds/screen.yaml", SCREEN)
+    model = sb3(config)
+    steps = ROLLOUTS * config.arenas * config.policy.rollout_steps
+    rates: dict[str, list[float]] = {"pictures": [], "numbers": [], "Stable-Baselines3": []}
+    for _ in range(turns):
+        rate, trainer, simulator = ours("shooting_birds/screen", SCREEN)
+        rates["pictures"].append(rate)
+        rates["numbers"].append(ours("shooting_birds/bucket-11", [])[0])
+        begin = time.perf_counter()
+        model.learn(steps, reset_num_timesteps=False)
+        rates["Stable-Baselines3"].append(steps / (time.perf_counter() - begin))
+        print(", ".join(f"{name} {each[-1]:,.0f}" for name, each in rates.items()), flush=True)
+    for name in ("Stable-Baselines3", "numbers"):
+        ratios = [mine / theirs for mine, theirs in zip(rates["pictures"], rates[name], strict=True)]
+        print(f"pictures / {name}: {statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
+    print(f"memory with pictures: trainer {trainer:.0f} MB, with Stable-Baselines3 in it, simulator {simulator:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
