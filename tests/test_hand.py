@@ -59,11 +59,12 @@ POINTER = pb.GameSpec(
     name="desk",
     behaviors=[
         behavior(
-            "player", sensors=[sensor("eye", [1], -1, 1)],
+            "player",
+            sensors=[sensor("eye", [1], -1, 1)],
             axes=[axis("x", 0, 100, kind="position"), axis("tilt"), axis("y", kind="position")],
         )
     ],
-)  # fmt: skip
+)
 
 
 def pointing(*overrides, spec=POINTER):

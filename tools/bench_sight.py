@@ -22,6 +22,7 @@ from joybridge.config.config import Config, load_config
 from joybridge.gym.sb3 import BridgeVecEnv
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.train import train
+from joybridge.run.training import Audience
 from tools.bench import CONFIGS, children, machine, megabytes
 
 SCREEN = ["options.observation=screen"]
@@ -42,7 +43,7 @@ def ours(experiment: str, overrides: Sequence[str]) -> tuple[float, float, float
 
     with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
         simulator = children()[-1]
-        train(config, Path(folder) / "run", [address], resume=False, report=report)
+        train(config, Path(folder) / "run", [address], resume=False, audience=Audience(report))
         held = megabytes(simulator)
     return statistics.harmonic_mean(rates[1:]), megabytes(os.getpid()), held
 
@@ -51,14 +52,26 @@ def sb3(config: Config) -> PPO:
     """Return their PPO on the same pictures with the same settings."""
     policy = config.policy
     envs = BridgeVecEnv(
-        config.game, config.arenas, layout=config.layout, options=config.options, flatten=False,
+        config.game,
+        config.arenas,
+        layout=config.layout,
+        options=config.options,
+        flatten=False,
         frame_stack=policy.frame_stack,
-    )  # fmt: skip
+    )
     model = PPO(
-        "CnnPolicy", VecExtractDictObs(envs, "screen"), seed=0, device="cpu", n_steps=policy.rollout_steps,
-        batch_size=policy.minibatch_size, n_epochs=policy.epochs, learning_rate=policy.learning_rate,
-        gamma=policy.gamma, ent_coef=policy.entropy_coef, policy_kwargs={"net_arch": policy.hidden_sizes},
-    )  # fmt: skip
+        "CnnPolicy",
+        VecExtractDictObs(envs, "screen"),
+        seed=0,
+        device="cpu",
+        n_steps=policy.rollout_steps,
+        batch_size=policy.minibatch_size,
+        n_epochs=policy.epochs,
+        learning_rate=policy.learning_rate,
+        gamma=policy.gamma,
+        ent_coef=policy.entropy_coef,
+        policy_kwargs={"net_arch": policy.hidden_sizes},
+    )
     model.learn(policy.rollout_steps * config.arenas)
     return model
 

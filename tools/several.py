@@ -101,7 +101,7 @@ def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mappi
         rows.append(f"| {' | '.join(cells)} |")
     pace = ", ".join(f"{kind} {np.median(values):,.0f}" for kind, values in speeds.items())
     others = ", ".join({seed for kind in ("told", "unscaled") for seed in results.get(kind, {}).get(GAMES[0], {})})
-    return "\n".join([
+    lines = [
         "# One policy for three games, and one for each",
         "",
         f"Made by `python -m tools.several --seeds {','.join(seeds)}`: {CONFIG}, {TIMESTEPS:,} timesteps of each game,",
@@ -115,7 +115,8 @@ def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mappi
         "",
         f"Timesteps per second, medians, on a shared machine under changing load: {pace}.",
         "",
-    ])  # fmt: skip
+    ]
+    return "\n".join(lines)
 
 
 def ratio(joint: Sequence[float], single: Sequence[float]) -> tuple[float, float, float]:

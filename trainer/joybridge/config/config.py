@@ -306,13 +306,17 @@ class Config(Checked):
     )
     opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
     pointer: Literal["position", "velocity"] | None = Field(
-        None, description="what policies do to axes that place a pointer: put it there (position), or move it from "
-        "where it is (velocity); null: as the game has it"
-    )  # fmt: skip
+        None,
+        description="what policies do to axes that place a pointer: put it there (position), or move it from "
+        "where it is (velocity); null: as the game has it",
+    )
     pointer_speed: float = Field(
-        0.1, gt=0, le=1, description="with `pointer: velocity`, the farthest that a pointer moves in a decision, as a "
-        "share of its range"
-    )  # fmt: skip
+        0.1,
+        gt=0,
+        le=1,
+        description="with `pointer: velocity`, the farthest that a pointer moves in a decision, as a "
+        "share of its range",
+    )
     hand: HandConfig = Field(HandConfig(), description="limits of a person's hand, between policies and the game")
     policy: PolicyConfig = Field(PolicyConfig(), description="what all policies share")
     policies: dict[str, dict[str, Any]] = Field(
