@@ -377,8 +377,37 @@ def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, 
     monkeypatch.setenv("SDL_AUDIODRIVER", "dummy")
     driven = joybridge("drive", str(shorter), str(run), "--episodes", "2")
     assert driven.status == 0, driven.errors
-    assert re.fullmatch(r"(reward [-\d.]+ in \d+ decisions\n){2}", driven.output)
+    assert re.fullmatch(rf"({PACE}){{2}}", driven.output)
     assert float((tmp_path / "closed").read_text()) > 0  # written outside of any fence, by the real clock
+
+
+PACE = r"reward [-\d.]+ in \d+ decisions(, [\d.]+ per second of 12.5)?\n"
+
+
+@pytest.mark.parametrize("suffix", ["onnx", "json"])
+def test_an_exported_policy_plays_the_program_in_its_own_window(run, tmp_path, monkeypatch, suffix):
+    exported = joybridge("export", str(run), str(tmp_path / f"policy.{suffix}"))
+    assert exported.status == 0, exported.errors
+    shorter = tmp_path / "shorter.py"
+    source = CATCHING.read_text().replace("randint(2, 5)", "randint(40, 50)").replace("0, 20\n", "0, 1\n")
+    shorter.write_text(source)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setenv("SDL_AUDIODRIVER", "dummy")
+    driven = joybridge("drive", str(shorter), str(tmp_path / f"policy.{suffix}"))
+    assert driven.status == 0, driven.errors
+    assert re.fullmatch(PACE, driven.output)
+    other = joybridge("drive", f"{shorter} keys=UP", str(tmp_path / f"policy.{suffix}"))
+    assert other.status == 1 and "the policy was trained with ['key_LEFT', 'key_RIGHT']" in other.errors
+
+
+def test_a_file_that_is_no_policy_is_refused(tmp_path):
+    for suffix in ("onnx", "json"):
+        path = tmp_path / f"policy.{suffix}"
+        path.write_bytes(b"{}")
+        driven = joybridge("drive", str(CATCHING), str(path))
+        assert driven.status == 1 and f"{path} is no exported policy" in driven.errors, driven.errors
+        driven = joybridge("drive", str(CATCHING), str(path), "--deterministic")
+        assert driven.status == 1 and "was exported with its own" in driven.errors, driven.errors
 
 
 CLOSED = """

@@ -72,7 +72,7 @@ class Found(NamedTuple):
 @cache
 def words() -> dict[str, list[str]]:
     """Return the words that lead to each page, by its path, from docs/find.md."""
-    found: defaultdict[str, list[str]] = defaultdict(list)
+    found: dict[str, list[str]] = defaultdict(list)
     for said, answer in ROW.findall((ROOT / FIND).read_text(encoding="utf-8")):
         if link := LINK.search(answer):
             found[normpath(join("docs", link[1]))] += [word.strip().lower() for word in said.split(",")]

@@ -1,34 +1,38 @@
-"""`joybridge drive`: the policy of a run plays a pygame program in its own window, by the real clock."""
+"""`joybridge drive`: a policy plays a pygame program in its own window, by the real clock."""
 
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 
+from joybridge.client.client import Session
 from joybridge.client.command_line import add_trust_option, at_least, run_command, say
 from joybridge.client.launch import simulator_process
 from joybridge.client.simulator_source import last_simulators
-from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.contract.places import PYGAME
-from joybridge.run.folder import play_config
+from joybridge.run.folder import play_config, run_spec
+from joybridge.v1 import bridge_pb2 as pb
 
 MAX_DECISIONS = 100_000  # of an episode: only the program ends it
+FILES = (".onnx", ".json")
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
     parser = argparse.ArgumentParser(prog=prog)
     drive = parser.add_subparsers(dest="command", required=True).add_parser(
-        "drive", help="let the policy of a run play a pygame program in its own window, by the real clock"
+        "drive", help="let a policy play a pygame program in its own window, by the real clock"
     )
     drive.add_argument(
         "program",
         metavar="PROGRAM",
         help="FILE, MODULE or PACKAGE:SCRIPT; settings that differ from those of the training may follow, quoted",
     )
-    drive.add_argument("run", type=Path, help="folder of a run")
+    drive.add_argument("policy", metavar="RUN", type=Path, help="folder of a run, or its policy.onnx or policy.json")
     drive.add_argument("--episodes", type=at_least(1), default=1, help="how many are played; default %(default)s")
     drive.add_argument("--seed", type=at_least(0), default=1, help="of action sampling; default %(default)s")
     drive.add_argument("--checkpoint", default="", metavar="WHICH", help="its timesteps, or best; default: the newest")
@@ -37,31 +41,91 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     return run_command(_drive, parser.parse_args(arguments))
 
 
+Decisions = Iterator[tuple[float, bool]]  # the reward of each, and whether it was the last of an episode
+
+
 def _drive(options: argparse.Namespace) -> None:
-    config = play_config(options.run, ())
-    remembered = last_simulators(options.run).believed(options.trust_run).games
     sys.path.insert(0, str(Path.cwd()))
-    with simulator_process([window_place(options.program, remembered, config)]) as address:
+    with _file_at_play(options) if options.policy.suffix in FILES else _run_at_play(options) as (about, spec, play):
+        say(f"{about}; the window's close button or Ctrl-C ends it")
+        wanted = 1 / (spec.tick_seconds * spec.decision_interval)
+        for _ in range(options.episodes):
+            _play_episode(play, wanted)
+
+
+def _play_episode(play: Decisions, wanted: float) -> None:
+    """Play an episode and print what came of it, also if it is interrupted. wanted: decisions per second."""
+    rewards, begin = list[float](), 0.0
+    try:
+        for reward, over in play:
+            rewards.append(reward)
+            begin = begin or time.monotonic()  # the first decision may have waited for the policy to be ready
+            if over:
+                break
+    finally:
+        rate = (len(rewards) - 1) / max(time.monotonic() - begin, 1e-9)
+        pace = f", {rate:.1f} per second of {wanted:.1f}" if len(rewards) > 1 else ""
+        print(f"reward {sum(rewards):.6g} in {len(rewards)} decisions{pace}", flush=True)
+
+
+@contextmanager
+def _run_at_play(options: argparse.Namespace) -> Iterator[tuple[str, pb.GameSpec, Decisions]]:
+    """Let the policy of a run play; yield words about it, the spec of the program, and its decisions."""
+    config, trained = play_config(options.policy, ()), run_spec(options.policy)
+    remembered = last_simulators(options.policy).believed(options.trust_run).games
+    device = trained.behaviors[0].device
+    held = device_settings([axis.name for axis in device.axes], [branch.name for branch in device.branches])
+    place = window_place(options.program, remembered, config.game, held)
+    with simulator_process([place]) as address:
         from joybridge.play.playing import PlaySpec, open_play  # it imports torch, errors come sooner
 
-        plays = PlaySpec(options.run, address, options.seed, options.deterministic, checkpoint=options.checkpoint)
+        plays = PlaySpec(options.policy, address, options.seed, options.deterministic, checkpoint=options.checkpoint)
         with open_play(plays) as play:
-            say(f"{play.heading()}; the window's close button or Ctrl-C ends it")
-            left, reward, decisions = options.episodes, 0.0, 0
-            for played in play.decisions():
-                reward += sum(float(each.sum()) for each in played.rewards)
-                decisions += 1
-                if any(len(step.ended) for step in played.after):
-                    print(f"reward {reward:.6g} in {decisions} decisions", flush=True)
-                    left, reward, decisions = left - 1, 0.0, 0
-                if left == 0:
-                    break
+            decisions = (
+                (sum(float(each.sum()) for each in played.rewards), any(len(step.ended) for step in played.after))
+                for played in play.decisions()
+            )
+            yield play.heading(), play.spec, decisions
 
 
-def window_place(program: str, remembered: Sequence[str], config: Config) -> str:
+@contextmanager
+def _file_at_play(options: argparse.Namespace) -> Iterator[tuple[str, pb.GameSpec, Decisions]]:
+    """Let an exported policy play; see `_run_at_play`. Its program has no settings but those of the command line."""
+    if options.checkpoint or options.deterministic:
+        raise ConfigError(f"--checkpoint and --deterministic are for runs; {options.policy} was exported with its own")
+    from joybridge.play.policy_file import play_file
+    from joybridge.policy.exported import load_exported, read_exported, read_policy_file
+
+    about, _ = read_exported(read_policy_file(options.policy), str(options.policy))
+    held = device_settings(*([each["name"] for each in about[kind]] for kind in ("axes", "branches")))
+    with simulator_process([window_place(options.program, (), about["game"], held)]) as address:
+        session = Session(address, about["game"], arenas=1, seed=options.seed, options=about["options"])
+        with closing(session):
+            words = f"{options.policy}, after {about['timesteps']:,} timesteps"
+            policy = load_exported(options.policy, session.spec)
+            yield words, session.spec, play_file(policy, session, options.seed)
+
+
+def device_settings(axes: Sequence[str], branches: Sequence[str]) -> list[str]:
+    """Return the settings that give a program the device with these axes and branches."""
+    named = {kind: [name[len(kind) :] for name in branches if name.startswith(kind)] for kind in ("key_", "mouse_")}
+    flags = {
+        "mouse": any(name.startswith("pointer") for name in axes),
+        "wheel": "wheel" in branches,
+        "joystick": any(name.startswith("stick") for name in axes),
+    }
+    return [
+        f"keys={','.join(named['key_'])}",
+        f"buttons={','.join(named['mouse_'])}",
+        *(f"{name}={str(value).lower()}" for name, value in flags.items()),
+    ]
+
+
+def window_place(program: str, remembered: Sequence[str], game: str, held: Sequence[str]) -> str:
     """Return the place of a program in its own window, with the settings of the program of the training.
 
-    program: as after --pygame. remembered: the places of the training's games. Raises ConfigError.
+    program: as after --pygame. remembered: the places of the training's games. game: its name. held: settings that are
+    known of the policy. What stands behind the program goes before both. Raises ConfigError.
     """
     try:
         (name, *own), words = _parts(program)
@@ -69,12 +133,12 @@ def window_place(program: str, remembered: Sequence[str], config: Config) -> str
         (_, *settings), arguments = _parts(trained)
     except ValueError as error:
         raise ConfigError(f"the program {program!r}: {error}") from error
-    chosen = {word.partition("=")[0] for word in own}
-    kept = [word for word in settings if word.partition("=")[0] not in chosen]
-    forced = [f"name={config.game}", "window=true", f"max_decisions={MAX_DECISIONS}"]
-    return PYGAME + shlex.join(
-        [name, *kept, *own, *forced, *(["--", *(words or arguments)] if words or arguments else [])]
-    )
+    forced = [f"name={game}", "window=true", f"max_decisions={MAX_DECISIONS}"]
+    chosen: list[str] = []
+    for group in (forced, own, held, settings):
+        keys = {word.partition("=")[0] for word in chosen}
+        chosen += [word for word in group if word.partition("=")[0] not in keys]
+    return PYGAME + shlex.join([name, *chosen, *(["--", *(words or arguments)] if words or arguments else [])])
 
 
 def _parts(program: str) -> tuple[list[str], list[str]]:

@@ -6,7 +6,6 @@ It needs onnxruntime, which computes the graph of an ONNX model and runs no code
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnxruntime as ort
@@ -17,7 +16,7 @@ from joybridge.contract.files import read_file
 from joybridge.contract.parts import rows_of
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.contract.text import printable
-from joybridge.policy.document import FORMAT, decode
+from joybridge.policy.document import FORMAT, Document, decode
 from joybridge.policy.onnx_model import build_model, check_operators
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -86,22 +85,12 @@ class Exported:
 
     def _read(self, content: bytes) -> None:
         self._content, where, spec = content, self.where, self._spec
-        try:
-            if content.lstrip()[:1] == b"{":
-                content = build_model(decode(content)).SerializeToString()
-            check_operators(content)
-            about = json.loads(Model(content, pb.Behavior(), 0).about["joybridge"])
-            names = [behavior.name for behavior in spec.behaviors]
-            problem = _misfit(about, spec)
-        except Exception as error:  # whatever is wrong with a file, it is one sentence
-            reason = printable(f"{type(error).__name__}: {error}".partition("\n")[0])[:300]
-            raise ConfigError(
-                f"{where} is no exported policy: {reason}; write one with `joybridge export RUN policy.json`"
-            ) from error
-        if problem:
+        about, self._model = read_exported(content, where)
+        if problem := _misfit(about, spec):
             raise ConfigError(f"{where} does not fit {spec.name}: {problem}")
-        self.behavior, self.name = names.index(about["behavior"]), str(about["behavior"])
-        self._behavior, self._model = spec.behaviors[self.behavior], content
+        self.name = str(about["behavior"])
+        self.behavior = [behavior.name for behavior in spec.behaviors].index(self.name)
+        self._behavior = spec.behaviors[self.behavior]
         try:
             self.seat(1).try_out()
         except ConfigError:
@@ -192,17 +181,49 @@ class ExportedPlayer:
 
 def load_exported(path: Path, spec: pb.GameSpec) -> Exported:
     """Read an exported policy. Raises ConfigError unless it fits a game."""
+    return Exported(read_policy_file(path), str(path), spec)
+
+
+def read_policy_file(path: Path) -> bytes:
+    """Return the content of a file. Raises ConfigError."""
     try:
-        content = read_file(path, LARGEST_FILE)
+        return read_file(path, LARGEST_FILE)
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path} cannot be read: {printable(str(error))}") from error
-    return Exported(content, str(path), spec)
 
 
-def _misfit(about: Mapping[str, Any], spec: pb.GameSpec) -> str:
-    """Return what about a policy does not fit a game, "" if it fits. about: the document without `policies`."""
+def read_exported(content: bytes, where: str) -> tuple[Document, bytes]:
+    """Return what an exported policy says of itself, which is its document without the networks, and its ONNX model.
+
+    content: of a policy.json or a policy.onnx. where: names it in errors. Raises ConfigError.
+    """
+    try:
+        if content.lstrip()[:1] == b"{":
+            document = decode(content)
+            _check_format(document, where)
+            content = build_model(document).SerializeToString()
+        check_operators(content)
+        about = json.loads(Model(content, pb.Behavior(), 0).about["joybridge"])
+        _check_format(about, where)
+        _misfit(about, pb.GameSpec(behaviors=[pb.Behavior(name=about["behavior"])]))  # it has what is compared later
+    except ConfigError:
+        raise
+    except Exception as error:  # whatever is wrong with a file, it is one sentence
+        reason = printable(f"{type(error).__name__}: {error}".partition("\n")[0])[:300]
+        raise ConfigError(
+            f"{where} is no exported policy: {reason}; write one with `joybridge export RUN policy.json`"
+        ) from error
+    return about, content
+
+
+def _check_format(about: Document, where: str) -> None:
     if about["format"] != FORMAT:
-        return f"its format is {printable(str(about['format']))[:100]}, expected {FORMAT}; export it anew"
+        form = printable(str(about["format"]))[:100]
+        raise ConfigError(f"{where} does not fit: its format is {form}, expected {FORMAT}; export it anew")
+
+
+def _misfit(about: Document, spec: pb.GameSpec) -> str:
+    """Return what about a policy does not fit a game, "" if it fits. about: the document without `policies`."""
     behaviors = {behavior.name: behavior for behavior in spec.behaviors}
     if (name := str(about["behavior"])) not in behaviors:
         return f"it plays {printable(name)[:100]}, and the game has {', '.join(behaviors)}"
@@ -213,4 +234,10 @@ def _misfit(about: Mapping[str, Any], spec: pb.GameSpec) -> str:
             return f"the sensor {printable(str(sensor['name']))[:100]} is not the same"
     axes = [{"name": axis.name, "low": axis.low, "high": axis.high} for axis in behavior.device.axes]
     branches = [{"name": branch.name, "choices": list(branch.choices)} for branch in behavior.device.branches]
-    return "" if about["axes"] == axes and about["branches"] == branches else "the device is not the same"
+    for kind, ours in (("axes", axes), ("branches", branches)):
+        if (wanted := about[kind]) != ours:
+            names, trained = ([str(each["name"]) for each in several] for several in (ours, wanted))
+            return printable(f"it has the {kind} {names}, the policy was trained with {trained}")[:400] + (
+                "" if names != trained else " and other choices or ranges"
+            )
+    return ""

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from joybridge.adapters.pygame_programs.first_play import frame_seconds, keys_read, plays_the_same
 from joybridge.adapters.pygame_programs.form import make_look, options_of
 from joybridge.adapters.pygame_programs.game import PygameGame
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses, WindowProcess
+from joybridge.adapters.pygame_programs.remembered import recall_or_play
 from joybridge.adapters.pygame_programs.settings import read_pygame_settings
-from joybridge.adapters.pygame_programs.wire import ENDING, OWN_FOLDER
+from joybridge.adapters.pygame_programs.wire import OWN_FOLDER
 from joybridge.adapters.settings import AdapterError
 from joybridge.simulator.batched_game import BatchedGame
 
@@ -24,17 +24,15 @@ def adapt(text: str) -> type[BatchedGame]:
     processes = ProgramProcesses(replace(settings, flags=settings.flags | {"window": False}))
     try:
         shown = processes.start()
-        look, note = make_look(settings, shown), ""
+        found = recall_or_play(processes, shown)
+        look, note = make_look(settings, shown, found.read), ""
         if "keys" not in settings.names:
-            read = [key for key in keys_read(processes, look, shown["numbers"]) if key not in ENDING]
-            named, look = look.keys, make_look(settings, shown, read)
-            note = f" Keys in its sources: {_list(named)}; that it was seen to read: {_list(read)}."
-        seconds = frame_seconds(processes, look)
-        exact = settings.flags.get("snapshots", settings.window or plays_the_same(processes, look))
+            named = make_look(settings, shown).keys
+            note = f" Keys in its sources: {_list(named)}; that it was seen to read: {_list(found.read)}."
     except BaseException:
         processes.end()
         raise
-    if not exact:
+    if not found.exact:
         note += " Without snapshots, as it does not go on from them with the same pictures."
     if settings.window:
         processes.end()
@@ -46,8 +44,8 @@ def adapt(text: str) -> type[BatchedGame]:
         "settings": settings,
         "look": look,
         "processes": processes,
-        "frame_seconds": seconds,
-        "exact": exact and not settings.window,
+        "frame_seconds": found.frame_seconds,
+        "exact": found.exact and not settings.window,
     }
     game: Any = type("AdaptedGame", (PygameGame,), members)
     return game  # type: ignore[no-any-return]

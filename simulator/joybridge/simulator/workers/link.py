@@ -3,6 +3,7 @@
 import math
 import socket
 import struct
+from select import select
 from time import monotonic  # not by its module: programs may be given another clock there
 
 HEADER = struct.Struct("<cQ")  # kind and length
@@ -34,6 +35,10 @@ class Link:
         limit = monotonic() + seconds
         kind, size = HEADER.unpack(self._read(HEADER.size, limit))
         return kind, bytes(self._read(size, limit))
+
+    def waits(self, seconds: float) -> bool:
+        """Return whether something comes, or the other end closes, in so many seconds."""
+        return bool(select([self._socket], [], [], seconds)[0])
 
     def close(self) -> None:
         """Close this end."""

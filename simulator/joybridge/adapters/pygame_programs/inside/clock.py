@@ -21,6 +21,7 @@ class Clock(Protocol):
 
     readings: int  # since the last frame
     watchers: list[Callable[[], None]]  # called whenever time has passed
+    borrowed: int  # of the time for which the program would wait in this frame, what has passed before it does
 
     @property
     def now(self) -> int:
@@ -29,13 +30,17 @@ class Clock(Protocol):
     def forward(self, nanoseconds: int) -> None:
         """Let time pass."""
 
+    def patience(self) -> float | None:
+        """Return for how many seconds the program may stand still before its frame is late; None: without a limit."""
+
 
 class RealClock:
     """The time of the world, for a program in its own window."""
 
     def __init__(self) -> None:
         """Take the place of nothing."""
-        self.readings = 0
+        self.readings = self.borrowed = 0
+        self.spare = 0  # how long the program waited in the last frame: so long others may use the next one
         self.watchers: list[Callable[[], None]] = []
         self._time, self._sleep = time.monotonic_ns, time.sleep
         self._start = self._time()
@@ -46,10 +51,15 @@ class RealClock:
         return self._time() - self._start
 
     def forward(self, nanoseconds: int) -> None:
-        """Wait."""
-        self._sleep(max(nanoseconds, 0) / SECOND)
+        """Wait, less long where a part of the time has been borrowed."""
+        self._sleep(max(nanoseconds - self.borrowed, 0) / SECOND)
+        self.spare, self.borrowed = max(nanoseconds, 0), 0
         for watcher in self.watchers:
             watcher()
+
+    def patience(self) -> float:
+        """Return for how many seconds the program may stand still: as long as it waited in the last frame."""
+        return max(self.spare - self.borrowed - MILLISECOND, 0) / SECOND
 
 
 class VirtualClock:
@@ -57,7 +67,7 @@ class VirtualClock:
 
     def __init__(self) -> None:
         """Take the place of the clocks of Python and of pygame.time.get_ticks."""
-        self.now = 0
+        self.now = self.borrowed = 0
         self.readings = 0  # since the last frame
         self.watchers: list[Callable[[], None]] = []  # called whenever time has passed
         self._timers: dict[int, _Timer] = {}  # by event type
@@ -87,6 +97,9 @@ class VirtualClock:
                 self._timers.pop(kind, None)
         for watcher in self.watchers:
             watcher()
+
+    def patience(self) -> None:
+        """Return no limit: no time passes while the program stands still."""
 
     def set_timer(self, event: Any, millis: int, loops: int = 0) -> None:
         """Post an event every so many milliseconds, as pygame.time.set_timer; 0 ends it."""

@@ -96,7 +96,8 @@ class Frames:
                 self._last, self._passed = clock.now, 0
 
             def tick(self, framerate: float = 0) -> int:
-                left = self._last + round(SECOND / framerate) - clock.now if framerate > 0 else 0
+                used = clock.now - self._last - clock.borrowed
+                left = round(SECOND / framerate) - used if framerate > 0 else 0
                 frames.wait(max(left, 0))
                 self._passed = clock.now // MILLISECOND - self._last // MILLISECOND
                 self._last = clock.now

@@ -5,6 +5,7 @@ Two colors are summed in one 32-bit number: a block has at most 16 samples, so a
 """
 
 from functools import lru_cache
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -50,9 +51,9 @@ def crop(pixels: Pixels, center: tuple[int, int], side: int) -> Array:
 
 
 def hash_of(pixels: Pixels) -> bytes:
-    """Return eight bytes that differ where pictures do, but for one pair in 2**32. A checksum costs the least."""
-    colors = pixels & np.uint32(0xFFFFFF)  # the fourth byte is not shown
-    return crc32(colors.data, crc32(b"%dx%d" % pixels.shape)).to_bytes(8, "little")
+    """Return eight bytes that differ where pictures do, but for one pair in 2**32: a checksum costs the least."""
+    colors: Any = pixels & np.uint32(0xFFFFFF)  # the fourth byte is not shown
+    return crc32(colors, crc32(b"%dx%d" % pixels.shape)).to_bytes(8, "little")
 
 
 @lru_cache

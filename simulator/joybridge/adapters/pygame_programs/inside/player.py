@@ -12,7 +12,7 @@ import pygame
 
 from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
 from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, hash_of, scale
-from joybridge.adapters.pygame_programs.inside.scan import scan
+from joybridge.adapters.pygame_programs.inside.scan import hash_of_sources, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage
 from joybridge.adapters.pygame_programs.inside.stem import fork, leave
 from joybridge.adapters.pygame_programs.inside.watching import Watch
@@ -48,7 +48,8 @@ class Player:
         self.link = link
         self.playing = False
         self._form: Mapping[str, Any] = {}
-        self._frames_left = 0
+        self._frames_left = 0  # of the decision
+        self._asked = False  # the server, for a decision that has not come yet
         self._acts: list[bytes] = []  # that are still to be replayed
         self._place = np.zeros(2)  # of the pointer, as parts of the display
         self._speed = np.zeros(2)  # the same, per frame
@@ -67,8 +68,10 @@ class Player:
             self._hashes += hash_of(self.stage.display.pixels())
         self.stage.score.after_frame()
         if self.stage.score.over:
-            self._acts.clear()
-            self._answer(over=True)
+            self.end()
+        elif self._asked:
+            if not self._listen(self.stage.clock.patience()):
+                self._move()
         elif self._frames_left > 0:
             self._move()
         elif self._acts:
@@ -83,6 +86,8 @@ class Player:
             why = f"; before that, {refused}" if refused else ""
             self.fail(f"the program ended before it had drawn a frame and asked for input{why}")
         self._acts.clear()
+        if self._asked:
+            self._listen(None)  # the server takes no answer before it has sent what it was asked for
         self._answer(over=True)
 
     def fail(self, text: str, traceback: str = "") -> NoReturn:
@@ -107,6 +112,7 @@ class Player:
             "numbers": KEYS,
             **controls,
             "joystick": stick,
+            "sources": hash_of_sources(self.root),
         }
 
     def _become_stem(self, kind: bytes, message: bytes) -> None:
@@ -123,7 +129,7 @@ class Player:
         self._answer(over=False)
 
     def _answer(self, *, over: bool) -> None:
-        """Tell the server what is to be seen, and wait for the next decision."""
+        """Tell the server what is to be seen, and wait for the next decision, in a window no longer than it spares."""
         signal.setitimer(signal.ITIMER_REAL, 0)
         score = self.stage.score
         if pygame.display.get_surface() is not None or not self._seen:  # else the program has closed its display
@@ -132,33 +138,49 @@ class Player:
         header = STEP_HEADER.pack(over, self.stage.clock.now)
         self.link.send(STEP, header + numbers.tobytes() + self._seen + self._hashes)
         self._hashes.clear()
-        while True:
-            try:
-                kind, message = self.link.receive()
-            except (OSError, EOFError):
-                leave(self.stage.folders, self.stage.fences)
-            if kind == ACT:
-                return self._act(message)
-            if kind == REPLAY:
-                size = self._form["act_bytes"]
-                self._acts = [message[at : at + size] for at in range(0, len(message), size)]
-                return self._act(self._acts.pop(0))
-            if kind == DRAW:
-                self.link.send(PICTURE, scale(self.stage.display.pixels(), *json.loads(message)).tobytes())
-            if kind == WATCHED:
-                self.link.send(DONE, as_json(self._watch.read() if self._watch else []))
-            if kind == BRANCH:
-                own = fork(self.stage.folders, self.stage.fences, json.loads(message))
-                if own is not None:
-                    self.link.close()
-                    self.link = own
-                    return self._become_stem(DONE, b"")
+        self._asked = True
+        self._listen(None if over else self.stage.clock.patience())
+
+    def _listen(self, seconds: float | None) -> bool:
+        """Do what the server says, up to the next decision; return False if none comes in so many seconds."""
+        begin = self.stage.clock.now
+        try:
+            while self._asked:
+                if seconds is not None and not self.link.waits(seconds):
+                    return False
+                self._do(*self.link.receive())
+        except (OSError, EOFError):
+            leave(self.stage.folders, self.stage.fences)
+        finally:
+            self.stage.clock.borrowed += self.stage.clock.now - begin
+        return True
+
+    def _do(self, kind: bytes, message: bytes) -> None:
+        """Do what the server says."""
+        if kind == ACT:
+            self._act(message)
+        elif kind == REPLAY:
+            size = self._form["act_bytes"]
+            self._acts = [message[at : at + size] for at in range(0, len(message), size)]
+            self._act(self._acts.pop(0))
+        elif kind == DRAW:
+            self.link.send(PICTURE, scale(self.stage.display.pixels(), *json.loads(message)).tobytes())
+        elif kind == WATCHED:
+            self.link.send(DONE, as_json(self._watch.read() if self._watch else []))
+        elif kind == BRANCH:
+            own = fork(self.stage.folders, self.stage.fences, json.loads(message))
+            if own is not None:
+                self.link.close()
+                self.link = own
+                self._become_stem(DONE, b"")
 
     def _act(self, act: bytes) -> None:
         """Begin a decision: let the hands do what it says."""
         form, hands = self._form, self.stage.hands
         signal.setitimer(signal.ITIMER_REAL, form["seconds"])
-        self._frames_left = form["interval"]
+        self._asked = False
+        while self._frames_left <= 0:  # below 0 after a decision that came late: the next one is on schedule again
+            self._frames_left += form["interval"]
         if form["pointer"]:
             axes = np.frombuffer(act, np.float32, 2) * (0.5, -0.5)
             if form["pointer"] == "position":

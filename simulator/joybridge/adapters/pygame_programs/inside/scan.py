@@ -6,9 +6,12 @@ Keys that come from configuration files or numbers are not found; the setting `k
 import ast
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
+from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pygame
 
 from joybridge.adapters.pygame_programs.wire import ENDING
@@ -44,6 +47,15 @@ def scan(root: Path) -> Controls:
     wheel = "MOUSEWHEEL" in names or bool(numbers & {4, 5})
     joystick = bool(names & JOYSTICK)
     return Controls(sorted(keys - ENDING), pointer, buttons if pointer else [], pointer and wheel, joystick)
+
+
+def hash_of_sources(root: Path) -> str:
+    """Return a hash of the modules of a program, and of the versions of what runs them. root: see `scan`."""
+    digest = blake2b(f"{sys.version} {pygame.version.ver} {pygame.version.SDL} {np.__version__}".encode())
+    for path in _files(root):
+        with suppress(OSError):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def needs_joystick(controls: Controls, wanted: bool | None) -> bool:

@@ -1,0 +1,78 @@
+"""A program is played before it is first served; what was found out is kept for the next start."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from joybridge.adapters.pygame_programs import first_play, remembered
+from joybridge.simulator.catalog import load_game
+from tests.support.servers import ROOT
+
+CATCHING = ROOT / "tests/support/pygame_programs/catch.py"
+SHORT = "snapshots=false keys=LEFT"  # of which little is to be found out
+
+
+@pytest.fixture
+def plays(tmp_path, monkeypatch):
+    """Return a list with an entry per first play, of programs that nobody has served before."""
+    found: list[object] = []
+
+    def noted(*arguments):
+        found.append(arguments)
+        return first_play.first_play(*arguments)
+
+    monkeypatch.setattr(remembered, "first_play", noted)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return found
+
+
+def served(path, settings=""):
+    """Serve a program and return what was found out about it."""
+    game: Any = load_game(f"pygame:{path} {settings}")
+    game.processes.end()
+    return game.description, game.look, game.frame_seconds, game.exact
+
+
+def kept():
+    return list((Path(os.environ["XDG_CACHE_HOME"]) / "joybridge/first_plays").iterdir())
+
+
+def test_a_program_is_played_before_it_is_first_served_and_again_when_it_has_changed(tmp_path, plays):
+    program = tmp_path / "catch.py"
+    program.write_text(CATCHING.read_text())
+    first = served(program)
+    assert first[2] == pytest.approx(0.02) and first[3]
+    assert served(program) == first
+    assert len(plays) == len(kept()) == 1
+    program.write_text(CATCHING.read_text().replace("clock.tick(50)", "clock.tick(25)"))
+    assert served(program)[2] == pytest.approx(0.04)
+    assert len(plays) == len(kept()) == 2
+
+
+def test_other_settings_and_hooks_are_played_for_themselves(tmp_path, plays):
+    hook = tmp_path / "hook.py"
+    for text in ("def state(program): return [1.0]\n", "def state(program): return [1.0, 2.0]\n"):
+        hook.write_text(text)
+        served(CATCHING, f"snapshots=false keys=LEFT hook={hook}")
+    assert not served(CATCHING, f"snapshots=false keys=RIGHT hook={hook}")[3]
+    assert len(plays) == 3
+
+
+def test_a_damaged_memory_of_a_first_play_is_written_anew(plays):
+    first = served(CATCHING, SHORT)
+    (path,) = kept()
+    whole = path.read_bytes()
+    for content in (b"", b"[1]", b'{"read": 1, "frame_seconds": 1, "exact": true}'):
+        path.write_bytes(content)
+        assert served(CATCHING, SHORT) == first
+        assert path.read_bytes() == whole
+    assert len(plays) == 4
+
+
+def test_without_a_place_for_it_nothing_is_kept(tmp_path, plays, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert served(CATCHING, SHORT) == served(CATCHING, SHORT)
+    assert len(plays) == 2
