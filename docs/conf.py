@@ -12,8 +12,13 @@ project = html_title = "Joybridge"
 extensions = ["myst_parser"]
 root_doc = "docs/index"
 include_patterns = [
-    "*.md", "docs/*.md", "docs/reference/*.md", "proto/examples/*/README.md", "results/*.md", "results/*/README.md",
-]  # fmt: skip
+    "*.md",
+    "docs/*.md",
+    "docs/reference/*.md",
+    "proto/examples/*/README.md",
+    "results/*.md",
+    "results/*/README.md",
+]
 exclude_patterns = [
     "README.md",
     "docs/pypi.md",

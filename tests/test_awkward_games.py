@@ -73,8 +73,13 @@ def test_a_game_that_prints_is_heard_and_not_waited_for_for_ever(monkeypatch):
 
 def test_names_from_the_wire_are_neither_paths_nor_the_trainers_own_columns(talked):
     assert {path.name for path in talked.iterdir()} == {
-        "config.yaml", "spec.json", "origin.json", "metrics-..%2Fred%2Fleft.csv", "tensorboard", "checkpoints",
-    }  # fmt: skip
+        "config.yaml",
+        "spec.json",
+        "origin.json",
+        "metrics-..%2Fred%2Fleft.csv",
+        "tensorboard",
+        "checkpoints",
+    }
     assert [path.name for path in (talked / "tensorboard").iterdir()] == ["..%2Fred%2Fleft"]
     row = read_rows(talked / "metrics-..%2Fred%2Fleft.csv")[-1]
     assert (row["length"], row["game_length"], row["speed [/]"]) == (LENGTH, LENGTH, 1.0)

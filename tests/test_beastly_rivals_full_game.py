@@ -115,8 +115,17 @@ def test_observation_has_its_values_in_order_and_units():
     ):  # fmt: skip
         for name, value in values.items():
             match.players[j][name] = value
-    for name, value in {"x": 0, "z": 47, "fx": 1, "fz": 0, "gx": 0, "gz": -1, "speed": 37.5, "turning": 90,
-                        "boost_tick": 681}.items():  # fmt: skip
+    for name, value in {
+        "x": 0,
+        "z": 47,
+        "fx": 1,
+        "fz": 0,
+        "gx": 0,
+        "gz": -1,
+        "speed": 37.5,
+        "turning": 90,
+        "boost_tick": 681,
+    }.items():
         match.beast[name] = value
     match.phase, match.tick, match.carrier, match.target, match["last"] = HUNT, 660, 0, 0, 1
     match.hold, match.charge = 1500, 7.5
@@ -187,8 +196,9 @@ def test_the_end_of_a_match_ends_the_episode_of_all_its_lanes_at_once():
     (step,) = game.step([rest(6)])
     assert step.terminated.tolist() == [False] * 3 + [True] * 3 and not step.truncated.any()
     assert step.ended.tolist() == [3, 4, 5] and step.deciding.all()
-    metrics = dict(zip([one.name for one in BeastlyRivalsFull.describe(OPTIONS).behaviors[0].metrics], step.metrics.T,
-                       strict=True))  # fmt: skip
+    metrics = dict(
+        zip([one.name for one in BeastlyRivalsFull.describe(OPTIONS).behaviors[0].metrics], step.metrics.T, strict=True)
+    )
     assert metrics["place"].tolist() == [2, 1, 3] and metrics["won"].tolist() == [0, 1, 0]
     assert metrics["deaths"].tolist() == [1, 0, 1] and metrics["kills"].tolist() == [-1, 0, -1]
     assert metrics["survival"].tolist() == pytest.approx([2 + 1 / 6, 2 + 1 / 6, 1 / 6])
@@ -327,11 +337,17 @@ def test_a_restored_game_continues_to_the_same_bytes():
 @pytest.mark.parametrize(
     ("part", "field", "value"),
     [
-        (None, "carrier", 4), (None, "target", -2), (None, "tick", -1), (None, "charge", math.nan),
-        ("beast", "speed", 1e9), ("ball", "flying", True), ("players", "slots", 9), ("players", "out", True),
+        (None, "carrier", 4),
+        (None, "target", -2),
+        (None, "tick", -1),
+        (None, "charge", math.nan),
+        ("beast", "speed", 1e9),
+        ("ball", "flying", True),
+        ("players", "slots", 9),
+        ("players", "out", True),
         ("players", "lives", 3),
     ],
-)  # fmt: skip
+)
 def test_restore_refuses_a_state_that_no_match_can_be_in(part, field, value):
     game = new_game(2)
     arenas = game.arenas.copy()

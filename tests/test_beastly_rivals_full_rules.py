@@ -88,9 +88,16 @@ def test_speed_and_turning_grow_and_end_alternating_around_their_limits():
     scene = Scene()
     scene.arena.target = 0
     for tick, speed, turning in (
-        (1, 10.012, 50.025), (500, 16.0, 66.6539), (1000, 22.0, 99.9308), (1725, 30.7, 361.0429), (1726, None, 360.0),
-        (1727, None, 361.296), (5417, 75.004, None), (5418, 75.0, None), (5419, 75.012, None),
-    ):  # fmt: skip
+        (1, 10.012, 50.025),
+        (500, 16.0, 66.6539),
+        (1000, 22.0, 99.9308),
+        (1725, 30.7, 361.0429),
+        (1726, None, 360.0),
+        (1727, None, 361.296),
+        (5417, 75.004, None),
+        (5418, 75.0, None),
+        (5419, 75.012, None),
+    ):
         scene.to(tick)
         assert speed is None or scene.beast.speed == near(speed)
         assert turning is None or scene.beast.turning == near(turning)
@@ -208,10 +215,14 @@ def test_players_that_walk_into_each_other_stop_each_other():
 @pytest.mark.parametrize(
     ("point", "nearest"),
     [
-        ((60, 0), (46.3333, 0)), ((45, -40), (33.8462, -26.3463)), ((40, 20), (39.1667, 20)),
-        ((-30, 35), (-27.3333, 31.6667)), ((39, 22.2), (38.9687, 22.1617)), ((46, 10.6), (46, 10.6)),
+        ((60, 0), (46.3333, 0)),
+        ((45, -40), (33.8462, -26.3463)),
+        ((40, 20), (39.1667, 20)),
+        ((-30, 35), (-27.3333, 31.6667)),
+        ((39, 22.2), (38.9687, 22.1617)),
+        ((46, 10.6), (46, 10.6)),
     ],
-)  # fmt: skip
+)
 def test_points_off_the_pitch_go_to_the_nearest_walkable_one(point, nearest):
     x, z = project(float(point[0]), float(point[1]))
     assert (x, z) == (near(nearest[0]), near(nearest[1]))

@@ -88,11 +88,12 @@ def test_a_window_counts_if_three_episodes_last_through_it():
 def play(shape, seconds, sensors, buttons, metrics) -> dict[str, Any]:
     """Return a play [decisions, lanes] in which nothing happens. sensors: their values, by name."""
     return {
-        "ended": ends(*shape), "seconds": seconds,
+        "ended": ends(*shape),
+        "seconds": seconds,
         "sensors": {name: np.full((*shape, len(values)), values) for name, values in sensors.items()},
         "pressed": {name: np.zeros(shape, bool) for name in buttons},
         "metrics": {name: np.full(shape, np.nan) for name in metrics},
-    }  # fmt: skip
+    }
 
 
 def rivals(decisions=12, lanes=3) -> dict[str, Any]:
@@ -177,8 +178,9 @@ def test_the_longer_trained_run_stays_in_the_file(tmp_path, capsys):
     add_measures(path, "ferry/hybrid-s0", {"timesteps": 30, "x": 3})
     add_measures(path, "ferry/hybrid-s1", {"timesteps": 1, "x": 4})
     assert {name: entry["x"] for name, entry in json.loads(path.read_text()).items()} == {
-        "ferry/hybrid-s0": 3, "ferry/hybrid-s1": 4,
-    }  # fmt: skip
+        "ferry/hybrid-s0": 3,
+        "ferry/hybrid-s1": 4,
+    }
 
 
 @pytest.fixture(scope="module")

@@ -162,8 +162,14 @@ def test_the_contract_and_the_kit_need_nothing_but_numpy_protobuf_and_grpc():
     found = [targets for package in (*CONTRACT, "joybridge.conformance") for targets in modules(package).values()]
     roots = {module.split(".")[0] for targets in found for module, _ in targets}
     assert roots - set(sys.stdlib_module_names) == {
-        "numpy", "google", "grpc", "grpc_health", "grpc_reflection", "grpc_status", "joybridge",
-    }  # fmt: skip
+        "numpy",
+        "google",
+        "grpc",
+        "grpc_health",
+        "grpc_reflection",
+        "grpc_status",
+        "joybridge",
+    }
 
 
 def test_pygame_is_imported_only_in_the_processes_of_programs_written_with_it():
@@ -175,8 +181,10 @@ def test_pygame_is_imported_only_in_the_processes_of_programs_written_with_it():
 def test_no_modules_of_a_package_import_each_other_in_a_circle(package):
     found = modules(package)
     # `from package import module` depends on the module; what `package/__init__.py` imports itself is no circle.
-    graph = {name: {t.module for t in targets if t.module in found and t.module not in (name, package)}
-             for name, targets in found.items()}  # fmt: skip
+    graph = {
+        name: {t.module for t in targets if t.module in found and t.module not in (name, package)}
+        for name, targets in found.items()
+    }
     assert list(TopologicalSorter(graph).static_order())
 
 

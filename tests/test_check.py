@@ -40,9 +40,19 @@ ROOT = Path(__file__).parents[1]
 GAMES = ["shooting_birds", "hybrid", "duel", "ends", "kick", "noughts"]  # to which, together, every rule applies
 # Of what a game sends; the other families are about what the server does for every game.
 FAMILIES_OF_GAMES = [
-    "specs", "settings", "behaviors", "start", "choices", "seeds", "steps", "episode_ends", "resets", "pictures",
-    "scripts", "snapshots",
-]  # fmt: skip
+    "specs",
+    "settings",
+    "behaviors",
+    "start",
+    "choices",
+    "seeds",
+    "steps",
+    "episode_ends",
+    "resets",
+    "pictures",
+    "scripts",
+    "snapshots",
+]
 SECONDS = 10.0
 NOWHERE = "127.0.0.1:1"
 
@@ -105,8 +115,11 @@ def test_the_server_passes_every_check_from_end_to_end(simulator, tmp_path):
         assert [r["check"] for r in report["results"] if r["game"] == game] == per_game
         assert f"{game}  act_before_start_is_refused: passed" in lines
     passed = {r["check"] for r in report["results"] if r["outcome"] == PASSED}
-    with_token = {"calls_with_another_token_are_unauthenticated", "calls_without_the_token_are_unauthenticated",
-                  "health_needs_no_token"}  # fmt: skip
+    with_token = {
+        "calls_with_another_token_are_unauthenticated",
+        "calls_without_the_token_are_unauthenticated",
+        "health_needs_no_token",
+    }
     assert passed == {check.name for check in CHECKS} - with_token
     suites = ElementTree.parse(junit).getroot()
     assert [suite.get("name") for suite in suites] == [SERVER, *GAMES]
@@ -463,9 +476,12 @@ def test_a_failure_prints_the_rule_both_values_and_the_section(correct):
     (result,) = run_checks(correct, [Gauntlet.name], checks=[made_up(strange)])
     assert (result.outcome, result.got, result.expected) == (FAILED, "\x00 a & b", "<c>")
     assert result.lines == [
-        "gauntlet  rule_holds: failed", "    rule: A rule.", "    got: \\x00 a & b", "    expected: <c>",
+        "gauntlet  rule_holds: failed",
+        "    rule: A rule.",
+        "    got: \\x00 a & b",
+        "    expected: <c>",
         "    see: bridge.proto, Act",
-    ]  # fmt: skip
+    ]
 
 
 class CannotDraw(Gauntlet):

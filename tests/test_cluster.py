@@ -109,8 +109,11 @@ def test_a_grid_on_the_cluster_resumes_a_run_to_the_same_results_and_reports_fai
     more = ("--experiments", "fail", "survive", "--backend", "ray", "--address", nodes.cluster.address)
     result = subprocess.run(
         [sys.executable, "-m", "tools.paper", *command_line(configs, half.runs, *more)],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert result.returncode == 1
     assert "survive-s0: done" in result.stdout
     assert "failed: fail-s0: unknown key 'arenaz'; did you mean 'arenas'?" in result.stderr
@@ -189,9 +192,12 @@ def test_a_node_without_openssl_says_so(host, monkeypatch, tmp_path):
 
 def test_a_cluster_with_too_few_cores_is_waited_for_and_named(capsys):
     ray = SimpleNamespace(
-        wait=lambda started, **_: (started[:1], started[1:]), get=list, exceptions=SimpleNamespace(RayError=OSError),
-        available_resources=dict, cluster_resources=lambda: {"CPU": 1.0},
-    )  # fmt: skip
+        wait=lambda started, **_: (started[:1], started[1:]),
+        get=list,
+        exceptions=SimpleNamespace(RayError=OSError),
+        available_resources=dict,
+        cluster_resources=lambda: {"CPU": 1.0},
+    )
     message = "1 of 3 simulators started within 60 s: 0 of 1 cores of the cluster are free, and a simulator needs one;"
     with pytest.raises(SystemExit, match=message):
         start_all(ray, [Mock(), Mock(), Mock()], [], 60.0)

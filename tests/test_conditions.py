@@ -29,17 +29,29 @@ from tests.test_policy import full_agents, small
 
 LANES = 8
 PLAYER = behavior(
-    "player", sensors=[sensor("seen", [5], -1, 1)],
+    "player",
+    sensors=[sensor("seen", [5], -1, 1)],
     axes=[
-        axis("turn", 0, 1, only_with=("act", "turn")), axis("power", 0, 1, only_with=("act", "kick")), axis("free"),
+        axis("turn", 0, 1, only_with=("act", "turn")),
+        axis("power", 0, 1, only_with=("act", "kick")),
+        axis("free"),
         axis("aim", only_with=("press", "pressed")),
     ],
     branches=[button("press"), branch("act", ["kick", "turn", "wait"])],
-)  # fmt: skip
+)
 CHOICES = np.array([[0, 0], [1, 1], [1, 2]], np.int32)  # released and kick; pressed and turn; pressed and wait
 TURN, POWER, FREE, AIM = [False, True, False], [True, False, False], [True] * 3, [False, True, True]
-LAYOUTS = ["hybrid", "beta", "squashed", "bucket-5", "ordinal-5", "threshold-0.0", "threshold-0.5", "multiagent",
-           "hybrid, turn=bucket-5, aim=joint-5"]  # fmt: skip
+LAYOUTS = [
+    "hybrid",
+    "beta",
+    "squashed",
+    "bucket-5",
+    "ordinal-5",
+    "threshold-0.0",
+    "threshold-0.5",
+    "multiagent",
+    "hybrid, turn=bucket-5, aim=joint-5",
+]
 
 
 def test_an_axis_that_does_not_count_adds_nothing_in_the_old_and_in_the_new_policy():

@@ -98,12 +98,16 @@ def test_a_game_without_parameters_per_episode_is_named(tmp_path):
         ("[{parameters: {size: big}}]", "curriculum.0.parameters.size: .*expected a number"),
         ("[{parameters: {size: 9}}]", "curriculum.0.parameters.size: .*got 9, expected 0.1..4"),
         ("[{parameters: {weight: 1}}]", "curriculum.0.parameters.weight: .*unknown parameter 'weight'"),
-        ("[{parameters: {size: 1}, until: {metric: score, above: 1}}, {parameters: {}}]",
-         "curriculum.0.until.metric: .*'score'; archer has reward, length, hits, accuracy, progress"),
-        ("[{parameters: {size: 1}, until: {policy: foe, above: 1}}, {parameters: {}}]",
-         "curriculum.0.until.policy: .*'foe'; there are archer"),
+        (
+            "[{parameters: {size: 1}, until: {metric: score, above: 1}}, {parameters: {}}]",
+            "curriculum.0.until.metric: .*'score'; archer has reward, length, hits, accuracy, progress",
+        ),
+        (
+            "[{parameters: {size: 1}, until: {policy: foe, above: 1}}, {parameters: {}}]",
+            "curriculum.0.until.policy: .*'foe'; there are archer",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_curriculum_is_an_error_that_names_the_lesson(tmp_path, lessons, error):
     with pytest.raises(ConfigError, match=error):
         check_fit(config(tmp_path, "game: archer", f"curriculum={lessons}"), ARCHER)

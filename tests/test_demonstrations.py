@@ -219,22 +219,30 @@ SPEC = spec(
     type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
     [
         behavior(
-            "any", sensors=[sensor("any", [1])], axes=[axis("x"), axis("force", 0.5, 2.0)],
+            "any",
+            sensors=[sensor("any", [1])],
+            axes=[axis("x"), axis("force", 0.5, 2.0)],
             branches=[branch("gear", ["low", "middle", "high"]), button("shoot"), button("jump")],
         )
     ],
-)  # fmt: skip
+)
 DEVICE = SPEC.behaviors[0].device
 
 
 @pytest.mark.parametrize(
     ("layout", "says_all", "gap"),  # gap: the largest between two values of an axis, as a share of its range
     [
-        ("hybrid", True, 0), ("beta", True, 0), ("threshold-0.0", True, 0), ("threshold-0.5", True, 0),
-        ("joint-5", True, 0.25), ("bucket-11", False, 0.1), ("ordinal-7-mu", False, 0.31),
-        ("multiagent", False, 0), ("bucket-5, shoot=hybrid", True, 0.25),
+        ("hybrid", True, 0),
+        ("beta", True, 0),
+        ("threshold-0.0", True, 0),
+        ("threshold-0.5", True, 0),
+        ("joint-5", True, 0.25),
+        ("bucket-11", False, 0.1),
+        ("ordinal-7-mu", False, 0.31),
+        ("multiagent", False, 0),
+        ("bucket-5, shoot=hybrid", True, 0.25),
     ],
-)  # fmt: skip
+)
 def test_what_a_layout_reads_it_writes(layout, says_all, gap):
     rng = np.random.default_rng(3)
     act = ActArrays(np.zeros((200, 2), np.float32), np.zeros((200, 3), np.int32))
@@ -253,9 +261,17 @@ def test_what_a_layout_reads_it_writes(layout, says_all, gap):
 
 def config(folder, layout="hybrid", **more):
     return Config(
-        **{"game": "gauntlet", "arenas": 4, "total_timesteps": 256, "log_interval": 64, "policy": SMALL,
-           "layout": layout, "demonstrations": str(folder)} | more
-    )  # fmt: skip
+        **{
+            "game": "gauntlet",
+            "arenas": 4,
+            "total_timesteps": 256,
+            "log_interval": 64,
+            "policy": SMALL,
+            "layout": layout,
+            "demonstrations": str(folder),
+        }
+        | more
+    )
 
 
 def test_a_run_that_clones_and_is_resumed_ends_in_the_same_bits(tmp_path):
@@ -280,8 +296,21 @@ def test_a_run_that_clones_and_is_resumed_ends_in_the_same_bits(tmp_path):
             assert all("cloning_loss" in row for row in read_rows(whole / "metrics-judge.csv"))
         file = next((tmp_path / "demos").iterdir())
         file.write_bytes(file.read_bytes()[:-1])
-        assert main(["train", str(parts / "config.yaml"), "--run", str(parts), "--resume", "total_timesteps=512",
-                     "--simulator", address]) == 1  # fmt: skip
+        assert (
+            main(
+                [
+                    "train",
+                    str(parts / "config.yaml"),
+                    "--run",
+                    str(parts),
+                    "--resume",
+                    "total_timesteps=512",
+                    "--simulator",
+                    address,
+                ]
+            )
+            == 1
+        )
 
 
 @pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "threshold-0.0", "beta"])
@@ -338,17 +367,34 @@ def test_images_are_cloned_as_images_and_each_is_stored_once(simulator, tmp_path
 
 def test_a_run_clones_play_with_images(simulator, tmp_path, capsys):
     record(tmp_path / "demos", simulator, "gallery", 30)
-    (tmp_path / "gallery.yaml").write_text("game: gallery\narenas: 4\ntotal_timesteps: 64\ncloning: alone\n"
-        "policy: {frame_stack: 2, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n")  # fmt: skip
-    assert main(["train", str(tmp_path / "gallery.yaml"), "--run", str(tmp_path / "run"), "--simulator", simulator,
-                 "--demos", str(tmp_path / "demos")]) == 0  # fmt: skip
+    (tmp_path / "gallery.yaml").write_text(
+        "game: gallery\narenas: 4\ntotal_timesteps: 64\ncloning: alone\n"
+        "policy: {frame_stack: 2, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n"
+    )
+    assert (
+        main(
+            [
+                "train",
+                str(tmp_path / "gallery.yaml"),
+                "--run",
+                str(tmp_path / "run"),
+                "--simulator",
+                simulator,
+                "--demos",
+                str(tmp_path / "demos"),
+            ]
+        )
+        == 0
+    )
     assert "visitor: 56 decisions of 8 episodes are cloned" in capsys.readouterr().out
 
 
 def test_a_trained_policy_is_recorded_and_cloned(demos, simulator, tmp_path, capsys):
     file = tmp_path / "hybrid.yaml"
-    file.write_text("game: hybrid\nlayout: bucket-5\narenas: 4\ntotal_timesteps: 64\nlog_interval: 64\n"
-                    "policy: {frame_stack: 1, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n")  # fmt: skip
+    file.write_text(
+        "game: hybrid\nlayout: bucket-5\narenas: 4\ntotal_timesteps: 64\nlog_interval: 64\n"
+        "policy: {frame_stack: 1, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n"
+    )
     run, more = tmp_path / "run", ["--simulator", simulator]
     assert main(["train", str(file), "--run", str(run), "--demos", str(demos), *more]) == 0
     assert "decisions of" in capsys.readouterr().out

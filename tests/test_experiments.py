@@ -70,9 +70,17 @@ def make_job(configs: Path, runs: Path, experiment: str = "survive", seed: int =
 def command_line(configs: Path, runs: Path, *more: str) -> list[str]:
     """Return the arguments of the paper's grid."""
     return [
-        "run", "--configs", str(configs), "--runs", str(runs), "--results", str(runs / "results"),
-        "--timesteps", str(TIMESTEPS), *more,
-    ]  # fmt: skip
+        "run",
+        "--configs",
+        str(configs),
+        "--runs",
+        str(runs),
+        "--results",
+        str(runs / "results"),
+        "--timesteps",
+        str(TIMESTEPS),
+        *more,
+    ]
 
 
 def start_grid(configs: Path, runs: Path, **options: Any) -> "subprocess.Popen[bytes]":

@@ -38,9 +38,12 @@ EXAMPLES = Path(__file__).parents[1] / "proto" / "examples"
 CPP = ("policy", "network", "recurrent", "convolutions", "json")
 RUNTIME = EXAMPLES / "python" / "policy.py"
 IMAGES = [  # encoder, pixels, frames, activation, one convolution for actor and critic
-    ("windows", "20", 2, "relu", True), ("simple", "9", 3, "swish", False), ("nature", "36", 1, "elu", True),
-    ("impala", "9", 2, "tanh", False), ("auto", "20", 1, "swish", False),
-]  # fmt: skip
+    ("windows", "20", 2, "relu", True),
+    ("simple", "9", 3, "swish", False),
+    ("nature", "36", 1, "elu", True),
+    ("impala", "9", 2, "tanh", False),
+    ("auto", "20", 1, "swish", False),
+]
 LAYOUTS = [
     "hybrid",
     "bucket-3",
@@ -53,13 +56,18 @@ LAYOUTS = [
 ]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
 POINTERS = [  # images, layout
-    (IMAGES[0], "map-5x4"), (IMAGES[1], "map-4x4, gear=threshold-0.0"), (IMAGES[2], "map-3x2, gear=ordinal-3"),
+    (IMAGES[0], "map-5x4"),
+    (IMAGES[1], "map-4x4, gear=threshold-0.0"),
+    (IMAGES[2], "map-3x2, gear=ordinal-3"),
     (IMAGES[3], "map-4x3"),
-]  # fmt: skip
+]
 MEMORIES = [  # kind, body of actor and critic, layout, what they see
-    ("gru", True, "bucket-3", "numbers"), ("lstm", False, "hybrid", "numbers"), ("lstm", True, "multiagent", "numbers"),
-    ("gru", False, "threshold-0.5", "images"), ("lstm", False, "joint-3", "images"),
-]  # fmt: skip
+    ("gru", True, "bucket-3", "numbers"),
+    ("lstm", False, "hybrid", "numbers"),
+    ("lstm", True, "multiagent", "numbers"),
+    ("gru", False, "threshold-0.5", "images"),
+    ("lstm", False, "joint-3", "images"),
+]
 
 
 def make_run(folder: Path, simulator: str, **settings) -> Path:
@@ -145,9 +153,13 @@ def test_scaled_observations_play_as_the_trainer_does(kind, simulator, runtime, 
 def seeing(encoder, pixels, frames, activation, shared):
     """Return the settings of a run in the gallery."""
     policy = PolicyConfig(
-        image_encoder=encoder, frame_stack=frames, activation=activation, shared_encoder=shared, hidden_sizes=[8],
+        image_encoder=encoder,
+        frame_stack=frames,
+        activation=activation,
+        shared_encoder=shared,
+        hidden_sizes=[8],
         scale_observations="running",
-    )  # fmt: skip
+    )
     return {"game": "gallery", "options": {"pixels": pixels}, "policy": policy}
 
 
@@ -302,11 +314,16 @@ def test_the_command_writes_the_same_bytes_again_and_names_what_is_in_the_file(
     assert files[0].read_bytes() == files[1].read_bytes()
     session = ort.InferenceSession(files[0])
     assert [(value.name, value.type, value.shape[1:]) for value in session.get_inputs()] == [
-        ("sensor.place", "tensor(float)", [2]), ("sensor.count", "tensor(int32)", [1]),
-        ("sensor.image", "tensor(uint8)", [2, 2]), ("sensor.lamps", "tensor(bool)", [3]),
-        ("mask.gear", "tensor(bool)", [3]), ("mask.press", "tensor(bool)", [2]),
-        ("state", "tensor(float)", [40]), ("normal", "tensor(float)", [2]), ("uniform", "tensor(float)", [2]),
-    ]  # fmt: skip
+        ("sensor.place", "tensor(float)", [2]),
+        ("sensor.count", "tensor(int32)", [1]),
+        ("sensor.image", "tensor(uint8)", [2, 2]),
+        ("sensor.lamps", "tensor(bool)", [3]),
+        ("mask.gear", "tensor(bool)", [3]),
+        ("mask.press", "tensor(bool)", [2]),
+        ("state", "tensor(float)", [40]),
+        ("normal", "tensor(float)", [2]),
+        ("uniform", "tensor(float)", [2]),
+    ]
     assert [value.name for value in session.get_outputs()] == ["axes", "choices", "next_state"]
     about = json.loads(session.get_modelmeta().custom_metadata_map["joybridge"])
     document = json.loads(files[2].read_bytes())
@@ -399,11 +416,13 @@ def players(tmp_path_factory):
 @pytest.mark.parametrize(
     ("layout", "deterministic", "changed"),
     [
-        ("threshold-0.5", True, {}), ("multiagent", False, {"activation": "tanh", "scale_observations": "running"}),
-        ("joint-3", False, {"activation": "relu"}), ("bucket-3", False, {"activation": "elu"}),
+        ("threshold-0.5", True, {}),
+        ("multiagent", False, {"activation": "tanh", "scale_observations": "running"}),
+        ("joint-3", False, {"activation": "relu"}),
+        ("bucket-3", False, {"activation": "elu"}),
         ("squashed", False, {"scale_observations": "bounds"}),
     ],
-)  # fmt: skip
+)
 def test_the_runtimes_in_other_languages_play_as_the_trainer_does(
     layout, deterministic, changed, simulator, players, tmp_path
 ):
@@ -471,14 +490,18 @@ def play_elsewhere(run, simulator, players, count, *, index=0, deterministic=Fal
             observed = zip(names, before.observations, strict=True)
             waits, ends = before.deciding is not None and not before.deciding[0], after.terminated | after.truncated
             if first or not waits:
-                decisions.append({
-                    "sensors": {name: array[0].astype(float).ravel().tolist() for name, array in observed},
-                    "masks": {n: m[0].astype(int).tolist() for n, m in zip(branches, before.masks or (), strict=False)},
-                    "normal": [float(x) for player in acting for x in player.noise.normal[0]],
-                    "uniform": [float(x) for player in acting for x in player.noise.uniform[0]],
-                    "waits": int(waits),
-                    "ends": int(ends[0]),
-                })  # fmt: skip
+                decisions.append(
+                    {
+                        "sensors": {name: array[0].astype(float).ravel().tolist() for name, array in observed},
+                        "masks": {
+                            n: m[0].astype(int).tolist() for n, m in zip(branches, before.masks or (), strict=False)
+                        },
+                        "normal": [float(x) for player in acting for x in player.noise.normal[0]],
+                        "uniform": [float(x) for player in acting for x in player.noise.uniform[0]],
+                        "waits": int(waits),
+                        "ends": int(ends[0]),
+                    }
+                )
             if not waits:
                 wanted.append([*act.axes[0], *act.choices[0]])
             elif ends[0]:

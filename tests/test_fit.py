@@ -29,10 +29,13 @@ def test_a_network_of_the_same_shape_fits():
         ({"hidden": (8,)}, "hidden_sizes was [8], now [8, 6]"),
         ({"hidden": (4, 4)}, "hidden_sizes was [4, 4], now [8, 6]"),
         ({"shared": True}, "shared_body was true, now false"),
-        ({"continuous": 1}, "the network had 1 Gaussians and 2 outputs of branches for actions, now 2 Gaussians and 2 "
-                            "outputs of branches: the layout or the device differs"),
+        (
+            {"continuous": 1},
+            "the network had 1 Gaussians and 2 outputs of branches for actions, now 2 Gaussians and 2 "
+            "outputs of branches: the layout or the device differs",
+        ),
     ],
-)  # fmt: skip
+)
 def test_each_difference_has_a_phrase(before, difference):
     assert misfits(network(**before), network(), SENSORS, 2) == [difference]
 

@@ -25,8 +25,11 @@ from tests.support.wire import ANY_LENGTH, PLAY, SAVE, SECONDS, Player, act, enc
 pytestmark = pytest.mark.no_cover  # what is tested is the server, another process, which is not measured
 
 EXPECTED = {
-    StatusCode.INVALID_ARGUMENT, StatusCode.FAILED_PRECONDITION, StatusCode.NOT_FOUND, StatusCode.RESOURCE_EXHAUSTED,
-}  # fmt: skip
+    StatusCode.INVALID_ARGUMENT,
+    StatusCode.FAILED_PRECONDITION,
+    StatusCode.NOT_FOUND,
+    StatusCode.RESOURCE_EXHAUSTED,
+}
 ARENAS = 3
 GAMES = ["hybrid", "duel", "shooting_birds"]
 CATALOG = load_games(PLACES)

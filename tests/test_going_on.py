@@ -15,9 +15,15 @@ from joybridge.run.folder import run_config
 pytestmark = pytest.mark.usefixtures("signals")
 
 SMALL = [
-    "arenas=4", "total_timesteps=640", "log_interval=128", "policy.frame_stack=1", "policy.hidden_sizes=[8]",
-    "policy.rollout_steps=16", "policy.time_horizon=16", "policy.minibatch_size=32",
-]  # fmt: skip
+    "arenas=4",
+    "total_timesteps=640",
+    "log_interval=128",
+    "policy.frame_stack=1",
+    "policy.hidden_sizes=[8]",
+    "policy.rollout_steps=16",
+    "policy.time_horizon=16",
+    "policy.minibatch_size=32",
+]
 WEIGHT = "player/policy/network.actor.hidden.0.weight"
 
 

@@ -740,7 +740,7 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
         (BridgeVectorEnv, "brief", {"arenas": 65, "render_mode": "rgb_array"}, "65 arenas, at most 64 can be drawn"),
         (BridgeParallelEnv, "chase", {"reward_weights": {"runner": {}}}, "no agent 'runner'; there are hunter"),
     ],
-)  # fmt: skip
+)
 def test_wrong_arguments_are_named(make, kind, game, settings, text):
     with pytest.raises(ValueError, match=text):
         make(kind, game, **settings)
@@ -766,7 +766,7 @@ def test_a_refusal_of_the_simulator_is_raised(make):
         ("hybrid", np.zeros((2, 3)), r"actions\['continuous'\] is missing"),
         ("hybrid", {"continuous": np.zeros((2, 1)), "discrete": [0, 0]}, r"actions\['discrete'\]: int64 of"),
     ],
-)  # fmt: skip
+)
 def test_wrong_actions_are_named_and_the_environment_goes_on(make, layout, actions, text):
     envs = make(BridgeVectorEnv, "brief", 2, layout=layout)
     with pytest.raises(ResetNeeded):

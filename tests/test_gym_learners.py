@@ -96,8 +96,13 @@ def test_sensors_in_their_shapes_feed_a_policy_of_several_inputs(make):
     PPO("MultiInputPolicy", envs, **(SHORT | {"batch_size": 16})).learn(16)
 
 
-SCREEN: dict[str, Any] = {"flatten": False, "frame_stack": 1, "layout": "bucket-3", "forbidden": "first_allowed",
-          "options": {"observation": "screen"}}  # fmt: skip
+SCREEN: dict[str, Any] = {
+    "flatten": False,
+    "frame_stack": 1,
+    "layout": "bucket-3",
+    "forbidden": "first_allowed",
+    "options": {"observation": "screen"},
+}
 
 
 def test_a_policy_of_stable_baselines3_sees_the_screen_with_convolutions(make):

@@ -17,11 +17,13 @@ SPEC = pb.GameSpec(
     name="table",
     behaviors=[
         behavior(
-            "player", sensors=[sensor("eye", [1], -1, 1)], axes=[axis("x"), axis("lift", 0.5, 2.5)],
+            "player",
+            sensors=[sensor("eye", [1], -1, 1)],
+            axes=[axis("x"), axis("lift", 0.5, 2.5)],
             branches=[button("grip"), branch("gear", ["low", "middle", "high"])],
         )
     ],
-)  # fmt: skip
+)
 REST = [0.0, 0.5]
 
 
@@ -57,11 +59,12 @@ POINTER = pb.GameSpec(
     name="desk",
     behaviors=[
         behavior(
-            "player", sensors=[sensor("eye", [1], -1, 1)],
+            "player",
+            sensors=[sensor("eye", [1], -1, 1)],
             axes=[axis("x", 0, 100, kind="position"), axis("tilt"), axis("y", kind="position")],
         )
     ],
-)  # fmt: skip
+)
 
 
 def pointing(*overrides, spec=POINTER):

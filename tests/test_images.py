@@ -27,9 +27,11 @@ from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
 
 SENSORS = [
-    sensor("place", [2]), sensor("camera", [5, 4, 3], dtype=np.uint8), sensor("table", [2, 2]),
+    sensor("place", [2]),
+    sensor("camera", [5, 4, 3], dtype=np.uint8),
+    sensor("table", [2, 2]),
     sensor("map", [3, 3], dtype=np.uint8),
-]  # fmt: skip
+]
 IMAGES = {"camera": Image(5, 4, 3), "map": Image(3, 3, 1)}
 
 
@@ -99,9 +101,17 @@ def test_every_convolution_learns_shared_or_not(kind, size, numbers, shared, enc
 
 @pytest.mark.parametrize(
     ("kind", "height", "width"),
-    [("windows", 32, 32), ("windows", 40, 64), ("windows", 16, 17), ("windows", 84, 30), ("simple", 9, 6),
-     ("nature", 84, 84), ("nature", 64, 40), ("impala", 17, 12)],
-)  # fmt: skip
+    [
+        ("windows", 32, 32),
+        ("windows", 40, 64),
+        ("windows", 16, 17),
+        ("windows", 84, 30),
+        ("simple", 9, 6),
+        ("nature", 84, 84),
+        ("nature", 64, 40),
+        ("impala", 17, 12),
+    ],
+)
 def test_every_pixel_of_an_image_is_seen(kind, height, width):
     encoder = ImageEncoder(kind, [Image(height, width, 1)], 0, 1, "elu")
     pixels = torch.rand(1, height, width, 1, generator=torch.Generator().manual_seed(0)).requires_grad_()
@@ -130,9 +140,16 @@ def made_step(rng: np.random.Generator, ended: np.ndarray, deciding: np.ndarray 
     over = np.zeros(LANES, bool)
     over[ended] = True
     return StepArrays(
-        observations=[], rewards=np.zeros((LANES, 1), np.float32), terminated=over, truncated=np.zeros(LANES, bool),
-        masks=None, deciding=deciding, ended=ended.astype(np.int32), final_observations=None, metrics=None,
-    )  # fmt: skip
+        observations=[],
+        rewards=np.zeros((LANES, 1), np.float32),
+        terminated=over,
+        truncated=np.zeros(LANES, bool),
+        masks=None,
+        deciding=deciding,
+        ended=ended.astype(np.int32),
+        final_observations=None,
+        metrics=None,
+    )
 
 
 def naive(now: np.ndarray, pictures: np.ndarray, step: StepArrays) -> np.ndarray:

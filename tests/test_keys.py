@@ -25,8 +25,9 @@ def dotted(model, prefix=""):
 def test_every_key_is_listed_once_and_no_line_is_too_long():
     known = set(dotted(Config(game="NAME")))
     by_name = {form.partition("=")[0]: key for key, form in FORMS.items()} | {
-        "policy.reward_weights.CHANNEL": "policy.reward_weights", "opponents.shares.NAME": "opponents.shares",
-    }  # fmt: skip
+        "policy.reward_weights.CHANNEL": "policy.reward_weights",
+        "opponents.shares.NAME": "opponents.shares",
+    }
     listed = [by_name.get(key, key) for key in (written.partition("=")[0] for written in WRITTEN)]
     assert len(listed) == len(set(listed)) and set(listed) == known
     assert max(map(len, LINES)) <= WIDTH

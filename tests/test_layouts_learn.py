@@ -15,13 +15,22 @@ from joybridge.v1 import bridge_pb2 as pb
 
 LANES, STEPS, UPDATES = 64, 8, 15
 FAST = PolicyConfig(
-    frame_stack=1, hidden_sizes=[32], rollout_steps=STEPS, time_horizon=STEPS, minibatch_size=256, epochs=6,
-    learning_rate=1e-2, entropy_coef=0.001, gamma=0.0,
-)  # fmt: skip
+    frame_stack=1,
+    hidden_sizes=[32],
+    rollout_steps=STEPS,
+    time_horizon=STEPS,
+    minibatch_size=256,
+    epochs=6,
+    learning_rate=1e-2,
+    entropy_coef=0.001,
+    gamma=0.0,
+)
 PLAYER = behavior(
-    "player", sensors=[sensor("target", [5], -1, 1)], axes=[axis("x"), axis("y", 0, 2)],
+    "player",
+    sensors=[sensor("target", [5], -1, 1)],
+    axes=[axis("x"), axis("y", 0, 2)],
     branches=[button("a"), branch("gear", ["low", "high", "reverse"])],
-)  # fmt: skip
+)
 SPEC = pb.GameSpec(name="identity", behaviors=[PLAYER])
 
 

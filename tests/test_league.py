@@ -26,11 +26,13 @@ PAST = OpponentsConfig(shares={"past": 3, "learner": 1}, at_once=2, pool_updates
 NOUGHTS = Config(game="noughts", arenas=6, total_timesteps=640, log_interval=128, policy=SMALL, opponents=PAST)
 MATCH = NOUGHTS.model_copy(
     update={
-        "game": "beastly_rivals_full", "parameters": {"beast_speed": 1.5, "ball_speed": 2.0},
-        "options": {"players": "3", "lives": "0", "pauses": "short", "locomotion": "axes"}, "total_timesteps": 4500,
+        "game": "beastly_rivals_full",
+        "parameters": {"beast_speed": 1.5, "ball_speed": 2.0},
+        "options": {"players": "3", "lives": "0", "pauses": "short", "locomotion": "axes"},
+        "total_timesteps": 4500,
         "log_interval": 1000,
     }
-)  # fmt: skip
+)
 
 
 def trained(config, folder, simulator, *, resume=False, **changes):

@@ -38,9 +38,14 @@ def learn(address: str, run: Path, game: str, layout: str, timesteps: int, **mor
     """Return the share of the highest possible reward that the trained policy reaches."""
     policies = more.pop("policies", {})
     config = Config(
-        game=game, layout=layout, arenas=32, total_timesteps=timesteps, log_interval=timesteps,
-        policy=FAST.model_copy(update=more), policies=policies,
-    )  # fmt: skip
+        game=game,
+        layout=layout,
+        arenas=32,
+        total_timesteps=timesteps,
+        log_interval=timesteps,
+        policy=FAST.model_copy(update=more),
+        policies=policies,
+    )
     train(config, run, [address], resume=False)
     scores = evaluate(PlaySpec(run, address, seed=5, deterministic=True), episodes=64, say=lambda _: None)
     return min(score.means["reward"] for score in scores.values()) / LENGTH

@@ -113,8 +113,9 @@ def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(has
             player.play(1)
             time.sleep(0.05)
         assert silent.stream.end() == (
-            StatusCode.DEADLINE_EXCEEDED, "no request (see --idle-seconds) for 2 s; open a new stream",
-        )  # fmt: skip
+            StatusCode.DEADLINE_EXCEEDED,
+            "no request (see --idle-seconds) for 2 s; open a new stream",
+        )
         player.play(1)
 
 

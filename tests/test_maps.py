@@ -101,21 +101,27 @@ FIELD, FOVEA = image("field", 24, 32), image("fovea", 24, 24, centered=True)
 
 def game(*sensors: pb.Sensor) -> pb.GameSpec:
     player = behavior(
-        "player", sensors=[sensor("speed", [2]), *sensors], axes=[axis("x"), axis("y")],
+        "player",
+        sensors=[sensor("speed", [2]), *sensors],
+        axes=[axis("x"), axis("y")],
         branches=[button("a"), branch("gear", ["low", "middle", "high"])],
-    )  # fmt: skip
+    )
     return pb.GameSpec(name="seen", behaviors=[player])
 
 
 @pytest.mark.parametrize(
     ("layout", "sensors", "message"),
     [
-        ("map-4x4", (), "player: the layout is a map in an image that shows the whole field, but it sees no image; "
-         "take joint-N, which makes one choice for two axes from numbers"),
+        (
+            "map-4x4",
+            (),
+            "player: the layout is a map in an image that shows the whole field, but it sees no image; "
+            "take joint-N, which makes one choice for two axes from numbers",
+        ),
         ("map-4x4", (FOVEA,), "its images are centered on the pointer; take map-WxH-relative if"),
         ("map-5x5-relative", (FIELD,), "centered on the pointer, but none of its images is; take map-WxH if"),
     ],
-)  # fmt: skip
+)
 def test_a_map_without_its_image_is_refused(layout, sensors, message):
     for check in (check_fit, make_actors):
         with pytest.raises(ConfigError, match=re.escape(message)):
@@ -211,10 +217,14 @@ def test_the_log_probability_is_the_sum_over_the_map_and_all_other_branches(layo
     batch = Actions(observations, torch.from_numpy(action.continuous), chosen, given)
     joint, _, entropies = joint_log_probs(outputs, network.log_variance, batch)
     np.testing.assert_allclose(action.log_probs, joint.detach().numpy(), atol=1e-4)
-    each = torch.stack([
-        torch.log_softmax(outputs.logits[:, b] + (0 if given is None else given[:, b]), 1).gather(1, chosen[:, b, None])
-        for b in range(len(space.branches))
-    ]).sum((0, 2))  # fmt: skip
+    each = torch.stack(
+        [
+            torch.log_softmax(outputs.logits[:, b] + (0 if given is None else given[:, b]), 1).gather(
+                1, chosen[:, b, None]
+            )
+            for b in range(len(space.branches))
+        ]
+    ).sum((0, 2))
     torch.testing.assert_close(joint, each)
     (branch_of_map,) = (index for index, _ in space.maps)
     assert entropies[branch_of_map] == pytest.approx(np.log(24), abs=0.1)  # an untrained policy points anywhere

@@ -29,9 +29,14 @@ COEFFICIENTS = Coefficients(1e-3, 0.2, 0.01)
 
 def remembering(kind: str, *, length: int = 8, game: str = "hybrid", layout: str = "hybrid", **keys) -> Config:
     policy = PolicyConfig(
-        hidden_sizes=[16], rollout_steps=20, time_horizon=20, minibatch_size=16, epochs=2,
-        memory=MemoryConfig(kind=kind, size=6, length=length), **keys,
-    )  # fmt: skip
+        hidden_sizes=[16],
+        rollout_steps=20,
+        time_horizon=20,
+        minibatch_size=16,
+        epochs=2,
+        memory=MemoryConfig(kind=kind, size=6, length=length),
+        **keys,
+    )
     return Config(game=game, layout=layout, arenas=4, policy=policy)
 
 

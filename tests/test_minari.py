@@ -69,10 +69,14 @@ def test_what_is_exported_and_imported_is_the_same_to_a_policy(exported, game):
         np.testing.assert_array_equal(rows(role, described, ours), rows(role, described, theirs))
     for index, _ in enumerate(described.behaviors):
         paid = [
-            sorted(one.rewards.tolist() for found in some for part in found.stretches
-                   for one in finished_episodes(part, index))
+            sorted(
+                one.rewards.tolist()
+                for found in some
+                for part in found.stretches
+                for one in finished_episodes(part, index)
+            )
             for some in (ours, theirs)
-        ]  # fmt: skip
+        ]
         assert paid[0] == paid[1] != []
 
 
@@ -132,8 +136,10 @@ def test_an_export_of_nothing_says_so(tmp_path, simulator, capsys):
 def test_a_dataset_is_cloned_by_a_run_that_resumes_and_cannot_be_replayed(exported, simulator, tmp_path, capsys):
     _, datasets = exported["hybrid"]
     file, run = tmp_path / "hybrid.yaml", tmp_path / "run"
-    file.write_text("game: hybrid\narenas: 4\ntotal_timesteps: 128\nlog_interval: 64\n"
-                    "policy: {frame_stack: 1, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n")  # fmt: skip
+    file.write_text(
+        "game: hybrid\narenas: 4\ntotal_timesteps: 128\nlog_interval: 64\n"
+        "policy: {frame_stack: 1, hidden_sizes: [8], rollout_steps: 16, minibatch_size: 32}\n"
+    )
     command = ["train", str(file), "--run", str(run), "--simulator", simulator, "--demos", str(datasets)]
     assert main([*command, "stop_at=64"]) == 0
     assert re.search(r"player: \d+ decisions of \d+ episodes are cloned", capsys.readouterr().out)
@@ -169,11 +175,15 @@ def write(folder, observation_space, action_space, *episodes, **infos):
     storage.update_metadata({"dataset_id": "any/agent-v0", "minari_version": minari.__version__})
     storage.update_episodes(
         EpisodeBuffer(
-            observations=columns(seen), actions=columns(acts), rewards=np.ones(len(acts)), infos=infos or None,
-            terminations=np.arange(len(acts)) == len(acts) - 1, truncations=np.zeros(len(acts), bool),
+            observations=columns(seen),
+            actions=columns(acts),
+            rewards=np.ones(len(acts)),
+            infos=infos or None,
+            terminations=np.arange(len(acts)) == len(acts) - 1,
+            truncations=np.zeros(len(acts), bool),
         )
         for seen, acts in episodes
-    )  # fmt: skip
+    )
     return folder / "data/main_data.hdf5"
 
 
@@ -253,9 +263,14 @@ def test_masks_who_decides_and_what_is_demonstrated_are_read(tmp_path):
     game, _ = described(BOX, spaces.Discrete(3))
     mask = np.array([[1, 0, 1], [0, 1, 1], [1, 1, 1]], np.int8)
     file = write(
-        tmp_path, BOX, spaces.Discrete(3), ([BOX.sample()] * 3, [0, 1]), action_mask=mask,
-        deciding=np.array([True, False, True]), demonstrated=np.array([False, True, True]),
-    )  # fmt: skip
+        tmp_path,
+        BOX,
+        spaces.Discrete(3),
+        ([BOX.sample()] * 3, [0, 1]),
+        action_mask=mask,
+        deciding=np.array([True, False, True]),
+        demonstrated=np.array([False, True, True]),
+    )
     (stretch,) = load_demonstration(file, game).stretches
     for number, (before,) in enumerate(stretch.steps[:2]):
         assert before.masks is not None and before.deciding is not None
@@ -269,17 +284,25 @@ GAME, _ = described(spaces.Dict(eye=BOX), spaces.Dict(go=spaces.Box(-1, 1, (1,))
 @pytest.mark.parametrize(
     ("observation_space", "action_space", "message"),
     [
-        (spaces.Dict(eye=BOX, ear=BOX), GAME, r"it observes ear Box\(-1.0, 1.0, \(3,\), float64\), eye .*, expected "
-         r"the sensors eye \[3\] float32"),
+        (
+            spaces.Dict(eye=BOX, ear=BOX),
+            GAME,
+            r"it observes ear Box\(-1.0, 1.0, \(3,\), float64\), eye .*, expected "
+            r"the sensors eye \[3\] float32",
+        ),
         (spaces.Box(-1, 1, (4,)), GAME, r"it observes observation Box\(-1.0, 1.0, \(4,\), float32\), expected"),
         (spaces.Text(5), GAME, "it observes observation Text"),
-        (BOX, spaces.Discrete(2), r"its actions are Discrete\(2\), expected the axes go -1..1 and the branches jump "
-         "with 2 choices"),
+        (
+            BOX,
+            spaces.Discrete(2),
+            r"its actions are Discrete\(2\), expected the axes go -1..1 and the branches jump "
+            "with 2 choices",
+        ),
         (BOX, spaces.Dict(go=spaces.Box(-1, 2, (1,)), jump=spaces.Discrete(2)), r"its actions are Dict\(.*, expected"),
         (BOX, spaces.Dict(go=spaces.Box(-1, 1, (1,)), jump=spaces.Discrete(3)), r"its actions are Dict\(.*, expected"),
         (BOX, spaces.Dict(go=spaces.Box(-1, 1, (1,)), jump=spaces.Text(3)), "jump Text.* is neither an axis nor"),
     ],
-)  # fmt: skip
+)
 def test_spaces_that_do_not_fit_are_named_with_those_that_would(tmp_path, observation_space, action_space, message):
     if action_space is GAME:
         action_space = spaces.Dict(go=spaces.Box(-1, 1, (1,)), jump=spaces.Discrete(2))

@@ -64,8 +64,11 @@ def test_agents_see_and_earn_what_the_lanes_of_a_session_do(simulator):
         assert announced.name == "player"
         assert announced.action_spec == ml.ActionSpec(continuous_actions=2, discrete_actions=2, branch_sizes=[3, 2])
         assert [(list(o.shape), o.name) for o in asking(answer, "player")[0].observations] == [
-            ([2], "place"), ([1], "count"), ([4], "image"), ([3], "lamps"),
-        ]  # fmt: skip
+            ([2], "place"),
+            ([1], "count"),
+            ([4], "image"),
+            ([3], "lamps"),
+        ]
         ids, ends = {0, 1}, 0
         for _ in range(12):
             (act,) = make_acts(other.spec, 2)
@@ -145,13 +148,14 @@ def test_environment_parameters_begin_new_episodes(simulator):
         (side_channels.parameter("wind", 1.0), SpecError, "unknown parameter 'wind', expected one of drift"),
         (side_channels.parameter("drift", 3.0), SpecError, "'drift'.* 3"),
         (
-            Payload(side_channels.PARAMETERS, struct.pack("<i1sii", 1, b"d", 1, 0)), CommunicatorError,
+            Payload(side_channels.PARAMETERS, struct.pack("<i1sii", 1, b"d", 1, 0)),
+            CommunicatorError,
             "the environment parameter 'd' is a sampler",
         ),
         (Payload(side_channels.PARAMETERS, b"\x09\x00\x00\x00drift"), CommunicatorError, "side channel that is cut"),
         (Payload(side_channels.PARAMETERS, b"\x09"), CommunicatorError, "side channel that is cut"),
     ],
-)  # fmt: skip
+)
 def test_a_parameter_that_the_game_cannot_take_is_refused(channel, error, text, simulator):
     with session(simulator, "hybrid") as ours, pytest.raises(error, match=text):
         Player(ours, 5).answer(ml.TrainerStep(command=ml.RESET, side_channels=side_channels.join([channel])))
@@ -182,7 +186,7 @@ def test_side_channels_without_end_are_refused():
         (ml.TrainerStep(actions={"player": b"\x0a\x05\x32\x03abc"}), "sent no list of actions"),
         (ml.TrainerStep(actions={"player": b"\x0a\x7f"}), "sent no list of actions"),
     ],
-)  # fmt: skip
+)
 def test_actions_that_do_not_fit_are_refused(step, text, simulator):
     with session(simulator, "hybrid") as ours:
         player = Player(ours, 5)

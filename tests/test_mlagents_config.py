@@ -63,10 +63,13 @@ def test_a_configuration_of_ml_agents_becomes_one_of_ours(tmp_path):
         ("buffer_size: 8192", "buffer_size: many", "buffer_size: got 'many', expected a whole number"),
         ("hidden_units: 64", "hidden_units: 0", "hidden_units: got 0, expected a whole number, at least 1"),
         ("batch_size: 512", "batch_size: 0", "policy.minibatch_size: got 0"),
-        ("default_settings: {hyperparameters: {num_epoch: 5}}\nbehaviors:\n  hunter:", "behaviors:\n  bird:",
-         "--behavior hunter: the file has no such behavior under `behaviors`; it has bird"),
+        (
+            "default_settings: {hyperparameters: {num_epoch: 5}}\nbehaviors:\n  hunter:",
+            "behaviors:\n  bird:",
+            "--behavior hunter: the file has no such behavior under `behaviors`; it has bird",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_key_of_ml_agents_without_one_of_ours_is_refused_by_name(old, new, text, tmp_path):
     assert old in THEIRS
     with pytest.raises(ConfigError, match=text):

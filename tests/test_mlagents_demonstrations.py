@@ -29,9 +29,10 @@ def parameters(part):
     """Return what Unity says of a behavior with this device."""
     device = part.device
     actions = ml.ActionSpec(
-        continuous_actions=len(device.axes), discrete_actions=len(device.branches),
+        continuous_actions=len(device.axes),
+        discrete_actions=len(device.branches),
         branch_sizes=[len(one.choices) for one in device.branches],
-    )  # fmt: skip
+    )
     return ml.BehaviorParameters(name=part.name, action_spec=actions)
 
 
@@ -91,10 +92,11 @@ def test_a_file_of_ml_agents_is_the_same_to_a_policy_as_our_own(simulator, tmp_p
     (role,) = list_roles("hybrid", described)
     np.testing.assert_array_equal(rows(role, described, [ours]), rows(role, described, [theirs]))
     ends = [
-        sorted((len(one), one.terminated, one.truncated) for part in some.stretches
-               for one in finished_episodes(part, 0))
+        sorted(
+            (len(one), one.terminated, one.truncated) for part in some.stretches for one in finished_episodes(part, 0)
+        )
         for some in (ours, theirs)
-    ]  # fmt: skip
+    ]
     assert ends[0] == ends[1]
 
 
@@ -102,11 +104,13 @@ GAME = spec(
     type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
     [
         behavior(
-            "agent", sensors=[sensor("eye", [2, 2, 3], dtype=np.uint8), sensor("ear", [4])],
-            axes=[axis("turn", 0.0, 10.0)], branches=[branch("gear", ["low", "middle", "high"]), button("jump")],
+            "agent",
+            sensors=[sensor("eye", [2, 2, 3], dtype=np.uint8), sensor("ear", [4])],
+            axes=[axis("turn", 0.0, 10.0)],
+            branches=[branch("gear", ["low", "middle", "high"]), button("jump")],
         )
     ],
-)  # fmt: skip
+)
 (PART,) = GAME.behaviors
 
 
@@ -131,9 +135,11 @@ def load(tmp_path, *steps, game=GAME, data=None, **heading):
 
 def test_what_an_agent_did_stands_in_its_next_step(tmp_path):
     demonstration = load(
-        tmp_path, moment(eye=1), moment(-1.0, 1, eye=2, reward=0.5), moment(0.5, 2, eye=3, reward=1.0, group_reward=2.0,
-        done=True, interrupted=True),
-    )  # fmt: skip
+        tmp_path,
+        moment(eye=1),
+        moment(-1.0, 1, eye=2, reward=0.5),
+        moment(0.5, 2, eye=3, reward=1.0, group_reward=2.0, done=True, interrupted=True),
+    )
     ((one,),) = (list(finished_episodes(part, 0)) for part in demonstration.stretches)
     assert one.act.axes[:, 0].tolist() == [0.0, 7.5] and one.act.choices[:, 0].tolist() == [1, 2]
     assert one.observations[0].dtype == np.uint8 and one.observations[0][:, 1, 1, 2].tolist() == [1, 2, 3]
@@ -146,11 +152,14 @@ def test_a_game_that_a_build_of_unity_is_has_images_of_floats_a_branch_less_and_
     served = spec(
         type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
         [
-            behavior("agent", sensors=[sensor("camera", [2, 2, 3]), sensor("grid", [2, 2, 3])],
-                     branches=[branch("discrete_1", ["0", "1", "2"])],
-                     channels=[channel("reward"), channel("group_reward")])
+            behavior(
+                "agent",
+                sensors=[sensor("camera", [2, 2, 3]), sensor("grid", [2, 2, 3])],
+                branches=[branch("discrete_1", ["0", "1", "2"])],
+                channels=[channel("reward"), channel("group_reward")],
+            )
         ],
-    )  # fmt: skip
+    )
     actions = ml.ActionSpec(discrete_actions=2, branch_sizes=[1, 3])
     seen = [observation("camera", [3, 2, 2], image), observation("grid", [12], vector)]
     steps = [
@@ -192,35 +201,51 @@ def test_masks_are_read_and_obeyed(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"observations": [observation("ear", [5], [0] * 5), observation("eye", [3, 2, 2], [0] * 12)]},
-         r"it observes \['ear', 'eye'\] of \[\[5\], \[3, 2, 2\]\], expected eye"),
-        ({"observations": [observation("ear", [4], [0] * 3), observation("eye", [3, 2, 2], [0] * 12)]},
-         "ear has 3 values, expected 4"),
-        ({"observations": [observation("ear", [4], [np.nan] * 4), observation("eye", [3, 2, 2], [0] * 12)]},
-         "sensor ear: value nan at"),
-        ({"observations": [ml.Observation(name="ear", shape=[4], compressed=b"x"),
-                           observation("eye", [3, 2, 2], [0] * 12)]},
-         "an observation is compressed; set the compression of its sensor to none"),
+        (
+            {"observations": [observation("ear", [5], [0] * 5), observation("eye", [3, 2, 2], [0] * 12)]},
+            r"it observes \['ear', 'eye'\] of \[\[5\], \[3, 2, 2\]\], expected eye",
+        ),
+        (
+            {"observations": [observation("ear", [4], [0] * 3), observation("eye", [3, 2, 2], [0] * 12)]},
+            "ear has 3 values, expected 4",
+        ),
+        (
+            {"observations": [observation("ear", [4], [np.nan] * 4), observation("eye", [3, 2, 2], [0] * 12)]},
+            "sensor ear: value nan at",
+        ),
+        (
+            {
+                "observations": [
+                    ml.Observation(name="ear", shape=[4], compressed=b"x"),
+                    observation("eye", [3, 2, 2], [0] * 12),
+                ]
+            },
+            "an observation is compressed; set the compression of its sensor to none",
+        ),
         ({"mask": b"\1\1"}, "action_mask has 2 values, expected 5"),
         ({"gear": 3}, r"branch 'gear' got 3 in decision 1, expected 0\.\.2"),
         ({"gear": -1}, "branch 'gear' got -1 in decision 1"),
         ({"turn": np.nan}, "a continuous action is not a number"),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_is_named_with_its_episode(tmp_path, change, message):
     with pytest.raises(RecordingError, match=f"any.demo, episode 1: .*{message}"):
         load(tmp_path, moment(), moment(done=True), moment(), moment(), moment(**change), moment(done=True))
 
 
 def test_another_device_or_behavior_is_named(tmp_path):
-    other = spec(type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
-                 [behavior("agent", sensors=[sensor("ear", [4])], axes=[axis("turn")], branches=[])])  # fmt: skip
+    other = spec(
+        type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
+        [behavior("agent", sensors=[sensor("ear", [4])], axes=[axis("turn")], branches=[])],
+    )
     with pytest.raises(
         RecordingError, match=r"has 1 continuous actions and branches of \[3, 2\] choices, expected 1 and"
     ):
         load(tmp_path, moment(), game=other)
-    two = spec(type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
-               [behavior(name, sensors=[sensor("ear", [4])], axes=[axis("turn")]) for name in "ab"])  # fmt: skip
+    two = spec(
+        type("Any", (), {"name": "any", "description": "any", "options": (), "version": ""}),
+        [behavior(name, sensors=[sensor("ear", [4])], axes=[axis("turn")]) for name in "ab"],
+    )
     with pytest.raises(RecordingError, match="is of the behavior 'agent', expected one of a, b"):
         load(tmp_path, moment(), game=two)
     body = ml.BehaviorParameters(name="agent").SerializeToString()

@@ -37,15 +37,18 @@ def test_samplers_become_distributions_and_a_curriculum_becomes_lessons(tmp_path
 @pytest.mark.parametrize(
     ("old", "new", "error"),
     [
-        ("uniform, sampler_parameters: {min_value: 0.5", "gaussian, sampler_parameters: {min_value: 0.5",
-         "wind.sampler_type: got 'gaussian'; samplers here are uniform"),
+        (
+            "uniform, sampler_parameters: {min_value: 0.5",
+            "gaussian, sampler_parameters: {min_value: 0.5",
+            "wind.sampler_type: got 'gaussian'; samplers here are uniform",
+        ),
         ("{min_value: 0.5, max_value: 2}", "{min_value: 0.5, max_value: 2, seed: 3}", "wind.sampler_parameters: got"),
         ("value: 3", "valu: 3", "size.curriculum.0.valu: ML-Agents 1.1.0 has no such key"),
         ("measure: progress", "measure: speed", "size.curriculum.1.completion_criteria.measure: got 'speed'"),
         ("threshold: 0.5", "require_reset: true", "require_reset: got True, expected false"),
         ("wind: {sampler_type", "wind: {curriculum: [], sampler_type", "wind and size have a curriculum each"),
     ],
-)  # fmt: skip
+)
 def test_what_has_no_counterpart_among_samplers_and_lessons_is_refused_by_name(tmp_path, old, new, error):
     assert old in THEIRS
     path = tmp_path / "theirs.yaml"

@@ -23,9 +23,11 @@ from tests.test_own_runs import COMMANDS
 
 PAGE = Path(__file__).parents[1] / "docs" / "own-parts.md"
 PLAYER = behavior(
-    "player", sensors=[sensor("place", [2], -1, 1), sensor("grid", [3, 2], 0, 9), image("view", 6, 5)],
-    axes=[axis("x")], branches=[branch("act", ["a", "b"])],
-)  # fmt: skip
+    "player",
+    sensors=[sensor("place", [2], -1, 1), sensor("grid", [3, 2], 0, 9), image("view", 6, 5)],
+    axes=[axis("x")],
+    branches=[branch("act", ["a", "b"])],
+)
 SPEC = pb.GameSpec(name="still", behaviors=[PLAYER])
 OWN = """
 import torch

@@ -84,7 +84,7 @@ GAMES: dict[str, tuple[type[BatchedGame], dict[str, str], str]] = {
     "beastly_rivals": (BeastlyRivals, choose_options(BeastlyRivals.options, AXES, "beastly_rivals"), "beast_speed"),
     "beastly_rivals_full": (BeastlyRivalsFull, {**MATCH, "pauses": "short"}, "ball_speed"),
     "archer": (batched(Archer), {}, "size"),
-}  # fmt: skip
+}
 
 
 def play(name, arenas, first_arena=0, decisions=150):

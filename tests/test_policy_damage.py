@@ -54,8 +54,11 @@ def policy(request, simulator, tmp_path_factory):
 def decision(policy):
     return {
         "sensors": {one["name"]: [0.5] * math.prod(one["shape"]) for one in policy["sensors"]},
-        "masks": {}, "normal": [0.1] * 40, "uniform": [0.9] * 40, "ends": 0,
-    }  # fmt: skip
+        "masks": {},
+        "normal": [0.1] * 40,
+        "uniform": [0.9] * 40,
+        "ends": 0,
+    }
 
 
 def damaged(document, chance):

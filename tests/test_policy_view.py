@@ -23,9 +23,11 @@ from tests.test_viewer import Page
 NOTHING = np.zeros(2, np.float32)
 GAME = type("Game", (), {"name": "game", "description": "any", "options": (), "version": ""})
 EYES = behavior(
-    "eyes", sensors=[sensor("place", [2]), image("gray", 2, 3), image("color", 4, 4, channels=3)], axes=[axis("x")],
+    "eyes",
+    sensors=[sensor("place", [2]), image("gray", 2, 3), image("color", 4, 4, channels=3)],
+    axes=[axis("x")],
     agents=2,
-)  # fmt: skip
+)
 
 
 def seen(*arrays):
@@ -93,9 +95,13 @@ def test_what_each_agent_remembers_is_a_row_of_cells_below():
 def run(simulator, tmp_path_factory):
     """Return a run of a policy that sees an image of 2 x 2 pixels beside a picture of 8 x 6, and remembers."""
     policy = PolicyConfig(
-        image_encoder="simple", hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32,
+        image_encoder="simple",
+        hidden_sizes=[8],
+        rollout_steps=16,
+        time_horizon=16,
+        minibatch_size=32,
         memory=MemoryConfig(kind="lstm", size=4),
-    )  # fmt: skip
+    )
     folder = tmp_path_factory.mktemp("seeing") / "run"
     config = Config(game="hybrid", arenas=4, total_timesteps=64, log_interval=64, policy=policy)
     train(config, folder, [simulator], resume=False)

@@ -31,9 +31,16 @@ LACKING = {
     "subprocess": "preexec_fn pass_fds",
 }
 METHODS = {  # of event loops and sockets, whatever they are called
-    "add_reader", "add_signal_handler", "add_writer", "create_unix_connection", "create_unix_server", "recvmsg",
-    "remove_reader", "remove_signal_handler", "sendmsg",
-}  # fmt: skip
+    "add_reader",
+    "add_signal_handler",
+    "add_writer",
+    "create_unix_connection",
+    "create_unix_server",
+    "recvmsg",
+    "remove_reader",
+    "remove_signal_handler",
+    "sendmsg",
+}
 MODULES = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"}
 PLACES = ("/dev/", "/proc/", "/sys/", "/tmp/")
 NAMES = {f"{module}.{name}" for module, names in LACKING.items() for name in names.split()}

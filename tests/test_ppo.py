@@ -51,9 +51,15 @@ def make(space: ActionSpace, shared: bool, masked: bool, rows: int, seed: int = 
     outputs = network(observations)
     value = outputs.value.detach()
     batch = Batch(
-        observations, normal((rows, space.continuous)), discrete, masks, torch.zeros(rows),
-        value + 0.4 * normal(rows), normal(rows), value + normal(rows),
-    )  # fmt: skip
+        observations,
+        normal((rows, space.continuous)),
+        discrete,
+        masks,
+        torch.zeros(rows),
+        value + 0.4 * normal(rows),
+        normal(rows),
+        value + normal(rows),
+    )
     batch.log_probs = joint_log_probs(outputs, network.log_variance, batch)[0].detach()
     return network, flat, batch
 

@@ -14,9 +14,11 @@ from joybridge.simulator import axis, behavior, branch, sensor
 from joybridge.v1 import bridge_pb2 as pb
 
 PLAYER = behavior(
-    "player", sensors=[sensor("seen", [6], -1, 1)], axes=[axis("x"), axis("y")],
+    "player",
+    sensors=[sensor("seen", [6], -1, 1)],
+    axes=[axis("x"), axis("y")],
     branches=[branch("act", ["a", "b", "c"])],
-)  # fmt: skip
+)
 SPEC = pb.GameSpec(name="still", behaviors=[PLAYER])
 
 

@@ -101,10 +101,13 @@ def test_importing_the_package_loads_no_server_no_compiler_and_no_drawing():
 @pytest.mark.parametrize(
     ("dtype", "wire"),
     [
-        ("float32", pb.DTYPE_FLOAT32), (np.int32, pb.DTYPE_INT32), (np.uint8, pb.DTYPE_UINT8), (bool, pb.DTYPE_BOOL),
+        ("float32", pb.DTYPE_FLOAT32),
+        (np.int32, pb.DTYPE_INT32),
+        (np.uint8, pb.DTYPE_UINT8),
+        (bool, pb.DTYPE_BOOL),
         (np.dtype(">i4"), pb.DTYPE_INT32),
     ],
-)  # fmt: skip
+)
 def test_a_sensor_has_the_dtype_that_is_asked_for(dtype, wire):
     assert sensor("image", [2, 3], dtype=dtype) == pb.Sensor(name="image", dtype=wire, shape=[2, 3])
 

@@ -22,11 +22,22 @@ PROGRAM: dict[str, Any] = {"pygame": "pygame.examples.chimp", "reward": "sound:p
 OPTIONS = {"screen": "48", "colors": "gray", "decision_interval": "8"}
 EPISODES = 2
 CLONE = {
-    "game": PROGRAM, "options": OPTIONS, "layout": "bucket-7", "arenas": 2, "pipeline_groups": 1,
-    "total_timesteps": 320, "log_interval": 80,
-    "policy": {"hidden_sizes": [32], "rollout_steps": 40, "frame_stack": 1, "epochs": 4, "minibatch_size": 32,
-               "learning_rate": 0.003},
-}  # fmt: skip
+    "game": PROGRAM,
+    "options": OPTIONS,
+    "layout": "bucket-7",
+    "arenas": 2,
+    "pipeline_groups": 1,
+    "total_timesteps": 320,
+    "log_interval": 80,
+    "policy": {
+        "hidden_sizes": [32],
+        "rollout_steps": 40,
+        "frame_stack": 1,
+        "epochs": 4,
+        "minibatch_size": 32,
+        "learning_rate": 0.003,
+    },
+}
 
 
 def aim(picture):

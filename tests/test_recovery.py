@@ -21,10 +21,14 @@ from joybridge.run.training import Audience
 
 LANES, ROLLOUT, ROLLOUTS = 4, 16, 6
 CONFIG = Config(
-    game="shooting_birds", layout="bucket-3", arenas=LANES, total_timesteps=LANES * ROLLOUT * ROLLOUTS,
-    log_interval=LANES, max_restarts=5,
+    game="shooting_birds",
+    layout="bucket-3",
+    arenas=LANES,
+    total_timesteps=LANES * ROLLOUT * ROLLOUTS,
+    log_interval=LANES,
+    max_restarts=5,
     policy=PolicyConfig(rollout_steps=ROLLOUT, time_horizon=ROLLOUT, minibatch_size=32, hidden_sizes=[8]),
-)  # fmt: skip
+)
 TIMING = {"seconds", "timesteps_per_second", "simulate", "wire", "act", "learn"}
 
 

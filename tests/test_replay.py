@@ -146,12 +146,24 @@ def file_of(*records, **fields):
 @pytest.mark.parametrize(
     "content",
     [
-        b"", b"\xff\xfe\n", b"[1]\n", b"{}\n", b"null\n", header(), header() + b"Q" * 20,
-        file_of((b"?", b"")), file_of((b"Q", b"\xff\xff")), file_of((b"Q", b"")), file_of((b"S", b"")),
+        b"",
+        b"\xff\xfe\n",
+        b"[1]\n",
+        b"{}\n",
+        b"null\n",
+        header(),
+        header() + b"Q" * 20,
+        file_of((b"?", b"")),
+        file_of((b"Q", b"\xff\xff")),
+        file_of((b"Q", b"")),
+        file_of((b"S", b"")),
         file_of((b"Q", b"\x0a\x00"), (b"Q", b"\x12\x00")),
-        file_of((b"H", b"[")), file_of((b"D", b"")), header(format=1), b"[" * 100_000,
+        file_of((b"H", b"[")),
+        file_of((b"D", b"")),
+        header(format=1),
+        b"[" * 100_000,
     ],
-)  # fmt: skip
+)
 def test_what_is_no_recorded_fault_is_refused_in_one_sentence(tmp_path, content, capsys):
     file = tmp_path / "strange"
     file.write_bytes(content)

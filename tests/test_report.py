@@ -301,9 +301,12 @@ def policy(**more: object) -> dict[str, object]:
     """Return the behavior of a trained policy of Beastly Rivals."""
     return {
         "lap_radius": [[seconds, 6.0 if seconds < 120 else 4.0] for seconds in range(0, 240, 10)],
-        "blinks_per_episode": 0.5, "survival_seconds": 210.0, "slow_share": 0.12, "slow_share_by_chance": 0.13,
+        "blinks_per_episode": 0.5,
+        "survival_seconds": 210.0,
+        "slow_share": 0.12,
+        "slow_share_by_chance": 0.13,
         "timesteps": COMPLETE + 75,
-    } | more  # fmt: skip
+    } | more
 
 
 GROWING = [[seconds, 4.0 + seconds / 100] for seconds in range(0, 240, 10)]

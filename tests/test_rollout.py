@@ -27,10 +27,13 @@ def add(
     """Store one step in which the given lanes ended."""
     terminated, truncated = np.array(terminated), np.array(truncated)
     step = StepArrays(
-        [], np.zeros((LANES, 1)), terminated, truncated,
+        [],
+        np.zeros((LANES, 1)),
+        terminated,
+        truncated,
         deciding=None if deciding is None else np.array(deciding),
         ended=np.flatnonzero(terminated | truncated).astype(np.int32),
-    )  # fmt: skip
+    )
     store(rollout, step, np.array(frames, np.float32)[:, None], np.array(rewards, np.float32), final)
 
 

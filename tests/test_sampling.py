@@ -20,9 +20,20 @@ from tests.test_layouts_learn import SPEC
 
 LANES = 64
 NAMES = [
-    "hybrid", "bucket-5", "bucket-6-mu", "joint-3", "ordinal-5", "threshold-0.0", "multiagent",
-    "beta", "squashed", "compass-8", "laplace", "beta, y=squashed, a=threshold-0.0", "hybrid, x=ordinal-4, y=laplace",
-]  # fmt: skip
+    "hybrid",
+    "bucket-5",
+    "bucket-6-mu",
+    "joint-3",
+    "ordinal-5",
+    "threshold-0.0",
+    "multiagent",
+    "beta",
+    "squashed",
+    "compass-8",
+    "laplace",
+    "beta, y=squashed, a=threshold-0.0",
+    "hybrid, x=ordinal-4, y=laplace",
+]
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -66,10 +77,15 @@ def made(name: str, masked: bool):
             outputs, values, _ = network.heads(observations)
         action = draw(network, outputs, masks, noise, deterministic=False)
         batch = Batch(
-            observations, torch.from_numpy(action.continuous), torch.from_numpy(action.discrete),
-            torch.from_numpy(masks), torch.from_numpy(action.log_probs), values, torch.ones(LANES),
+            observations,
+            torch.from_numpy(action.continuous),
+            torch.from_numpy(action.discrete),
+            torch.from_numpy(masks),
+            torch.from_numpy(action.log_probs),
+            values,
+            torch.ones(LANES),
             values + 1.0,
-        )  # fmt: skip
+        )
         yield network, outputs, masks, allowed, noise, action, batch
 
 

@@ -17,9 +17,15 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 
 SMALL = (
-    "arenas=2", "total_timesteps=256", "log_interval=64", "evaluate_during.episodes=3", "policy.rollout_steps=32",
-    "policy.time_horizon=32", "policy.minibatch_size=32", "policy.epochs=1",
-)  # fmt: skip
+    "arenas=2",
+    "total_timesteps=256",
+    "log_interval=64",
+    "evaluate_during.episodes=3",
+    "policy.rollout_steps=32",
+    "policy.time_horizon=32",
+    "policy.minibatch_size=32",
+    "policy.epochs=1",
+)
 
 
 def test_the_preset_sb3_is_what_ppo_does_there_by_default():

@@ -37,9 +37,13 @@ def test_the_page_is_drawn_from_figures_alone(tmp_path):
     point = {"arenas": 64, "us": 5.0, "p50_us": 300.0, "p95_us": 400.0, "simulate_us": 2.0, "simulator_cpu_us": 4.0}
     many = {"sessions": 4, "per_second": 12345.0, "p95_us": 400.0, "mb": 200.0}
     run = {
-        "per_second": 40000.0, "act": 4e-6, "learn": 10e-6, "waited": 3e-6, "simulators_cpu": 8e-6,
+        "per_second": 40000.0,
+        "act": 4e-6,
+        "learn": 10e-6,
+        "waited": 3e-6,
+        "simulators_cpu": 8e-6,
         "memory": [{"timesteps": 1000, "trainer": 400.0, "simulator": 180.0}],
-    }  # fmt: skip
+    }
     figures = {
         "machine": "a machine",
         "arenas": {game: [point | {"mb": 180.0}] for game in GAMES},

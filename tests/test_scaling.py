@@ -28,9 +28,12 @@ def test_moments_of_parts_are_those_of_all_rows_even_far_from_0():
 
 def test_bounds_become_1_and_what_has_none_stays_as_it_is():
     sensors = [
-        sensor("place", [2], -9.0, [9.0, 0.0]), sensor("image", [2], dtype=np.uint8), sensor("free", [1]),
-        sensor("huge", [1], -LARGEST, LARGEST), sensor("lamp", [1], dtype=bool),
-    ]  # fmt: skip
+        sensor("place", [2], -9.0, [9.0, 0.0]),
+        sensor("image", [2], dtype=np.uint8),
+        sensor("free", [1]),
+        sensor("huge", [1], -LARGEST, LARGEST),
+        sensor("lamp", [1], dtype=bool),
+    ]
     scaling = make_scaling("player", "bounds", sensors)
     assert scaling is not None
     frames = np.array([[-9.0, 0.0, 51.0, 255.0, 7.0, -8.0, 1.0], [9.0, -4.5, 0.0, 102.0, 99.0, 0.0, 0.0]], np.float32)
@@ -69,9 +72,14 @@ def test_rewards_are_divided_by_the_deviation_of_the_discounted_returns_of_all_e
 def run_of(rollouts: int, **policy) -> Config:
     small = {"rollout_steps": ROLLOUT, "time_horizon": ROLLOUT, "minibatch_size": 32, "hidden_sizes": [8]}
     return Config(
-        game="shooting_birds", layout="bucket-3", arenas=LANES, total_timesteps=LANES * ROLLOUT * 4, log_interval=64,
-        stop_at=LANES * ROLLOUT * rollouts, policy=PolicyConfig.model_validate(small | policy),
-    )  # fmt: skip
+        game="shooting_birds",
+        layout="bucket-3",
+        arenas=LANES,
+        total_timesteps=LANES * ROLLOUT * 4,
+        log_interval=64,
+        stop_at=LANES * ROLLOUT * rollouts,
+        policy=PolicyConfig.model_validate(small | policy),
+    )
 
 
 def test_a_resumed_run_scales_to_the_same_bits_and_play_scales_as_training_did(simulator, tmp_path):

@@ -281,7 +281,7 @@ def refuse(job: Job) -> Process:
         (["policy.reward_weights.hit=0..2"], "rewards of other reward_weights cannot be compared; name a metric"),
         (["policy.epochs=1..2", "log_interval=5000"], "log_interval is 5,000, longer than the trials of 2,000"),
     ],
-)  # fmt: skip
+)
 def test_wrong_ranges_are_refused_before_a_simulator_is_waited_for(run, words, message):
     done = run("--search", *words, at=NOWHERE)
     assert done.status == 1 and message in done.errors and "waiting" not in done.errors
@@ -436,8 +436,11 @@ def test_other_configurations_are_variants_of_a_comparison(small, tmp_path):
     other.write_text(SMALL + "layout: bucket-3\n")
     made = make_variants([str(small), str(other)], [], [("policy.epochs", ["1", "2"])])
     assert [variant.label for variant in made] == [
-        "small, epochs=1", "small, epochs=2", "best, epochs=1", "best, epochs=2",
-    ]  # fmt: skip
+        "small, epochs=1",
+        "small, epochs=2",
+        "best, epochs=1",
+        "best, epochs=2",
+    ]
     assert [variant.config.layout for variant in made] == ["hybrid"] * 2 + ["bucket-3"] * 2
     with pytest.raises(ConfigError, match="the configurations are of archer and orchard; compare those of one game"):
         make_variants([str(small), "orchard/hybrid"], [], [])

@@ -182,8 +182,11 @@ def test_an_episode_ends_terminated_or_truncated_and_the_next_one_begins_in_the_
     assert [step.truncated.tolist() for step in steps] == [[False] * 2, [False] * 2, [False] * 2, [True] * 2]
     assert [step.observations[0][0].tolist() for step in steps] == [[1, 1], [2, 0], [2, 1], [3, 0]]
     assert [step.final_observations and step.final_observations[0][0].tolist() for step in steps] == [
-        None, [1, 2], None, [2, 2],
-    ]  # fmt: skip
+        None,
+        [1, 2],
+        None,
+        [2, 2],
+    ]
 
 
 def test_pictures_come_in_the_order_in_which_they_are_asked_for(simulator):

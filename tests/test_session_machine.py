@@ -92,12 +92,14 @@ class Machine(RuleBasedStateMachine):
     @rule(kind=st.sampled_from(["act", "reset", "save", "nothing", "no arenas", "too many", "game"]))
     def begin_wrongly(self, kind):
         wrong = {
-            "act": (act(), pb.REASON_WRONG_ORDER), "reset": (reset(), pb.REASON_WRONG_ORDER),
-            "save": (SAVE, pb.REASON_WRONG_ORDER), "nothing": (pb.PlayRequest(), pb.REASON_UNKNOWN_REQUEST),
+            "act": (act(), pb.REASON_WRONG_ORDER),
+            "reset": (reset(), pb.REASON_WRONG_ORDER),
+            "save": (SAVE, pb.REASON_WRONG_ORDER),
+            "nothing": (pb.PlayRequest(), pb.REASON_UNKNOWN_REQUEST),
             "no arenas": (start(NAME, 0), pb.REASON_NO_ARENAS),
             "too many": (start(NAME, 2**31), pb.REASON_TOO_MANY_ARENAS),
             "game": (start("chess"), pb.REASON_UNKNOWN_GAME),
-        }  # fmt: skip
+        }
         self.ask(*wrong[kind])
 
     @precondition(lambda self: self.playing)
@@ -111,10 +113,13 @@ class Machine(RuleBasedStateMachine):
         request = self.chosen(np.random.default_rng(0))
         behavior = request.act.behaviors[0]
         reasons = {
-            "nan": pb.REASON_NOT_FINITE, "outside": pb.REASON_ACTION_OUT_OF_RANGE,
-            "choice": pb.REASON_ACTION_OUT_OF_RANGE, "rows": pb.REASON_WRONG_TENSOR,
-            "behaviors": pb.REASON_WRONG_BEHAVIORS, "draw": pb.REASON_WRONG_DRAW,
-        }  # fmt: skip
+            "nan": pb.REASON_NOT_FINITE,
+            "outside": pb.REASON_ACTION_OUT_OF_RANGE,
+            "choice": pb.REASON_ACTION_OUT_OF_RANGE,
+            "rows": pb.REASON_WRONG_TENSOR,
+            "behaviors": pb.REASON_WRONG_BEHAVIORS,
+            "draw": pb.REASON_WRONG_DRAW,
+        }
         axes = np.frombuffer(behavior.axes.data, "<f4").copy()
         choices = np.frombuffer(behavior.choices.data, "<i4").copy()
         axes[0] = {"nan": np.nan, "outside": 1e9}.get(fault, axes[0])
@@ -142,8 +147,9 @@ class Machine(RuleBasedStateMachine):
     @rule(kind=st.sampled_from(["start", "nothing"]))
     def interrupt(self, kind):
         wrong = {
-            "start": (start(NAME), pb.REASON_WRONG_ORDER), "nothing": (pb.PlayRequest(), pb.REASON_UNKNOWN_REQUEST)
-        }  # fmt: skip
+            "start": (start(NAME), pb.REASON_WRONG_ORDER),
+            "nothing": (pb.PlayRequest(), pb.REASON_UNKNOWN_REQUEST),
+        }
         self.ask(*wrong[kind])
 
     @precondition(lambda self: self.playing)

@@ -93,8 +93,11 @@ def test_lanes_of_the_common_session_play_as_the_games_do_alone(simulator):
     assert [axis.name for axis in player.device.axes] == ["x", "y"]
     assert [branch.name for branch in player.device.branches] == ["string", "gear", "button1"]
     assert [metric.name for metric in player.metrics] == [
-        "archer.hits", "archer.accuracy", "force.length", "force.presses",
-    ]  # fmt: skip
+        "archer.hits",
+        "archer.accuracy",
+        "force.length",
+        "force.presses",
+    ]
 
     def both(game: str) -> Session:
         return Session(simulator, game, arenas=2, seed=3)
@@ -139,9 +142,18 @@ def test_rewards_are_scaled_and_episodes_summed_up_for_each_game():
     nan = np.nan
     episodes.finished = np.array([[0, 1, 10, 5, nan], [1, 3, 10, 7, nan], [2, 100, 20, nan, 9]])
     assert episodes.summarize() == {
-        "episodes": 3, "reward": 51, "length": 15, "a.episodes": 2, "a.reward": 2, "a.length": 10, "a.hits": 6,
-        "b.episodes": 1, "b.reward": 100, "b.length": 20, "b.kills": 9,
-    }  # fmt: skip
+        "episodes": 3,
+        "reward": 51,
+        "length": 15,
+        "a.episodes": 2,
+        "a.reward": 2,
+        "a.length": 10,
+        "a.hits": 6,
+        "b.episodes": 1,
+        "b.reward": 100,
+        "b.length": 20,
+        "b.kills": 9,
+    }
     episodes.finished = np.array([[0, 1, 10, 5, nan]])
     assert "reward" not in episodes.summarize()  # which would be that of one game alone
 
@@ -200,9 +212,17 @@ def test_all_games_of_a_run_are_evaluated_or_only_one(run, simulator):
     assert [*results] == ["marble", "archer"]
     assert results["marble"]["player"]["means"].keys() == {"reward", "length", "inside", "lost"}
     one = joybridge(
-        "evaluate", str(run), "--episodes", "2", "--json", "--only-game", "archer", "games.archer.parameters.size=4",
-        "--simulator", simulator,
-    )  # fmt: skip
+        "evaluate",
+        str(run),
+        "--episodes",
+        "2",
+        "--json",
+        "--only-game",
+        "archer",
+        "games.archer.parameters.size=4",
+        "--simulator",
+        simulator,
+    )
     assert "parameters.size=4 (trained with 1)" in one.errors
     (played,) = json.loads(one.output.splitlines()[-1]).values()
     assert played["player"]["means"]["accuracy"] > results["archer"]["player"]["means"]["accuracy"]
@@ -225,10 +245,18 @@ def test_a_video_shows_all_games_side_by_side(run, simulator, tmp_path):
 def test_a_run_of_games_with_snapshots_resumes_to_the_same_bits(simulator, tmp_path):
     games = ["games.marble=null", "games.archer=null", "games.beastly_rivals.options.locomotion=axes"]
     small = [
-        *games, "games.birds={game: shooting_birds, share: 2, options: {locomotion: axes}}", "arenas=6",
-        "policy.rollout_steps=20", "policy.minibatch_size=40", "log_interval=480", "tell_game=true", "layout=bucket-5",
-        "hand.delay=1", "--simulator", simulator,
-    ]  # fmt: skip
+        *games,
+        "games.birds={game: shooting_birds, share: 2, options: {locomotion: axes}}",
+        "arenas=6",
+        "policy.rollout_steps=20",
+        "policy.minibatch_size=40",
+        "log_interval=480",
+        "tell_game=true",
+        "layout=bucket-5",
+        "hand.delay=1",
+        "--simulator",
+        simulator,
+    ]
     for stop in ("stop_at=960", "stop_at=480"):
         assert joybridge("train", str(TWO), "--run", str(tmp_path / stop), *small, stop).status == 0
     again = joybridge("train", str(TWO), "--run", str(tmp_path / "stop_at=480"), *small, "stop_at=960", "--resume")

@@ -472,9 +472,12 @@ def test_restore_refuses_a_bird_that_cannot_be(field, value):
 @pytest.mark.parametrize(
     ("part", "value"),
     [
-        ("cursor", -1), ("cursor", BLOCK + 1), ("block", -1), ("episodes", 0),
+        ("cursor", -1),
+        ("cursor", BLOCK + 1),
+        ("block", -1),
+        ("episodes", 0),
     ],
-)  # fmt: skip
+)
 def test_restore_refuses_random_streams_and_numbers_of_episodes_that_cannot_be(part, value):
     game = new_game(2)
     values = game.save()[part].copy()

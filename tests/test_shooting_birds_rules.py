@@ -30,9 +30,11 @@ def obstacles(boxes: Iterable[tuple[float, ...]] = (), discs: Iterable[tuple[flo
     """Return a single level of boxes (left, bottom, right, top) and discs (x, y, radius) at depth 0."""
     box_rows, disc_rows = [(*box, 0.0) for box in boxes], [(*disc, 0.0) for disc in discs]
     return Obstacles(
-        np.array(disc_rows, float).reshape(1, -1, 4), np.array([len(disc_rows)]),
-        np.array(box_rows, float).reshape(1, -1, 5), np.array([len(box_rows)]),
-    )  # fmt: skip
+        np.array(disc_rows, float).reshape(1, -1, 4),
+        np.array([len(disc_rows)]),
+        np.array(box_rows, float).reshape(1, -1, 5),
+        np.array([len(box_rows)]),
+    )
 
 
 class Scene:
@@ -260,9 +262,11 @@ def test_barns_hide_medium_and_small_birds_and_trees_hide_small_ones(where, kind
 
 def test_where_a_barn_and_a_tree_overlap_the_barns_depth_counts():
     things = Obstacles(
-        np.array([[[0.0, 0.0, 2.0, 1.1]]]), np.array([1]),
-        np.array([[[-1.0, -1.0, 1.0, 1.0, 0.0]]]), np.array([1]),
-    )  # fmt: skip
+        np.array([[[0.0, 0.0, 2.0, 1.1]]]),
+        np.array([1]),
+        np.array([[[-1.0, -1.0, 1.0, 1.0, 0.0]]]),
+        np.array([1]),
+    )
     for kind, seen in ((LARGE, 0), (MEDIUM, OBSTACLE), (SMALL, OBSTACLE)):
         scene = Scene(things=things)
         scene.put(0, kind)

@@ -91,10 +91,12 @@ def field(decisions=400, birds=2, **changes) -> Field:
     centers = np.zeros((decisions, 1, birds, 2))
     centers[..., 0] = np.linspace(-15, 15, birds)
     made = {
-        "crosshair": np.tile([5.0, 0.0], (decisions, 1, 1)), "birds": centers,
-        "size": np.full((decisions, 1, birds), 2), "hidden": np.zeros((decisions, 1, birds)),
+        "crosshair": np.tile([5.0, 0.0], (decisions, 1, 1)),
+        "birds": centers,
+        "size": np.full((decisions, 1, birds), 2),
+        "hidden": np.zeros((decisions, 1, birds)),
         "hit": np.full((decisions, 1), -1),
-    }  # fmt: skip
+    }
     return Field(**(made | changes))
 
 

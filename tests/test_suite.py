@@ -15,9 +15,15 @@ from tests.support.command_line import joybridge
 from tests.support.jobs import train_here
 
 TINY = (
-    "arenas=2", "total_timesteps=64", "log_interval=32", "evaluate_during.episodes=2", "policy.rollout_steps=16",
-    "policy.time_horizon=16", "policy.minibatch_size=16", "policy.epochs=1",
-)  # fmt: skip
+    "arenas=2",
+    "total_timesteps=64",
+    "log_interval=32",
+    "evaluate_during.episodes=2",
+    "policy.rollout_steps=16",
+    "policy.time_horizon=16",
+    "policy.minibatch_size=16",
+    "policy.epochs=1",
+)
 
 
 @pytest.mark.parametrize(("suite", "folder"), [("hybrid", "hybrid_suite/"), ("classic", "classic/")])

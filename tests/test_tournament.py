@@ -60,11 +60,15 @@ def match_spec(*, place: bool = False):
     """Return the spec of a game of two hunters and a prey."""
     hunter, prey = (
         behavior(
-            name, sensors=[sensor("sight", [1])], branches=[button("go")], agents=agents,
-            channels=[channel("catch", 0.5), channel("trace", 0.0)], metrics=["speed", *(["place"] if place else [])],
+            name,
+            sensors=[sensor("sight", [1])],
+            branches=[button("go")],
+            agents=agents,
+            channels=[channel("catch", 0.5), channel("trace", 0.0)],
+            metrics=["speed", *(["place"] if place else [])],
         )
         for name, agents in (("hunter", 2), ("prey", 1))
-    )  # fmt: skip
+    )
     return spec(Chase, [hunter, prey])
 
 
@@ -74,9 +78,13 @@ def step(rewards: list[float], ended: list[int] = [], metrics: list[list[float]]
     ends = np.isin(np.arange(lanes), ended)
     both = np.stack([np.array(rewards, np.float32), np.full(lanes, 7, np.float32)], axis=1)
     return StepArrays(
-        [np.zeros((lanes, 1), np.float32)], both, ends, np.zeros(lanes, bool), ended=np.array(ended, np.int32),
+        [np.zeros((lanes, 1), np.float32)],
+        both,
+        ends,
+        np.zeros(lanes, bool),
+        ended=np.array(ended, np.int32),
         metrics=None if metrics is None else np.array(metrics, np.float32),
-    )  # fmt: skip
+    )
 
 
 def test_the_rewards_of_a_whole_episode_decide_a_match_over_all_behaviors():

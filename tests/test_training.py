@@ -76,9 +76,15 @@ def whole(address, tmp_path_factory) -> Path:
 
 def test_a_run_leaves_its_configuration_metrics_events_and_checkpoint(whole):
     assert {path.name for path in whole.iterdir()} == {
-        "config.yaml", "spec.json", "origin.json", "simulators.json", "metrics-hunter.csv", "tensorboard",
-        "checkpoints", "lock",
-    }  # fmt: skip
+        "config.yaml",
+        "spec.json",
+        "origin.json",
+        "simulators.json",
+        "metrics-hunter.csv",
+        "tensorboard",
+        "checkpoints",
+        "lock",
+    }
     rows = read_rows(whole / "metrics-hunter.csv")
     assert [row["timesteps"] for row in rows] == [400, 800, 1200, 1600]
     for row in rows:
@@ -129,8 +135,11 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, other, tmp_path)
     both = ["--simulator", address, "--simulator", other]  # one for each group, where there was one for both
     assert train(run, *SMALL, "stop_at=1900", "--resume", *both).status == 0
     assert_same(weights(run), weights(whole))
-    figures = [{k: v for k, v in r.items() if k in ("timesteps", "value", "entropy", "policy_loss")}
-               for path in (run, whole) for r in read_rows(path / "metrics-hunter.csv")]  # fmt: skip
+    figures = [
+        {k: v for k, v in r.items() if k in ("timesteps", "value", "entropy", "policy_loss")}
+        for path in (run, whole)
+        for r in read_rows(path / "metrics-hunter.csv")
+    ]
     assert len(figures) == 8
     assert figures[:4] == figures[4:]
 
@@ -170,8 +179,10 @@ def test_a_simulator_killed_in_the_middle_gives_an_error_a_checkpoint_and_an_exa
     run = tmp_path / "run"
     with subprocess.Popen(
         [sys.executable, "-m", "joybridge.simulator", "serve", "--address", "127.0.0.1:0"],
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    ) as server:  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as server:
         assert server.stdout is not None
         own = server.stdout.readline().split()[-1]
 

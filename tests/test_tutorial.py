@@ -54,9 +54,15 @@ class Terminal:
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         with self.log.open("w") as log:
             self.shell = subprocess.Popen(
-                ["bash"], cwd=folder, env={**os.environ, "PATH": path}, stdin=subprocess.PIPE, stdout=log,
-                stderr=subprocess.STDOUT, text=True, start_new_session=True,
-            )  # fmt: skip
+                ["bash"],
+                cwd=folder,
+                env={**os.environ, "PATH": path},
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,
+            )
         self.begin = 0  # of the present block's output in the log
         self.type("trap 'failures=$((failures + 1))' ERR")
 
@@ -201,11 +207,16 @@ def test_what_is_not_as_the_page_says_fails_with_its_line(page, line, complaint,
 
 
 def test_numbers_may_differ_and_lines_may_lie_between(terminal):
-    follow("```sh\necho took 12.5 s; echo more; echo '  at -3 of 1,000'\n```\n"
-           "```text\ntook 9 s\n…\n at 4 … 2\n```\n", terminal, seconds=1.0)  # fmt: skip
+    follow(
+        "```sh\necho took 12.5 s; echo more; echo '  at -3 of 1,000'\n```\n```text\ntook 9 s\n…\n at 4 … 2\n```\n",
+        terminal,
+        seconds=1.0,
+    )
 
 
 def test_a_diff_changes_what_it_shows(terminal):
-    follow("```python a.py\na = 1\nb = 2\n```\n```diff\n--- a.py\n@@\n a = 1\n-b = 2\n+b = 3\n```\n"
-           "```sh\ncat a.py\n```\n", terminal)  # fmt: skip
+    follow(
+        "```python a.py\na = 1\nb = 2\n```\n```diff\n--- a.py\n@@\n a = 1\n-b = 2\n+b = 3\n```\n```sh\ncat a.py\n```\n",
+        terminal,
+    )
     assert (terminal.folder / "a.py").read_text() == "a = 1\nb = 3\n"

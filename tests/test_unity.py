@@ -95,8 +95,10 @@ def test_agents_that_come_and_go_are_lanes_that_wait():
     assert begun.deciding is None and begun.observations[0].tolist() == [[0.5], [1.5]]
     steps = [game.step(act([[0.0], [0.0]]))[0] for _ in range(3)]
     assert [step.deciding.tolist() if step.deciding is not None else None for step in steps] == [
-        [False, True], [False, True], None,
-    ]  # fmt: skip
+        [False, True],
+        [False, True],
+        None,
+    ]
     assert [step.rewards.tolist() for step in steps] == [[[1, 0], [0.5, 2]], [[0, 0], [3, 0]], [[0, 0], [4, 0]]]
     assert [step.ended.tolist() for step in steps] == [[0], [1], []]
     assert (steps[0].terminated.tolist(), steps[1].truncated.tolist()) == ([True, False], [False, True])
@@ -203,7 +205,7 @@ def test_a_seed_that_a_player_was_not_greeted_with_is_refused():
         (says(agent(0, 0.0, action_mask=b"\1\1\0\0")), "agent 0 allows no choice of branch 0"),
         (says(agent(0, 0.0), statistics=[("score", float("nan"))]), "'score' that is not finite"),
     ],
-)  # fmt: skip
+)
 def test_a_player_that_misbehaves_ends_the_session_with_a_sentence(line, text):
     first = says(agent(0, 0.5), new=hybrid(1, 2, 2))
     game, player = play([first, line], f"metrics=score {QUICK if type(line) in (object, bytes) else ''}")
@@ -232,7 +234,7 @@ def test_a_player_that_misbehaves_ends_the_session_with_a_sentence(line, text):
         ([], "parameters.wind=3", r"parameters.wind: got 3, expected \[LOW,HIGH,DEFAULT\]"),
         ([], "parameters.wind=[0,1,2]", "the default 2 is outside 0..1"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_served_is_named_with_the_reason(script, settings, text):
     with pytest.raises(CatalogError, match=text):
         serve(script, settings)
@@ -292,8 +294,10 @@ def test_our_own_player_plays_what_the_game_played_directly_does(simulator):
             weights = [channel.default_weight for channel in direct.spec.behaviors[0].channels]
             assert (ours.rewards @ np.array(weights, np.float32)).tobytes() == steps.rewards[:, 0].tobytes()
             assert (ours.terminated.tolist(), ours.truncated.tolist(), ours.ended.tolist()) == (
-                steps.terminated.tolist(), steps.truncated.tolist(), steps.ended.tolist()
-            )  # fmt: skip
+                steps.terminated.tolist(),
+                steps.truncated.tolist(),
+                steps.ended.tolist(),
+            )
             if len(ours.ended):
                 ended += len(ours.ended)
                 assert repr(ours.metrics) == repr(steps.metrics)

@@ -74,8 +74,9 @@ def test_agents_that_send_png_and_numbers_are_images():
     )
     game = load_game(f"unity-port:{port}")({}, {}, 1, 0, 0)
     assert [(s.name, list(s.shape), s.dtype) for s in game.describe({}).behaviors[0].sensors] == [
-        ("camera", [2, 4, 3], 3), ("heat", [2, 4, 3], 1),
-    ]  # fmt: skip
+        ("camera", [2, 4, 3], 3),
+        ("heat", [2, 4, 3], 1),
+    ]
     rest = [ActArrays(np.zeros((1, 1), np.float32), np.empty((1, 0), np.int32))]
     for step, pixels in ((game.observe()[0], PIXELS), (game.step(rest)[0], 255 - PIXELS)):
         assert step.observations[0].tolist() == [pixels.tolist()]

@@ -41,10 +41,14 @@ def agents(draw):
         view = vector(*(draw(numbers) for _ in range(4)), shape=[1, 2, 2], name=draw(st.sampled_from(["map", "m"])))
         found.append(
             agent(
-                draw(st.integers(-(2**31), 2**31 - 1) | st.integers(0, 300)), place, view,
-                action_mask=draw(masks), interrupted=draw(st.booleans()), **fields,
+                draw(st.integers(-(2**31), 2**31 - 1) | st.integers(0, 300)),
+                place,
+                view,
+                action_mask=draw(masks),
+                interrupted=draw(st.booleans()),
+                **fields,
             )
-        )  # fmt: skip
+        )
     return found
 
 

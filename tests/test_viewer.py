@@ -46,8 +46,10 @@ class Page:
         place = urlsplit(url)
         self._socket = connect(
             f"ws://{place.netloc}{place.path}socket",
-            origin=headers.pop("origin", f"http://{place.netloc}"), additional_headers=headers, compression=None,
-        ).__enter__()  # fmt: skip
+            origin=headers.pop("origin", f"http://{place.netloc}"),
+            additional_headers=headers,
+            compression=None,
+        ).__enter__()
         self.id = 0
 
     def send(self, kind, **values):
@@ -428,11 +430,21 @@ WRONG_ACTS: list[dict[str, object]] = [
 ]  # fmt: skip
 START = {"type": "start", "seed": "1", "options": {}, "parameters": {}}
 WRONG_STARTS: list[dict[str, object]] = [
-    {"seed": 1}, {"seed": "-1"}, {"seed": ""}, {"seed": str(2**64)}, {"seed": "9" * 10_000}, {"seed": "²"},
+    {"seed": 1},
+    {"seed": "-1"},
+    {"seed": ""},
+    {"seed": str(2**64)},
+    {"seed": "9" * 10_000},
+    {"seed": "²"},
     {"seed": "0" * 30 + "9" * 5000},
-    {"options": {"\ud800": "small"}}, {"options": {"size": "\udfff"}}, {"parameters": {"\ud800": 1.0}},
-    {"options": []}, {"options": {"size": 1}}, {"parameters": {"drift": "1"}}, {"parameters": {"drift": None}},
-]  # fmt: skip
+    {"options": {"\ud800": "small"}},
+    {"options": {"size": "\udfff"}},
+    {"parameters": {"\ud800": 1.0}},
+    {"options": []},
+    {"options": {"size": 1}},
+    {"parameters": {"drift": "1"}},
+    {"parameters": {"drift": None}},
+]
 WRONG = [
     "", "{", "null", "[]", "7", '"act"', "NaN", '{"type": 1}', '{"type": "start"}', '{"type": "clock", "running": 1}',
     "[" * 100_000, '{"a":' * 20_000, "1" * 5000, b"\xff\xfe", b"\0" * 100,

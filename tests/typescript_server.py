@@ -76,11 +76,16 @@ def test_it_keeps_every_rule_of_the_contract(address):
     assert {result["game"] for result in report["results"]} == {"server", "meteors"}
     passed = {result["check"] for result in report["results"] if result["outcome"] == "passed"}
     assert passed >= {  # some that apply only to a game that has what they are about
-        "masked_choice_is_refused", "axis_above_high_is_refused", "metrics_have_a_row_per_ended_lane",
-        "pictures_are_in_the_order_of_draw", "parameter_omitted_by_reset_keeps_its_value",
-        "started_has_the_spec_of_describe_for_every_choice", "ended_lanes_match_the_flags",
-        "arena_does_not_depend_on_the_number_of_arenas", "save_is_refused_without_snapshots",
-    }  # fmt: skip
+        "masked_choice_is_refused",
+        "axis_above_high_is_refused",
+        "metrics_have_a_row_per_ended_lane",
+        "pictures_are_in_the_order_of_draw",
+        "parameter_omitted_by_reset_keeps_its_value",
+        "started_has_the_spec_of_describe_for_every_choice",
+        "ended_lanes_match_the_flags",
+        "arena_does_not_depend_on_the_number_of_arenas",
+        "save_is_refused_without_snapshots",
+    }
 
 
 def test_with_a_token_every_other_call_is_refused(built, tmp_path):
@@ -89,9 +94,21 @@ def test_with_a_token_every_other_call_is_refused(built, tmp_path):
     token.chmod(0o600)
     with serving(built, "--token-file", str(token)) as (_, bound):
         done = run(
-            sys.executable, "-m", "joybridge", "check", bound, "--token-file", str(token), "--family", "security",
-            "--family", "games", "--family", "health_and_reflection", "--json",
-        )  # fmt: skip
+            sys.executable,
+            "-m",
+            "joybridge",
+            "check",
+            bound,
+            "--token-file",
+            str(token),
+            "--family",
+            "security",
+            "--family",
+            "games",
+            "--family",
+            "health_and_reflection",
+            "--json",
+        )
     report = json.loads(done.stdout.splitlines()[-1])
     assert done.returncode == report["failed"] == report["not_applicable"] == 0, done.stdout
     # gRPC for Node.js unpacks compressed messages; its limit bounds what comes out.

@@ -257,15 +257,25 @@ def bench_learner() -> Figures:
         ways = ("autograd", "closed form", "closed form with two threads")
         learners = {
             name: Learner(
-                name, network, branches=names, gaussians=[], autograd=name == "autograd",
+                name,
+                network,
+                branches=names,
+                gaussians=[],
+                autograd=name == "autograd",
                 threads=2 if "threads" in name else 1,
             )
             for name, network in zip(ways, networks, strict=True)
-        }  # fmt: skip
+        }
         batch = Batch(
-            Observations(torch.randn(rows, inputs)), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
-            torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
-        )  # fmt: skip
+            Observations(torch.randn(rows, inputs)),
+            torch.zeros(rows, 0),
+            torch.zeros(rows, 3, dtype=torch.long),
+            None,
+            torch.full((rows,), -5.9),
+            torch.randn(rows),
+            torch.randn(rows),
+            torch.randn(rows),
+        )
 
         for name, learner in learners.items():
 
@@ -301,9 +311,15 @@ def _image_learner(space: ActionSpace) -> Figures:
     bytes_of_all = [rng.integers(0, 256, (rows, 1, *image.shape), np.uint8) for image in images]
     windows = tuple(Window(each, np.arange(rows)[:, None], np.zeros(rows, np.int64)) for each in bytes_of_all)
     batch = Batch(
-        Observations(torch.zeros(rows, 0), windows), torch.zeros(rows, 0), torch.zeros(rows, 3, dtype=torch.long), None,
-        torch.full((rows,), -5.9), torch.randn(rows), torch.randn(rows), torch.randn(rows),
-    )  # fmt: skip
+        Observations(torch.zeros(rows, 0), windows),
+        torch.zeros(rows, 0),
+        torch.zeros(rows, 3, dtype=torch.long),
+        None,
+        torch.full((rows,), -5.9),
+        torch.randn(rows),
+        torch.randn(rows),
+        torch.randn(rows),
+    )
     seen = batch.observations.index_select(0, torch.arange(minibatch))
 
     def update() -> float:
@@ -341,9 +357,12 @@ def _products(heads: list[torch.Tensor], minibatch: int, inputs: int, hidden: in
 
 
 def _device() -> pb.Device:
-    return load_games()["shooting_birds"].describe(
-        choose_options(load_games()["shooting_birds"].options, {}, "shooting_birds")
-    ).behaviors[0].device  # fmt: skip
+    return (
+        load_games()["shooting_birds"]
+        .describe(choose_options(load_games()["shooting_birds"].options, {}, "shooting_birds"))
+        .behaviors[0]
+        .device
+    )
 
 
 def bench_train(timesteps: int = 1_500_000) -> Figures:
@@ -356,9 +375,12 @@ def bench_train(timesteps: int = 1_500_000) -> Figures:
         with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
 
             def report(
-                done: int, live: dict[str, float], row: dict[str, float] | None,
-                rates: list[float] = rates, shares: list[dict[str, float]] = shares,
-            ) -> None:  # fmt: skip
+                done: int,
+                live: dict[str, float],
+                row: dict[str, float] | None,
+                rates: list[float] = rates,
+                shares: list[dict[str, float]] = shares,
+            ) -> None:
                 if row is not None:
                     rates.append(row["timesteps_per_second"])
                     shares.append(row)
@@ -366,8 +388,10 @@ def bench_train(timesteps: int = 1_500_000) -> Figures:
             train(config, Path(folder) / "run", [address], resume=False, audience=Audience(report))
         rates = rates[1:]
         figures[f"{experiment}, timesteps/s"] = {
-            "median": statistics.median(rates), "low": min(rates), "high": max(rates)
-        }  # fmt: skip
+            "median": statistics.median(rates),
+            "low": min(rates),
+            "high": max(rates),
+        }
         for activity in ("simulate", "wire", "act", "learn"):
             share = statistics.median(row[activity] for row in shares[1:])
             figures[f"{experiment}, share of {activity}"] = {"median": share, "low": share, "high": share}
@@ -409,8 +433,10 @@ def bench_start(timesteps: int = 1_500_000) -> Figures:
     updates = [update() for _ in range(WINDOWS)]
     figures["start and end of a simulator, s"] = seconds(listen)
     figures["first update of a run, s"] = {
-        "median": statistics.median(updates), "low": min(updates), "high": max(updates)
-    }  # fmt: skip
+        "median": statistics.median(updates),
+        "low": min(updates),
+        "high": max(updates),
+    }
     config = load_config(experiment, [f"stop_at={timesteps}", "log_interval=150000"])
     with simulator_process() as address, tempfile.TemporaryDirectory() as folder:
         simulator, *_ = children()
@@ -456,10 +482,17 @@ def bench_peers() -> Figures:
     for arenas in (15, 75):
         envs = BridgeVecEnv("shooting_birds", arenas, layout="bucket-11")
         model = PPO(  # with the settings of configs/shooting_birds/bucket-11.yaml; the critic has a network of its own
-            "MlpPolicy", envs, seed=0, device="cpu",
-            n_steps=59, batch_size=256, n_epochs=4, learning_rate=3.25e-4, ent_coef=0.05,
+            "MlpPolicy",
+            envs,
+            seed=0,
+            device="cpu",
+            n_steps=59,
+            batch_size=256,
+            n_epochs=4,
+            learning_rate=3.25e-4,
+            ent_coef=0.05,
             policy_kwargs={"net_arch": [100, 100], "activation_fn": torch.nn.SiLU},
-        )  # fmt: skip
+        )
         rates: list[float] = []
         for window in range(4):
             begin = time.perf_counter()
@@ -517,8 +550,10 @@ def main() -> int:
         print(f"\n{name}", flush=True)
         results[name] = BENCHES[name]()
         for what, figure in results[name].items():
-            low, median, high = (f"{figure[key]:,.4g}" if figure[key] < 100 else f"{figure[key]:,.0f}"
-                                 for key in ("low", "median", "high"))  # fmt: skip
+            low, median, high = (
+                f"{figure[key]:,.4g}" if figure[key] < 100 else f"{figure[key]:,.0f}"
+                for key in ("low", "median", "high")
+            )
             print(f"  {what:<64} {median:>12}  ({low} – {high})", flush=True)
     if options.json:
         print(json.dumps({"machine": machine(), "results": results}))

@@ -52,14 +52,26 @@ def sb3(config: Config) -> PPO:
     """Return their PPO on the same pictures with the same settings."""
     policy = config.policy
     envs = BridgeVecEnv(
-        config.game, config.arenas, layout=config.layout, options=config.options, flatten=False,
+        config.game,
+        config.arenas,
+        layout=config.layout,
+        options=config.options,
+        flatten=False,
         frame_stack=policy.frame_stack,
-    )  # fmt: skip
+    )
     model = PPO(
-        "CnnPolicy", VecExtractDictObs(envs, "screen"), seed=0, device="cpu", n_steps=policy.rollout_steps,
-        batch_size=policy.minibatch_size, n_epochs=policy.epochs, learning_rate=policy.learning_rate,
-        gamma=policy.gamma, ent_coef=policy.entropy_coef, policy_kwargs={"net_arch": policy.hidden_sizes},
-    )  # fmt: skip
+        "CnnPolicy",
+        VecExtractDictObs(envs, "screen"),
+        seed=0,
+        device="cpu",
+        n_steps=policy.rollout_steps,
+        batch_size=policy.minibatch_size,
+        n_epochs=policy.epochs,
+        learning_rate=policy.learning_rate,
+        gamma=policy.gamma,
+        ent_coef=policy.entropy_coef,
+        policy_kwargs={"net_arch": policy.hidden_sizes},
+    )
     model.learn(policy.rollout_steps * config.arenas)
     return model
 

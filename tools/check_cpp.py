@@ -117,8 +117,9 @@ def server(*more: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 def check_learning(address: str, folder: Path) -> float:
     """Return the reward of a trained policy. Raise Failed unless training made it clearly better, seeds being fixed."""
-    rewards = [learn(address, folder / name, overrides) for name, overrides in
-               (("untrained", UNTRAINED), ("trained", ()))]  # fmt: skip
+    rewards = [
+        learn(address, folder / name, overrides) for name, overrides in (("untrained", UNTRAINED), ("trained", ()))
+    ]
     print(f"reward {rewards[0]:.1f} untrained, {rewards[1]:.1f} trained")
     if not rewards[1] >= rewards[0] + GAIN:
         raise Failed(f"training gained {rewards[1] - rewards[0]:.1f}, expected at least {GAIN:g}")

@@ -24,33 +24,49 @@ PYTHON = ENVIRONMENT / "bin/python"
 PAGE = ROOT / "results/environments.md"
 MISSING = 77  # exit status: nothing was checked
 REQUIREMENTS = (
-    "gymnasium[classic-control,box2d,mujoco]==1.4.0", "pettingzoo[classic]==1.27.0", "ale-py==0.12.1",
-    "Box2D==2.3.10", "minigrid==3.2.0", "mpe2==1.1.1", "mujoco==4.0.0",
-)  # fmt: skip
+    "gymnasium[classic-control,box2d,mujoco]==1.4.0",
+    "pettingzoo[classic]==1.27.0",
+    "ale-py==0.12.1",
+    "Box2D==2.3.10",
+    "minigrid==3.2.0",
+    "mpe2==1.1.1",
+    "mujoco==4.0.0",
+)
 ENVIRONMENTS: Mapping[str, tuple[tuple[str, ...], ...]] = {  # by package: the options of `joybridge serve`
     "gymnasium, classic control": (
-        ("--gym", "CartPole-v1"), ("--gym", "MountainCar-v0"), ("--gym", "MountainCarContinuous-v0"),
-        ("--gym", "Acrobot-v1"), ("--gym", "Pendulum-v1"),
+        ("--gym", "CartPole-v1"),
+        ("--gym", "MountainCar-v0"),
+        ("--gym", "MountainCarContinuous-v0"),
+        ("--gym", "Acrobot-v1"),
+        ("--gym", "Pendulum-v1"),
     ),
     "gymnasium, toy text": (
-        ("--gym", "FrozenLake-v1 map_name=8x8"), ("--gym", "Taxi-v4"), ("--gym", "CliffWalking-v1"),
+        ("--gym", "FrozenLake-v1 map_name=8x8"),
+        ("--gym", "Taxi-v4"),
+        ("--gym", "CliffWalking-v1"),
         ("--gym", "Blackjack-v1"),
     ),
     "gymnasium, Box2D": (
-        ("--gym", "LunarLander-v3"), ("--gym", "LunarLander-v3 continuous=true"), ("--gym", "BipedalWalker-v3"),
+        ("--gym", "LunarLander-v3"),
+        ("--gym", "LunarLander-v3 continuous=true"),
+        ("--gym", "BipedalWalker-v3"),
         ("--gym", "CarRacing-v3"),
     ),
     "gymnasium, MuJoCo": (
-        ("--gym", "HalfCheetah-v5"), ("--gym", "Hopper-v5"), ("--gym", "InvertedPendulum-v5"), ("--gym", "Ant-v5"),
+        ("--gym", "HalfCheetah-v5"),
+        ("--gym", "Hopper-v5"),
+        ("--gym", "InvertedPendulum-v5"),
+        ("--gym", "Ant-v5"),
     ),
     "ale-py": (("--gym", "ale_py:ALE/Pong-v5"), ("--gym", "ale_py:ALE/Breakout-v5 obs_type=ram")),
     "minigrid": (("--gym", "tools.minigrid_images:MiniGridImages-v0"),),
     "pettingzoo, AEC": (
-        ("--pettingzoo", "pettingzoo.classic.tictactoe_v3"), ("--pettingzoo", "pettingzoo.classic.connect_four_v3"),
+        ("--pettingzoo", "pettingzoo.classic.tictactoe_v3"),
+        ("--pettingzoo", "pettingzoo.classic.connect_four_v3"),
         ("--pettingzoo", "pettingzoo.classic.rps_v2"),
     ),
     "mpe2, parallel": (("--pettingzoo", "mpe2.simple_spread_v3"), ("--pettingzoo", "mpe2.simple_tag_v3")),
-}  # fmt: skip
+}
 SECONDS = 900.0  # to check one environment, or to install all
 
 
@@ -109,10 +125,17 @@ def check(package: str, option: tuple[str, ...]) -> Result:
     serve = ["serve", "--address", "127.0.0.1:0", "--step-seconds", "240", *option]
     with TemporaryDirectory() as folder:  # some environments write files where they are started
         said = Path(folder) / "stderr"
-        with said.open("w") as errors, subprocess.Popen(
-            [str(PYTHON), "-m", "joybridge", *serve], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE, stderr=errors, text=True,
-        ) as server:  # fmt: skip
+        with (
+            said.open("w") as errors,
+            subprocess.Popen(
+                [str(PYTHON), "-m", "joybridge", *serve],
+                cwd=folder,
+                env=os.environ | {"PYTHONPATH": str(ROOT)},
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+            ) as server,
+        ):
             try:
                 assert server.stdout is not None
                 line = next((line for line in server.stdout if "listening on" in line), "")

@@ -45,9 +45,15 @@ ENVIRONMENT = ROOT / ".venv-mlagents"  # which git ignores
 MISSING = 77  # exit status: nothing was checked
 # mlagents-envs declares Python <= 3.10.12 and works with later ones, so it is installed without its requirements.
 REQUIREMENTS = (
-    "setuptools<81", "numpy==1.23.5", "protobuf==3.20.3", "grpcio==1.48.2",
-    "Pillow", "pyyaml", "cloudpickle", "filelock",
-)  # fmt: skip
+    "setuptools<81",
+    "numpy==1.23.5",
+    "protobuf==3.20.3",
+    "grpcio==1.48.2",
+    "Pillow",
+    "pyyaml",
+    "cloudpickle",
+    "filelock",
+)
 DRIVEN = "mlagents_envs.environment, mlagents.trainers"  # modules that drive a player and read demonstrations
 PACKAGES = ("mlagents-envs==1.1.0", "mlagents==1.1.0")
 GAMES = ("archer", "noughts", "ferry", "shooting_birds")

@@ -16,9 +16,14 @@ from joybridge.config.metrics import Row, read_rows
 ROOT = Path(__file__).parents[1]
 PACKAGES = ["wandb>=0.21", "mlflow-skinny>=3"]
 TRAIN = [
-    "train", "archer/hybrid", "--run", "run", "log_to=[tensorboard,wandb,mlflow]", "total_timesteps=60000",
+    "train",
+    "archer/hybrid",
+    "--run",
+    "run",
+    "log_to=[tensorboard,wandb,mlflow]",
+    "total_timesteps=60000",
     "log_interval=10000",
-]  # fmt: skip
+]
 READ = """
 import json, struct
 from pathlib import Path
@@ -84,9 +89,14 @@ def run(folder: Path, *arguments: str, **variables: str) -> str:
     own = {name: value for name, value in os.environ.items() if not name.startswith(hidden)}
     own |= {"PYTHONPATH": str(folder / "packages"), "HOME": str(folder), **variables}
     result = subprocess.run(
-        [sys.executable, *arguments], cwd=folder, env=own, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=own,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
         check=True,
-    )  # fmt: skip
+    )
     return result.stdout
 
 

@@ -26,9 +26,12 @@ PYTHONS = ("3.11", "3.12", "3.13")
 SYSTEMS: dict[str, dict[str, str]] = {  # how pip calls them, and what the markers of requirements see there
     "win_amd64": {"sys_platform": "win32", "platform_system": "Windows", "os_name": "nt", "platform_machine": "AMD64"},
     "macosx_14_0_arm64": {
-        "sys_platform": "darwin", "platform_system": "Darwin", "os_name": "posix", "platform_machine": "arm64",
+        "sys_platform": "darwin",
+        "platform_system": "Darwin",
+        "os_name": "posix",
+        "platform_machine": "arm64",
     },
-}  # fmt: skip
+}
 MISSING = re.compile(r"No matching distribution found for ([\w.-]+)")
 
 

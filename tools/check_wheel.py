@@ -110,10 +110,20 @@ class Environment:
     def install(self, wheel: Path, extra: str) -> None:
         """Install the wheel with an extra. Raises NoWheel and Failed."""
         command = (
-            sys.executable, "-m", "pip", "--python", str(self.bin / "python"), "install", "--quiet", "--no-compile",
-            "--only-binary", ":all:", "--constraint", str(ROOT / "constraints.txt"),
+            sys.executable,
+            "-m",
+            "pip",
+            "--python",
+            str(self.bin / "python"),
+            "install",
+            "--quiet",
+            "--no-compile",
+            "--only-binary",
+            ":all:",
+            "--constraint",
+            str(ROOT / "constraints.txt"),
             f"{wheel}[{extra}]" if extra else str(wheel),
-        )  # fmt: skip
+        )
         try:
             self.run(*command)
         except Failed as failure:
@@ -127,9 +137,16 @@ class Environment:
         command = [str(self.bin / program) if (self.bin / program).exists() else program, *arguments]
         try:
             result = subprocess.run(
-                command, cwd=self.work, env=self.variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT, text=True, timeout=DEADLINE, check=False,
-            )  # fmt: skip
+                command,
+                cwd=self.work,
+                env=self.variables,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                timeout=DEADLINE,
+                check=False,
+            )
         except subprocess.TimeoutExpired as error:
             raise Failed(f"{' '.join(command)} did not end within {DEADLINE:g} s") from error
         if result.returncode != status:
@@ -152,10 +169,18 @@ class Environment:
     def server(self) -> Iterator[str]:
         """Run `joybridge serve` on a free port and yield its address. Raises Failed if it does not start."""
         command = [str(self.bin / "joybridge"), "serve", "--address", "127.0.0.1:0", "--with-parent"]
-        with (self.work / "server.txt").open("w+") as log, subprocess.Popen(
-            command, cwd=self.work, env=self.variables, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
-            text=True,
-        ) as process:  # fmt: skip
+        with (
+            (self.work / "server.txt").open("w+") as log,
+            subprocess.Popen(
+                command,
+                cwd=self.work,
+                env=self.variables,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+            ) as process,
+        ):
             try:
                 assert process.stdout is not None
                 line = process.stdout.readline()

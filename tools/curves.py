@@ -72,8 +72,13 @@ def _add_original(axes: Axes, config: Config, policy: str, rows: list[Row], colo
             [p.timesteps / 1e6 for p in points],
             [p.reward for p in points],
             [2 * p.reward_std for p in points],
-            fmt="o", markersize=4, capsize=2, color=color, alpha=0.6, label="the original, ten runs ± 2 sd",
-        )  # fmt: skip
+            fmt="o",
+            markersize=4,
+            capsize=2,
+            color=color,
+            alpha=0.6,
+            label="the original, ten runs ± 2 sd",
+        )
 
 
 if __name__ == "__main__":

@@ -76,8 +76,11 @@ def _bits(marks: np.ndarray) -> int:
 
 
 EXPERTS: dict[str, Expert] = {
-    "archer": archer_expert, "marble": marble_expert, "orchard": orchard_expert, "noughts": noughts_expert,
-}  # fmt: skip
+    "archer": archer_expert,
+    "marble": marble_expert,
+    "orchard": orchard_expert,
+    "noughts": noughts_expert,
+}
 
 
 def record(game: str, address: str, folder: Path, seed: int = 1) -> float:

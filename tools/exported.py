@@ -59,9 +59,10 @@ class Onnx:
         """Return actions for a step."""
         normal, uniform = (self._model.inputs.get(name, [0])[0] for name in ("normal", "uniform"))
         return self._model.act(
-            step, self._random.standard_normal((self._lanes, normal), np.float32),
+            step,
+            self._random.standard_normal((self._lanes, normal), np.float32),
             self._random.random((self._lanes, uniform), np.float32),
-        )  # fmt: skip
+        )
 
     def store(self, after: StepArrays) -> None:
         """Take what followed: episodes that end begin anew."""

@@ -43,9 +43,7 @@ def player(run: Path) -> Callable[[int, int], int]:
     @cache
     def move(own: int, other: int) -> int:
         agent.begin()
-        seen = {
-            name: [marks >> field & 1 for field in FIELDS] for name, marks in (("own", own), ("other", other))
-        }  # fmt: skip
+        seen = {name: [marks >> field & 1 for field in FIELDS] for name, marks in (("own", own), ("other", other))}
         free = [not (own | other) >> field & 1 for field in FIELDS]
         return int(agent.act(seen, {"field": free})["field"])
 

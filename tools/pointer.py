@@ -40,9 +40,12 @@ VARIANTS = {
     "moved, `bucket-11`": ["layout=bucket-11", "pointer=velocity"],
     "moved, `hybrid`, a miss costs 0.3": ["layout=hybrid", "pointer=velocity", "options.miss=dear"],
     "the same, `policy.penalty_ramp=100000`": [
-        "layout=hybrid", "pointer=velocity", "options.miss=dear", "policy.penalty_ramp=100000",
+        "layout=hybrid",
+        "pointer=velocity",
+        "options.miss=dear",
+        "policy.penalty_ramp=100000",
     ],
-}  # fmt: skip
+}
 
 
 class Moths(Game):

@@ -108,10 +108,14 @@ def by_arenas(game: str, arenas: int) -> Figures:
         steps = len(trips) * arenas
         low, high = np.percentile(trips, [50, 95])
         return {
-            "arenas": arenas, "us": 1e6 * sum(trips) / steps, "p50_us": 1e6 * low, "p95_us": 1e6 * high,
+            "arenas": arenas,
+            "us": 1e6 * sum(trips) / steps,
+            "p50_us": 1e6 * low,
+            "p95_us": 1e6 * high,
             "simulate_us": 1e6 * simulated / steps,
-            "simulator_cpu_us": 1e6 * (processor_seconds(simulator) - used) / steps, "mb": megabytes(simulator),
-        }  # fmt: skip
+            "simulator_cpu_us": 1e6 * (processor_seconds(simulator) - used) / steps,
+            "mb": megabytes(simulator),
+        }
 
 
 def by_sessions(game: str, sessions: int, arenas: int = 16) -> Figures:
@@ -141,9 +145,11 @@ def by_sessions(game: str, sessions: int, arenas: int = 16) -> Figures:
         for session in opened:
             session.receive()
         return {
-            "sessions": sessions, "per_second": len(trips) * arenas / seconds,
-            "p95_us": 1e6 * float(np.percentile(trips, 95)), "mb": megabytes(simulator),
-        }  # fmt: skip
+            "sessions": sessions,
+            "per_second": len(trips) * arenas / seconds,
+            "p95_us": 1e6 * float(np.percentile(trips, 95)),
+            "mb": megabytes(simulator),
+        }
 
 
 def training(experiment: str, simulators: int, timesteps: int) -> Figures:
@@ -175,10 +181,14 @@ def training(experiment: str, simulators: int, timesteps: int) -> Figures:
         )
 
     return {
-        "simulators": simulators, "per_second": 1.0 / float(np.mean(seconds)), "act": cost("act"),
-        "learn": cost("learn"), "waited": cost("simulate", "wire"),
-        "simulators_cpu": (used[-1] - used[1]) / between, "memory": memory,
-    }  # fmt: skip
+        "simulators": simulators,
+        "per_second": 1.0 / float(np.mean(seconds)),
+        "act": cost("act"),
+        "learn": cost("learn"),
+        "waited": cost("simulate", "wire"),
+        "simulators_cpu": (used[-1] - used[1]) / between,
+        "memory": memory,
+    }
 
 
 def processor_seconds(process: int) -> float:
@@ -226,10 +236,13 @@ def draw(figures: Figures, folder: Path) -> None:
             x = [point["timesteps"] / 1e6 for point in memory]
             panels[1, 2].plot(x, [point[name] for point in memory], style, label=f"{experiment}, {name}")
     titles = [
-        ("µs per agent-step", "arenas"), ("round trip, µs", "arenas"), ("memory of the simulator, MB", "arenas"),
-        ("agent-steps per second", "sessions of 16 arenas"), ("round trip p95, µs", "sessions of 16 arenas"),
+        ("µs per agent-step", "arenas"),
+        ("round trip, µs", "arenas"),
+        ("memory of the simulator, MB", "arenas"),
+        ("agent-steps per second", "sessions of 16 arenas"),
+        ("round trip p95, µs", "sessions of 16 arenas"),
         ("memory in training, MB", "million timesteps"),
-    ]  # fmt: skip
+    ]
     for panel, (title, below) in zip(panels.flat, titles, strict=True):
         panel.set_title(title, fontsize=10)
         panel.set_xlabel(below, fontsize=9)
@@ -250,13 +263,17 @@ def draw(figures: Figures, folder: Path) -> None:
 def page(figures: Figures) -> list[str]:
     """Return the lines of the page."""
     lines = [
-        "# Scale", "",
+        "# Scale",
+        "",
         "How time and memory grow with arenas, sessions and timesteps, and a model of more cores.",
         "`python -m tools.scale`, in a checkout, measures all of it anew and writes this page. It needs a machine of",
-        "its own.", "",
-        f"Measured on {figures['machine']}, over a Unix socket, with random actions.", "",
-        "![Curves](curves.png)", "",
-    ]  # fmt: skip
+        "its own.",
+        "",
+        f"Measured on {figures['machine']}, over a Unix socket, with random actions.",
+        "",
+        "![Curves](curves.png)",
+        "",
+    ]
     for game in GAMES:
         lines += [f"## {game}", ""]
         lines += table(

@@ -100,7 +100,7 @@ def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mappi
             cells.append(f"{_mean(mine)}, {middle:.0%}{interval}, n = {len(mine)}")
         rows.append(f"| {' | '.join(cells)} |")
     pace = ", ".join(f"{kind} {np.median(values):,.0f}" for kind, values in speeds.items())
-    return "\n".join([
+    lines = [
         "# One policy for three games, and one for each",
         "",
         f"Made by `python -m tools.several --seeds {','.join(seeds)}`: `{CONFIG}`,",
@@ -115,7 +115,8 @@ def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mappi
         "",
         f"Timesteps per second, medians, on a shared machine whose load changed from run to run: {pace}.",
         "",
-    ])  # fmt: skip
+    ]
+    return "\n".join(lines)
 
 
 def ratio(joint: Sequence[float], single: Sequence[float]) -> tuple[float, float, float]:

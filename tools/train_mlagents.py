@@ -20,9 +20,18 @@ from tools.check_mlagents import MISSING, REQUIREMENTS, ROOT, Failed, free_ports
 
 LEARNER = ROOT / ".venv-mlagents-learn"  # which git ignores
 LEARNING = (
-    *REQUIREMENTS, "torch==2.2.2", "onnx==1.15.0", "tensorboard", "h5py", "six", "attrs", "huggingface-hub",
-    "cattrs<1.7", "gym==0.26.2", "pettingzoo==1.15.0",
-)  # fmt: skip
+    *REQUIREMENTS,
+    "torch==2.2.2",
+    "onnx==1.15.0",
+    "tensorboard",
+    "h5py",
+    "six",
+    "attrs",
+    "huggingface-hub",
+    "cattrs<1.7",
+    "gym==0.26.2",
+    "pettingzoo==1.15.0",
+)
 FOLDER = ROOT / "tools/mlagents"
 AREAS, PLAYERS = 16, 2
 STAND_IN_REWARD = 6.8  # of 8 per episode; random play earns 2.9
@@ -59,9 +68,17 @@ def our_trainer(folder: Path) -> str:
     """Let `joybridge train` start players of mlagents_envs' messages; return how it went. Raises Failed."""
     player = _build(folder / "stand_in", f'"{check_mlagents.ENVIRONMENT}/bin/python" "{FOLDER}/stand_in.py"')
     _run(
-        sys.executable, "-m", "joybridge", "train", f"{FOLDER}/stand_in.yaml", "--unity", f"{player} areas={AREAS}",
-        "--run", f"{folder}/run", f"arenas={AREAS * PLAYERS}",
-    )  # fmt: skip
+        sys.executable,
+        "-m",
+        "joybridge",
+        "train",
+        f"{FOLDER}/stand_in.yaml",
+        "--unity",
+        f"{player} areas={AREAS}",
+        "--run",
+        f"{folder}/run",
+        f"arenas={AREAS * PLAYERS}",
+    )
     (metrics,) = (folder / "run").glob("metrics*.csv")
     with metrics.open(newline="") as file:
         *_, last = csv.DictReader(file)

@@ -61,19 +61,32 @@ class Gauntlet(BatchedGame):
             sensor("lamps", [3], dtype="bool"),
         ]
         player = behavior(
-            "player", sensors=sensors,
+            "player",
+            sensors=sensors,
             axes=[axis("x", kind="velocity", way="right"), axis("force", 0.5, 2.0, only_with=("gear", "high"))],
             branches=[branch("gear", ["low", "middle", "high"], keys=["1", "", "3"]), button("press", key="space")],
-            channels=[channel("gain"), channel("cost", 0.5)], metrics=["length", "presses"],
-        )  # fmt: skip
+            channels=[channel("gain"), channel("cost", 0.5)],
+            metrics=["length", "presses"],
+        )
         judge = behavior("judge", sensors=[sensor("lead", [1])], branches=[button("verdict")], agents=2)
-        runner = behavior("runner", sensors=[sensor("track", [1])], axes=[axis("pace")], metrics=["pace"],
-                          scripts={"walker": "a quarter of the way", "sprinter": "all of it"})  # fmt: skip
+        runner = behavior(
+            "runner",
+            sensors=[sensor("track", [1])],
+            axes=[axis("pace")],
+            metrics=["pace"],
+            scripts={"walker": "a quarter of the way", "sprinter": "all of it"},
+        )
         return spec(
-            cls, [player, judge, runner], parameters=[parameter("drift", 0.0, 2.0, 1.0)], tick_seconds=0.1,
-            max_episode_decisions=LONGEST, max_arenas=16, snapshot_bytes_per_arena=96, picture=(8, 6),
+            cls,
+            [player, judge, runner],
+            parameters=[parameter("drift", 0.0, 2.0, 1.0)],
+            tick_seconds=0.1,
+            max_episode_decisions=LONGEST,
+            max_arenas=16,
+            snapshot_bytes_per_arena=96,
+            picture=(8, 6),
             parameters_per_episode=True,
-        )  # fmt: skip
+        )
 
     def __init__(self, options, parameters, arenas, first_arena, seed):
         self.cells = 2 if options["size"] == "small" else 5
@@ -132,8 +145,9 @@ class Gauntlet(BatchedGame):
         last = [self.observations(index) for index in range(3)]
         rewards = [
             np.stack([self.place[:, 0], -0.25 * player.choices[:, 1]], axis=1).astype(np.float32),
-            self.earned.reshape(-1, 1).copy(), self.place[:, 1:].astype(np.float32),
-        ]  # fmt: skip
+            self.earned.reshape(-1, 1).copy(),
+            self.place[:, 1:].astype(np.float32),
+        ]
         metrics = [self.counts[ended, :2].astype(np.float32), None, runner.axes[ended]]
         self.played = self.drift[ended, None].astype(np.float32)
         for arena in ended:
@@ -164,9 +178,11 @@ class Gauntlet(BatchedGame):
         agents = 2 if index == 1 else 1
         lanes = self.arenas * agents
         step = StepArrays(
-            self.observations(index), np.zeros((lanes, 2 if index == 0 else 1), np.float32), np.zeros(lanes, bool),
+            self.observations(index),
+            np.zeros((lanes, 2 if index == 0 else 1), np.float32),
             np.zeros(lanes, bool),
-        )  # fmt: skip
+            np.zeros(lanes, bool),
+        )
         if index == 0:
             gear = self.counts[:, GEAR : GEAR + 1]
             step.masks = [abs(np.arange(3) - gear) <= 1, np.ones((lanes, 2), bool)]
@@ -201,8 +217,12 @@ class Gauntlet(BatchedGame):
     def check(self, state):
         """Raise ValueError for numbers that no session has saved."""
         for name, low, high in (
-            ("place", -9, 9), ("counts", 0, 2**40), ("earned", 0, LONGEST), ("drift", 0, 2), ("episodes", 0, 2**40)
-        ):  # fmt: skip
+            ("place", -9, 9),
+            ("counts", 0, 2**40),
+            ("earned", 0, LONGEST),
+            ("drift", 0, 2),
+            ("episodes", 0, 2**40),
+        ):
             check_range(name, state[name], low, high)
 
 
@@ -390,9 +410,10 @@ BROKEN["NoLimitOfMessages"] = BrokenServer(
 HEALTH = "/grpc.health.v1.Health/"
 RIGHT = bearer("0123456789-secret")
 PROTECTED = BrokenServer(
-    set(), admits=lambda method, sent: sent == RIGHT or method.startswith(HEALTH),
+    set(),
+    admits=lambda method, sent: sent == RIGHT or method.startswith(HEALTH),
     credentials=Credentials(token="0123456789-secret"),
-)  # fmt: skip
+)
 WITHOUT, ANOTHER = "calls_without_the_token_are_unauthenticated", "calls_with_another_token_are_unauthenticated"
 BROKEN |= {
     "AnyToken": replace(
@@ -402,11 +423,13 @@ BROKEN |= {
         PROTECTED, checks={ANOTHER}, admits=lambda method, sent: sent.startswith(RIGHT) or method.startswith(HEALTH)
     ),
     "PlayIsOpen": replace(
-        PROTECTED, checks={WITHOUT, ANOTHER},
+        PROTECTED,
+        checks={WITHOUT, ANOTHER},
         admits=lambda method, sent: sent == RIGHT or method.endswith("/Play") or method.startswith(HEALTH),
     ),
     "ReflectionIsOpen": replace(
-        PROTECTED, checks={WITHOUT, ANOTHER},
+        PROTECTED,
+        checks={WITHOUT, ANOTHER},
         admits=lambda method, sent: sent == RIGHT or method.startswith(("/grpc.reflection", HEALTH)),
     ),
     "HealthNeedsTheToken": replace(
@@ -415,16 +438,18 @@ BROKEN |= {
     "UnpacksMessages": BrokenServer(
         set(), warned={"compressed_messages_are_refused"}, options=[("grpc.compression_enabled_algorithms_bitset", 7)]
     ),
-}  # fmt: skip
+}
 
 # ------------------------------------------------------------------------------------------------ specs and starts
 
 
 @broken(
-    "spec_is_the_same_on_every_call", "explicit_default_choices_give_the_same_spec",
-    "spec_of_every_choice_is_the_same_on_every_call", "started_has_the_spec_of_describe",
+    "spec_is_the_same_on_every_call",
+    "explicit_default_choices_give_the_same_spec",
+    "spec_of_every_choice_is_the_same_on_every_call",
+    "started_has_the_spec_of_describe",
     "started_has_the_spec_of_describe_for_every_choice",
-)  # fmt: skip
+)
 class ChangingSpec(Gauntlet):
     times = 0
 
@@ -525,9 +550,10 @@ class AnyOption(Honest):
 
 
 @broken(
-    "parameter_above_high_is_refused_by_start", "parameter_below_low_is_refused_by_start",
+    "parameter_above_high_is_refused_by_start",
+    "parameter_below_low_is_refused_by_start",
     "infinite_parameter_is_refused_by_start",
-)  # fmt: skip
+)
 class ClipsParameters(Honest):
     def request(self, request):
         if "drift" in request.start.parameters and not np.isnan(request.start.parameters["drift"]):
@@ -604,9 +630,10 @@ class ForgetsEpisodes(Gauntlet):
 
 
 @broken(
-    "parameters_of_ended_episodes_are_reported", "drawn_values_are_in_the_interval",
+    "parameters_of_ended_episodes_are_reported",
+    "drawn_values_are_in_the_interval",
     "every_episode_of_every_arena_draws_anew",
-)  # fmt: skip
+)
 class ReportsNoParameters(Honest):
     def later(self, step):
         for part in step.behaviors:
@@ -633,8 +660,10 @@ class StartsAgain(Honest):
 
 
 @broken(
-    "unknown_field_of_start_is_ignored", "unknown_field_of_act_is_ignored", "unknown_field_of_describe_is_ignored",
-)  # fmt: skip
+    "unknown_field_of_start_is_ignored",
+    "unknown_field_of_act_is_ignored",
+    "unknown_field_of_describe_is_ignored",
+)
 class RefusesWhatItDoesNotKnow(Honest):
     @staticmethod
     def look(request):
@@ -719,9 +748,11 @@ class NotANumberIsZero(Honest):
 
 
 @broken(
-    "axis_above_high_is_refused", "axis_below_low_is_refused",
-    "axis_far_out_of_range_is_refused", "invalid_action_in_the_last_lane_is_refused",
-)  # fmt: skip
+    "axis_above_high_is_refused",
+    "axis_below_low_is_refused",
+    "axis_far_out_of_range_is_refused",
+    "invalid_action_in_the_last_lane_is_refused",
+)
 class ClipsAxes(Honest):
     def request(self, request):
         for act in acts(request):
@@ -761,9 +792,12 @@ class IgnoresExtraBehaviors(Honest):
 
 
 @broken(
-    "actions_of_lanes_that_a_script_plays_are_ignored", "script_after_the_last_is_refused",
-    "negative_script_is_refused", "scripts_with_an_extra_lane_are_refused", "scripts_of_another_dtype_are_refused",
-)  # fmt: skip
+    "actions_of_lanes_that_a_script_plays_are_ignored",
+    "script_after_the_last_is_refused",
+    "negative_script_is_refused",
+    "scripts_with_an_extra_lane_are_refused",
+    "scripts_of_another_dtype_are_refused",
+)
 class KnowsNoScripts(Honest):
     def request(self, request):
         for act in request.act.behaviors:
@@ -804,9 +838,10 @@ class SeedIsADouble(Gauntlet):
 
 
 @broken(
-    "arena_does_not_depend_on_the_number_of_arenas", "first_arena_selects_the_arena_numbers",
+    "arena_does_not_depend_on_the_number_of_arenas",
+    "first_arena_selects_the_arena_numbers",
     "arena_numbers_may_exceed_32_bits",
-)  # fmt: skip
+)
 class SeedsDependOnTheArenas(Gauntlet):
     def draws(self, arena):
         self.counts[arena, DRAWS] += 1
@@ -1048,9 +1083,11 @@ class LargeSnapshots(Gauntlet):
 
 
 @broken(
-    "parallel_sessions_are_independent", "reset_does_not_affect_other_sessions",
-    "cancelled_session_does_not_affect_others", "lost_connection_does_not_affect_other_sessions",
-)  # fmt: skip
+    "parallel_sessions_are_independent",
+    "reset_does_not_affect_other_sessions",
+    "cancelled_session_does_not_affect_others",
+    "lost_connection_does_not_affect_other_sessions",
+)
 class SessionsShareTheirSeed(Gauntlet):
     newest = 0
 

@@ -105,8 +105,16 @@ class Chromium:
 def chromium(folder) -> Iterator[Chromium]:
     """Run a browser with its profile in a folder."""
     assert PROGRAM
-    options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--remote-debugging-port=0",
-               "--remote-allow-origins=*", "--disable-background-networking", "--disable-dev-shm-usage"]  # fmt: skip
+    options = [
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--no-first-run",
+        "--remote-debugging-port=0",
+        "--remote-allow-origins=*",
+        "--disable-background-networking",
+        "--disable-dev-shm-usage",
+    ]
     process = subprocess.Popen([PROGRAM, *options, f"--user-data-dir={folder}"], stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None

@@ -12,18 +12,22 @@ class Mixed(gymnasium.Env):  # type: ignore[misc]
     """Every kind of space at once; `last` is the last action. Terminated and truncated after three decisions."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
-    observation_space = spaces.Dict({
-        "arm": spaces.Dict({"speed": spaces.Box(-1.0, np.inf, (2,), np.float64)}),
-        "image": spaces.Box(0, 255, (2, 3, 3), np.uint8),
-        "lamps": spaces.MultiBinary(3),
-        "pair": spaces.Tuple([spaces.Discrete(3, start=1), spaces.MultiDiscrete([2, 3])]),
-    })  # fmt: skip
-    action_space = spaces.Dict({
-        "gear": spaces.Discrete(3, start=-1),
-        "keys": spaces.MultiBinary(2),
-        "levers": spaces.Box(np.array([-1.0, 0.1]), np.array([1.0, 0.8]), dtype=np.float64),
-        "pair": spaces.Tuple([spaces.MultiDiscrete([2, 4]), spaces.Box(-5, 5, (), np.int32)]),
-    })  # fmt: skip
+    observation_space = spaces.Dict(
+        {
+            "arm": spaces.Dict({"speed": spaces.Box(-1.0, np.inf, (2,), np.float64)}),
+            "image": spaces.Box(0, 255, (2, 3, 3), np.uint8),
+            "lamps": spaces.MultiBinary(3),
+            "pair": spaces.Tuple([spaces.Discrete(3, start=1), spaces.MultiDiscrete([2, 3])]),
+        }
+    )
+    action_space = spaces.Dict(
+        {
+            "gear": spaces.Discrete(3, start=-1),
+            "keys": spaces.MultiBinary(2),
+            "levers": spaces.Box(np.array([-1.0, 0.1]), np.array([1.0, 0.8]), dtype=np.float64),
+            "pair": spaces.Tuple([spaces.MultiDiscrete([2, 4]), spaces.Box(-5, 5, (), np.int32)]),
+        }
+    )
 
     def __init__(self, render_mode=None, fault=""):
         self.render_mode, self.fault = render_mode, fault

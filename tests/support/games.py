@@ -174,9 +174,11 @@ class Kick(Game):
     @classmethod
     def describe(cls, options):
         kicker = behavior(
-            "kicker", sensors=[image("line", 1, 8)], axes=[axis("force", only_with=("foot", "kick"))],
+            "kicker",
+            sensors=[image("line", 1, 8)],
+            axes=[axis("force", only_with=("foot", "kick"))],
             branches=[branch("foot", ["rest", "kick"])],
-        )  # fmt: skip
+        )
         return spec(cls, [kicker], max_episode_decisions=20)
 
     def reset(self):

@@ -16,7 +16,7 @@ from joybridge.simulator import (
     transition,
     truncation,
     waiting,
-)  # fmt: skip
+)
 
 
 class Brief(Game):

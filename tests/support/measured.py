@@ -21,8 +21,12 @@ def measured(module: str) -> list[str]:
 def interpreted(module: str, *arguments: str) -> str:
     """Run a module in which compiled functions are interpreted, which coverage can see, and return its output."""
     result = subprocess.run(
-        [*measured(module), *arguments], cwd=ROOT, env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [*measured(module), *arguments],
+        cwd=ROOT,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout

@@ -63,9 +63,11 @@ def main() -> int:
     """Run the command line and return its exit status."""
     about = "\n".join(f"  {name:<13}{kind.function.__doc__}" for name, kind in KINDS.items())
     parser = argparse.ArgumentParser(
-        prog="python -m tools.chaos", description=(__doc__ or "").partition("\n")[0], epilog=f"kinds:\n{about}",
+        prog="python -m tools.chaos",
+        description=(__doc__ or "").partition("\n")[0],
+        epilog=f"kinds:\n{about}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     parser.add_argument("kinds", nargs="*", help="which to do; default all")
     parser.add_argument("--faults", type=int, help="how many of each kind; by default each has its own number")
     parser.add_argument("--short", action="store_true", help="few faults, and only of kinds that take seconds")

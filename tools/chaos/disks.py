@@ -42,8 +42,11 @@ def disks(folder: Path, faults: int) -> Outcome:
         ]
         done = subprocess.run(
             ["unshare", "-rm", "sh", "-c", script, "sh", *train, "stop_at=96000"],
-            stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
-        )  # fmt: skip
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
         if done.returncode != 1 or len(errors) != 1 or "Traceback" in done.stderr:
             problems.append(f"{name}: status {done.returncode}, {done.stderr[-300:]!r}")

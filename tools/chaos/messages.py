@@ -26,8 +26,11 @@ AT_ONCE = 32  # calls
 CALL_SECONDS = 60.0
 SERVICE = "/joybridge.v1.SimulatorService/"
 REFUSED = {
-    StatusCode.INVALID_ARGUMENT, StatusCode.FAILED_PRECONDITION, StatusCode.NOT_FOUND, StatusCode.RESOURCE_EXHAUSTED,
-}  # fmt: skip
+    StatusCode.INVALID_ARGUMENT,
+    StatusCode.FAILED_PRECONDITION,
+    StatusCode.NOT_FOUND,
+    StatusCode.RESOURCE_EXHAUSTED,
+}
 
 
 class Method(NamedTuple):
@@ -52,18 +55,24 @@ def methods() -> list[Method]:
         Method(f"{SERVICE}ListGames", pb.ListGamesRequest, "unary_unary", [pb.ListGamesRequest(version=pb.Version())]),
         Method(f"{SERVICE}DescribeGame", pb.DescribeGameRequest, "unary_unary", [describe]),
         Method(
-            "/grpc.health.v1.Health/Check", health_pb2.HealthCheckRequest, "unary_unary",
+            "/grpc.health.v1.Health/Check",
+            health_pb2.HealthCheckRequest,
+            "unary_unary",
             [health_pb2.HealthCheckRequest(service="joybridge.v1.SimulatorService")],
         ),
         Method(
-            "/grpc.health.v1.Health/Watch", health_pb2.HealthCheckRequest, "unary_stream",
+            "/grpc.health.v1.Health/Watch",
+            health_pb2.HealthCheckRequest,
+            "unary_stream",
             [health_pb2.HealthCheckRequest(service="joybridge.v1.SimulatorService")],
         ),
         Method(
-            "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", reflection_pb2.ServerReflectionRequest,
-            "stream_stream", [reflect],
+            "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
+            reflection_pb2.ServerReflectionRequest,
+            "stream_stream",
+            [reflect],
         ),
-    ]  # fmt: skip
+    ]
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:

@@ -22,9 +22,13 @@ from tools.chaos.proxy import Proxy
 
 CONFIG = "shooting_birds/bucket-3"
 SETTINGS = [
-    "arenas=16", "policy.rollout_steps=60", "policy.minibatch_size=240", "checkpoint_interval=1", "timeout_seconds=3",
+    "arenas=16",
+    "policy.rollout_steps=60",
+    "policy.minibatch_size=240",
+    "checkpoint_interval=1",
+    "timeout_seconds=3",
     "max_restarts=1000000",
-]  # fmt: skip
+]
 LONGEST_PAUSE = 3.0  # seconds between a recovery and the next fault
 DEADLINE_SECONDS = 300.0  # for the next checkpoint
 

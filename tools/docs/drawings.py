@@ -147,9 +147,17 @@ def rays() -> str:
 
 
 BIRDS = (
-    (5.6, 0.8, 1), (2.4, 4.2, 0), (-3.4, 8.8, 2), (-9.4, 3.7, 2), (-14.6, 0.6, 0), (-3.9, -6.1, 1), (3.3, -3.6, 2),
-    (13.5, 6.8, 1), (15.2, -4.4, 2), (-16.0, -7.0, 0),
-)  # fmt: skip
+    (5.6, 0.8, 1),
+    (2.4, 4.2, 0),
+    (-3.4, 8.8, 2),
+    (-9.4, 3.7, 2),
+    (-14.6, 0.6, 0),
+    (-3.9, -6.1, 1),
+    (3.3, -3.6, 2),
+    (13.5, 6.8, 1),
+    (15.2, -4.4, 2),
+    (-16.0, -7.0, 0),
+)
 
 
 def _place(x: float, y: float) -> tuple[float, float]:
@@ -193,10 +201,13 @@ def _rays(x: float, y: float, hit: np.ndarray) -> Iterator[str]:
 def _legend(hit: np.ndarray) -> Iterator[str]:
     """Write what the lines mean, and the three values of some rays."""
     top = _place(0.0, -WALL_Y)[1]
-    for row, (kind, words) in enumerate((
-        ("to-bird", "to the nearest bird"), ("to-obstacle", "to the nearest obstacle"),
-        ("thin", f"a ray of {RAY_LENGTH:g} units"),
-    )):  # fmt: skip
+    for row, (kind, words) in enumerate(
+        (
+            ("to-bird", "to the nearest bird"),
+            ("to-obstacle", "to the nearest obstacle"),
+            ("thin", f"a ray of {RAY_LENGTH:g} units"),
+        )
+    ):
         y = top + 28 + 24 * row
         yield f'<path class="{kind}" d="M20 {y - 4:g}h40"/>' + text(70, y, words)
     sizes = ", ".join(f"{code:g} {name}" for code, name in zip(SIZE_CODE, ("large", "medium", "small"), strict=True))

@@ -13,9 +13,11 @@ ROOT = Path(__file__).parents[2]
 SIDES = [ROOT / side for side in ("proto", "simulator", "trainer")]
 BASE = "JoybridgeError"
 INSIDE = {  # modules whose exceptions are caught where they are raised
-    "joybridge.conformance.expectations", "joybridge.contract.local_socket", "joybridge.simulator.session",
+    "joybridge.conformance.expectations",
+    "joybridge.contract.local_socket",
+    "joybridge.simulator.session",
     "joybridge.viewer.messages",
-}  # fmt: skip
+}
 REASON = re.compile(r"^  REASON_(\w+) = \d+; +// (\w+): (.*)$", re.MULTILINE)
 
 REASONS = {  # what to do
@@ -49,7 +51,7 @@ REASONS = {  # what to do
     "WRONG_DISTRIBUTION": "give `low` below `high`, above 0 if it is log-uniform, or 1 to 100 values",
     "NO_DISTRIBUTIONS": "give the parameter one value; only games with `parameters_per_episode` draw it per episode",
     "SHUTTING_DOWN": "start the server again; a trainer waits for it and goes on",
-}  # fmt: skip
+}
 
 EXCEPTIONS = {  # what to do
     "JoybridgeError": "Print it: the text says what to do.",
@@ -84,7 +86,7 @@ EXCEPTIONS = {  # what to do
     "FaultFound": "Repair the game: the step that the text names fails again, or differs.",
     "RecordingError": "Name a demonstration, or a file of the folder `faults` of a run, that is as it was written.",
     "ActionError": "Send an action of the action space; `sample_allowed` draws one that the mask allows.",
-}  # fmt: skip
+}
 
 
 def reasons() -> str:

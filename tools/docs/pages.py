@@ -15,11 +15,18 @@ from tools.docs import api, contract, errors, promises, reference
 
 ROOT = Path(__file__).parents[2]
 GENERATED: dict[str, Callable[..., str]] = {
-    "api": api.api, "commands": reference.commands, "configurations": reference.configurations,
-    "contract": contract.contract, "docstring": api.docstring, "exceptions": errors.exceptions,
-    "forms": reference.forms, "keys": reference.key_table, "other_names": reference.other_names,
-    "promises": promises.promises, "reasons": errors.reasons,
-}  # fmt: skip
+    "api": api.api,
+    "commands": reference.commands,
+    "configurations": reference.configurations,
+    "contract": contract.contract,
+    "docstring": api.docstring,
+    "exceptions": errors.exceptions,
+    "forms": reference.forms,
+    "keys": reference.key_table,
+    "other_names": reference.other_names,
+    "promises": promises.promises,
+    "reasons": errors.reasons,
+}
 INSTEAD = {  # of a file, the page that shows it
     "README.md": "docs/index.md",
     "configs": "docs/reference/configurations.md",

@@ -34,9 +34,12 @@ def write(file, rows):
     pairs = []
     for row in range(len(rows["done"])):
         info = AgentInfoProto(
-            reward=rows["reward"][row], done=rows["done"][row], max_step_reached=rows["interrupted"][row],
-            id=rows["id"][row], action_mask=rows["mask"][row].tolist(),
-        )  # fmt: skip
+            reward=rows["reward"][row],
+            done=rows["done"][row],
+            max_step_reached=rows["interrupted"][row],
+            id=rows["id"][row],
+            action_mask=rows["mask"][row].tolist(),
+        )
         for name in sensors:
             values = rows[name][row]
             floats = ObservationProto.FloatData(data=values.tolist())
@@ -44,9 +47,10 @@ def write(file, rows):
         action = AgentActionProto(continuous_actions=rows["continuous"][row], discrete_actions=rows["discrete"][row])
         pairs.append(AgentInfoActionPairProto(agent_info=info, action_info=action))
     actions = ActionSpecProto(
-        num_continuous_actions=rows["continuous"].shape[1], num_discrete_actions=rows["discrete"].shape[1],
+        num_continuous_actions=rows["continuous"].shape[1],
+        num_discrete_actions=rows["discrete"].shape[1],
         discrete_branch_sizes=rows["sizes"].tolist(),
-    )  # fmt: skip
+    )
     heading = DemonstrationMetaProto(api_version=1, demonstration_name="check", number_steps=len(pairs))
     write_demo(file, heading, BrainParametersProto(brain_name=str(rows["behavior"]), action_spec=actions), pairs)
 

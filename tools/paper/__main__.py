@@ -36,19 +36,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="train experiments; finished runs are skipped")
     run.add_argument(
-        "--experiments", nargs="+", default=EXPERIMENTS, metavar="GAME/LAYOUT",
+        "--experiments",
+        nargs="+",
+        default=EXPERIMENTS,
+        metavar="GAME/LAYOUT",
         help="configurations below --configs; default: those of the paper, and hybrid",
-    )  # fmt: skip
+    )
     run.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="SEED", help="default: 0")
     run.add_argument("--timesteps", type=int, default=3_000_000, help="length of each run; default: %(default)s")
     run.add_argument(
         "--jobs", type=int, help="runs at the same time, each on two cores; default: 1, on a cluster as many as fit"
     )
     run.add_argument(
-        "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE",
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE",
         help="set keys of every configuration. pipeline_groups=1 saves about a third of the CPU time when several runs "
         "share the cores. Keys that change the experiment need separate --runs and --results",
-    )  # fmt: skip
+    )
     run.add_argument("--backend", choices=("local", "ray"), default="local", help="where to run; default: %(default)s")
     run.add_argument("--address", help="address of a running Ray cluster; default: start a local one for this command")
     run.add_argument("--configs", type=Path, default=FOLDER, help="folder of configurations; default: the project's")

@@ -109,9 +109,10 @@ def _ratio(count: float, expected: float) -> float | None:
 def measure_birds(field: Field) -> dict[str, float | None]:
     """Return all measures, rounded; None for what did not happen."""
     found = {
-        "side_changes": side_changes(field), "half_hidden_hits": half_hidden_hits(field),
+        "side_changes": side_changes(field),
+        "half_hidden_hits": half_hidden_hits(field),
         "dense_hits": dense_hits(field),
-    }  # fmt: skip
+    }
     return {name: None if value is None else round(value, 4) for name, value in found.items()}
 
 

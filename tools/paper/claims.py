@@ -137,8 +137,14 @@ COMPARISONS = (
     Comparison("Eleven values per axis score higher than 3 and 41", BIRDS, above, (B11,), (B3, B41)),
     Comparison("No number of values per axis scores higher than the others", RIVALS, alike, BUCKETS),
     Comparison("3 and 41 values per axis click as accurately as 11", BIRDS, as_accurate, (B11,), (B3, B41), "accuracy"),
-    Comparison("Bucket and the two agents click more accurately than threshold", BIRDS, more_accurate, (B11, TWO),
-               (ZERO,), "accuracy"),
+    Comparison(
+        "Bucket and the two agents click more accurately than threshold",
+        BIRDS,
+        more_accurate,
+        (B11, TWO),
+        (ZERO,),
+        "accuracy",
+    ),
     Comparison("Threshold 0.0 is the best threshold", BIRDS, above, (ZERO,), (TENTH, HALF)),
     Comparison("Threshold 0.0 is the best threshold", RIVALS, above, (ZERO,), (TENTH, HALF)),
     Comparison("Threshold 0.5 scores lower than 0.0", BIRDS, above, (ZERO,), (HALF,)),
@@ -149,15 +155,16 @@ COMPARISONS = (
     Comparison("The two agents take longer to train (the paper: 20 %)", RIVALS, above, (TWO,), (B3,), "hours"),
     Comparison("The largest bucket takes longer to train (the paper: slightly)", BIRDS, above, (B41,), (B3,), "hours"),
     Comparison("The largest bucket takes longer to train (the paper: slightly)", RIVALS, above, (B41,), (B3,), "hours"),
-)  # fmt: skip
+)
 BEHAVIORS = (
     BehaviorClaim("Laps around the pitch are large at first and become smaller", laps, PAPER),
     BehaviorClaim("Blinking hardly matters: policies almost never blink", blinks, PAPER),
     BehaviorClaim(
-        "The slow sphere hardly matters: policies neither seek nor avoid it", sphere,
+        "The slow sphere hardly matters: policies neither seek nor avoid it",
+        sphere,
         tuple(layout for layout in PAPER if layout != "multiagent"),  # where the sphere does not slow the character
     ),
-)  # fmt: skip
+)
 
 
 def judge_claims(results: Results, behavior: Behavior, shorter: Behavior | None = None) -> list[Judged]:
@@ -192,9 +199,10 @@ def _judge_rewards(claim: Comparison, results: Results) -> Verdict:
     if lacking:
         return Verdict(UNTESTED, f"needs {'runs' if least == 1 else f'at least {least} runs'} of {', '.join(lacking)}")
     common = [
-        mark for mark in experiments[0].marks
+        mark
+        for mark in experiments[0].marks
         if all(len(each.at(mark)) >= least for each in experiments) and _log_samples(claim, mark)
-    ]  # fmt: skip
+    ]
     if not common:
         return Verdict(UNTESTED, "needs runs with a common number of timesteps")
     mark = common[-1]

@@ -22,23 +22,39 @@ from tools.paper.runs import COMPLETE, GAMES, LAYOUTS, MARK, Experiment, Results
 
 TITLES = {"shooting_birds": "Shooting Birds", "beastly_rivals": "Beastly Rivals"}
 COLORS = {
-    "bucket-3": "#56B4E9", "bucket-11": "#0072B2", "bucket-41": "#14315C",
-    "threshold-0.0": "#D55E00", "threshold-0.1": "#E6A100", "threshold-0.5": "#8C564B",
-    "multiagent": "#009E73", "hybrid": "#B0479A",
-}  # fmt: skip
+    "bucket-3": "#56B4E9",
+    "bucket-11": "#0072B2",
+    "bucket-41": "#14315C",
+    "threshold-0.0": "#D55E00",
+    "threshold-0.1": "#E6A100",
+    "threshold-0.5": "#8C564B",
+    "multiagent": "#009E73",
+    "hybrid": "#B0479A",
+}
 BEST = {"shooting_birds": "bucket-11", "beastly_rivals": "bucket-3"}  # the bucket whose networks were published
 SECOND = {"shooting_birds": "click_accuracy", "beastly_rivals": "length"}  # the second panel of each game
 LIMITS = {  # of the y axes; the first rewards of some layouts are far below
-    ("shooting_birds", "reward"): (-80, 155), ("shooting_birds", "click_accuracy"): (0, 1.03),
-    ("beastly_rivals", "reward"): (-5, 122), ("beastly_rivals", "length"): (0, 2020),
-}  # fmt: skip
+    ("shooting_birds", "reward"): (-80, 155),
+    ("shooting_birds", "click_accuracy"): (0, 1.03),
+    ("beastly_rivals", "reward"): (-5, 122),
+    ("beastly_rivals", "length"): (0, 2020),
+}
 LABELS = {
-    "reward": "reward per episode", "click_accuracy": "click accuracy", "length": "survival, decisions of 0.12 s",
-}  # fmt: skip
+    "reward": "reward per episode",
+    "click_accuracy": "click accuracy",
+    "length": "survival, decisions of 0.12 s",
+}
 STYLE: Any = {
-    "font.size": 10, "axes.grid": True, "grid.alpha": 0.25, "grid.linewidth": 0.6, "axes.titleweight": "bold",
-    "axes.spines.right": False, "legend.frameon": False, "axes.edgecolor": "#666666", "figure.facecolor": "white",
-}  # fmt: skip
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.6,
+    "axes.titleweight": "bold",
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "axes.edgecolor": "#666666",
+    "figure.facecolor": "white",
+}
 
 
 def draw_figures(results: Results, folder: Path) -> list[Path]:
@@ -80,8 +96,10 @@ def _draw_curves(results: Results, layouts: Mapping[str, tuple[str, ...]], path:
             Patch(color=grey, alpha=0.13, label="the original, ± 2 sd"),
             Line2D([], [], color=grey, marker="D", mfc="white", ls="", label="printed in the paper"),
         ],
-        loc="outside lower center", ncols=5, fontsize=9,
-    )  # fmt: skip
+        loc="outside lower center",
+        ncols=5,
+        fontsize=9,
+    )
     return save_figure(figure, path)
 
 
@@ -156,8 +174,10 @@ def _draw_hours(results: Results, path: Path) -> Path:
             Line2D([], [], color="#333333", label="ours, at the speed of short runs alone", **circle),
             Line2D([], [], color="#A0A0A0", label="the original's logs, mean of ten runs", **circle),
         ],
-        loc="outside lower center", ncols=2, fontsize=9,
-    )  # fmt: skip
+        loc="outside lower center",
+        ncols=2,
+        fontsize=9,
+    )
     return save_figure(figure, path)
 
 

@@ -125,15 +125,25 @@ def page_text(folder: Path, results: Results) -> str:
     judged = judge_claims(results, behavior, shorter)
     blocks = [
         INTRODUCTION,
-        "## Complete runs", COMPLETE_RUNS, tables.complete_experiments(results),
-        EACH_RUN, tables.complete_runs(results),
-        AGREEMENT, tables.agreement(results),
-        "## The figures of the paper", FIGURES,
+        "## Complete runs",
+        COMPLETE_RUNS,
+        tables.complete_experiments(results),
+        EACH_RUN,
+        tables.complete_runs(results),
+        AGREEMENT,
+        tables.agreement(results),
+        "## The figures of the paper",
+        FIGURES,
         *(f"![{caption}](figures/{name})\n\n{caption}" for name, caption in CAPTIONS.items()),
-        "## The paper's claims", RULES, STATEMENTS, tables.claims(judged),
-        CONTRADICTIONS, tables.contradictions(judged),
-        EVIDENCE, tables.evidence(judged),
-    ]  # fmt: skip
+        "## The paper's claims",
+        RULES,
+        STATEMENTS,
+        tables.claims(judged),
+        CONTRADICTIONS,
+        tables.contradictions(judged),
+        EVIDENCE,
+        tables.evidence(judged),
+    ]
     if behavior:
         blocks += ["## Learned behavior", BEHAVIOR, *tables.behaviors(behavior)]
     if shorter:
@@ -141,9 +151,13 @@ def page_text(folder: Path, results: Results) -> str:
     if (folder / "figures" / "behavior.png").exists():
         blocks.append("![Behavior of trained policies](figures/behavior.png)")
     blocks += [
-        "## Every experiment", EXPERIMENTS, tables.every_experiment(results),
-        "## Reward over time", BY_MARKS, *tables.by_marks(results),
-    ]  # fmt: skip
+        "## Every experiment",
+        EXPERIMENTS,
+        tables.every_experiment(results),
+        "## Reward over time",
+        BY_MARKS,
+        *tables.by_marks(results),
+    ]
     return "\n\n".join(blocks) + "\n"
 
 

@@ -11,8 +11,15 @@ MARK = 300_000  # timesteps between two rows of metrics, equal to 20 000 of the 
 COMPLETE = 30_000_000  # timesteps of a complete run
 GAMES = ("shooting_birds", "beastly_rivals")
 LAYOUTS = (
-    "bucket-11", "bucket-3", "bucket-41", "threshold-0.0", "threshold-0.1", "threshold-0.5", "multiagent", "hybrid",
-)  # fmt: skip
+    "bucket-11",
+    "bucket-3",
+    "bucket-41",
+    "threshold-0.0",
+    "threshold-0.1",
+    "threshold-0.5",
+    "multiagent",
+    "hybrid",
+)
 
 
 @dataclass(frozen=True)

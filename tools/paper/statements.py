@@ -75,15 +75,20 @@ def commands_per_second(policy: Figures) -> float:
 
 STATEMENTS = (
     Statement("The crosshair moves faster along x than along y", BIRDS, x_over_y, 1.0, RATIO),
-    Statement("The crosshair changes sides once its side is cleared", BIRDS, measured("side_changes"), TWICE,
-              RATIO),
+    Statement("The crosshair changes sides once its side is cleared", BIRDS, measured("side_changes"), TWICE, RATIO),
     Statement("Half hidden birds are hit", BIRDS, measured("half_hidden_hits"), HALF, RATIO),
-    Statement("The threshold approach skips dense regions of birds", BIRDS, measured("dense_hits"), 1.0, RATIO,
-              less=THRESHOLDS),
+    Statement(
+        "The threshold approach skips dense regions of birds",
+        BIRDS,
+        measured("dense_hits"),
+        1.0,
+        RATIO,
+        less=THRESHOLDS,
+    ),
     Statement("Late in an episode, the cursor moves on a triangle", RIVALS, measured("late_triangles"), HALF),
     Statement("Most episodes survive the whole clock", RIVALS, clocks_survived, HALF),
     Statement("Commands are very frequent", RIVALS, commands_per_second, FREQUENT, RATIO),
-)  # fmt: skip
+)
 
 
 def judge_statement(statement: Statement, policies: Policies) -> tuple[str, str, str]:

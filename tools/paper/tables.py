@@ -41,12 +41,17 @@ def complete_experiments(results: Results) -> str:
             rewards = [run.rows[COMPLETE]["reward"] for run in runs]
             lowest_to_highest = f" ({min(rewards):.1f} to {max(rewards):.1f})" if len(runs) > 1 else ""
             inside = sum(place(reward, ends.reward) == INSIDE for reward in rewards) if ends else 0
-            rows.append((
-                f"{TITLES[experiment.game]} {experiment.layout}", f"{len(runs)}",
-                f"{mean(rewards):.1f}{lowest_to_highest}", _two_sigma(ends.reward) if ends else "not in the paper",
-                f"{inside} of {len(runs)}" if ends else "",
-                f"{mean(run.hours for run in runs):.2f}", f"{mean(ends.hours):.1f}" if ends else "",
-            ))  # fmt: skip
+            rows.append(
+                (
+                    f"{TITLES[experiment.game]} {experiment.layout}",
+                    f"{len(runs)}",
+                    f"{mean(rewards):.1f}{lowest_to_highest}",
+                    _two_sigma(ends.reward) if ends else "not in the paper",
+                    f"{inside} of {len(runs)}" if ends else "",
+                    f"{mean(run.hours for run in runs):.2f}",
+                    f"{mean(ends.hours):.1f}" if ends else "",
+                )
+            )
     return table(heads, rows) if rows else NONE
 
 
@@ -58,13 +63,18 @@ def complete_runs(results: Results) -> str:
         ends = original_ends(experiment.game, experiment.layout, experiment.policy)
         for run in experiment.complete:
             reward, last = run.rows[COMPLETE]["reward"], last_ten(run)
-            rows.append((
-                f"{TITLES[experiment.game]} {experiment.name}, seed {run.seed}",
-                f"{reward:.1f}", _two_sigma(ends.reward) if ends else "",
-                place(reward, ends.reward) if ends else "not in the paper",
-                f"{last:.1f}", _two_sigma(ends.last_ten) if ends else "",
-                f"{run.hours:.2f}", f"{mean(ends.hours):.1f}" if ends else "",
-            ))  # fmt: skip
+            rows.append(
+                (
+                    f"{TITLES[experiment.game]} {experiment.name}, seed {run.seed}",
+                    f"{reward:.1f}",
+                    _two_sigma(ends.reward) if ends else "",
+                    place(reward, ends.reward) if ends else "not in the paper",
+                    f"{last:.1f}",
+                    _two_sigma(ends.last_ten) if ends else "",
+                    f"{run.hours:.2f}",
+                    f"{mean(ends.hours):.1f}" if ends else "",
+                )
+            )
     return table(heads, rows) if rows else NONE
 
 
@@ -76,12 +86,19 @@ def agreement(results: Results) -> str:
         ends = original_ends(experiment.game, experiment.layout, experiment.policy)
         if ends and len(experiment.complete) >= ENOUGH:
             ours, theirs = sample([last_ten(run) for run in experiment.complete]), sample(ends.last_ten)
-            rows.append((
-                f"{TITLES[experiment.game]} {experiment.name}",
-                f"{ours.runs}", f"{ours.mean:.1f}", f"{ours.std:.1f}",
-                f"{theirs.runs}", f"{theirs.mean:.1f}", f"{theirs.std:.1f}",
-                _p(welch_p(ours, theirs)), _p(variance_p(ours, theirs)),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    f"{TITLES[experiment.game]} {experiment.name}",
+                    f"{ours.runs}",
+                    f"{ours.mean:.1f}",
+                    f"{ours.std:.1f}",
+                    f"{theirs.runs}",
+                    f"{theirs.mean:.1f}",
+                    f"{theirs.std:.1f}",
+                    _p(welch_p(ours, theirs)),
+                    _p(variance_p(ours, theirs)),
+                )
+            )
     return table(heads, rows) if rows else f"No experiment has {ENOUGH} complete runs yet."
 
 
@@ -123,12 +140,15 @@ def claims(judged: Sequence[Judged]) -> str:
         ("", "the paper's claim", "game", "here", "the original's logs"),
         [
             (
-                f"{number}", claim.text, TITLES[claim.game], f"**{claim.here.word}** {claim.here.where}".strip(),
+                f"{number}",
+                claim.text,
+                TITLES[claim.game],
+                f"**{claim.here.word}** {claim.here.where}".strip(),
                 claim.logs.word if claim.logs else "no logs",
             )
             for number, claim in enumerate(judged, 1)
         ],
-    )  # fmt: skip
+    )
 
 
 def contradictions(judged: Sequence[Judged]) -> str:
@@ -152,10 +172,21 @@ def evidence(judged: Sequence[Judged]) -> str:
 def every_experiment(results: Results) -> str:
     """Return a table of every experiment after the last timestep of its runs."""
     heads = (
-        "experiment", "timesteps", "runs", "reward", "IQM", "accuracy or length", "hours per run",
+        "experiment",
+        "timesteps",
+        "runs",
+        "reward",
+        "IQM",
+        "accuracy or length",
+        "hours per run",
         "timesteps/s alone",
-        "logs: reward", "logs: IQM", "logs: length", "paper: reward", "paper: accuracy or length", "paper: hours",
-    )  # fmt: skip
+        "logs: reward",
+        "logs: IQM",
+        "logs: length",
+        "paper: reward",
+        "paper: accuracy or length",
+        "paper: hours",
+    )
     return table(
         heads,
         [
@@ -177,17 +208,21 @@ def _experiment_row(experiment: Experiment, mark: int) -> Sequence[str]:
     printed = paper_figures(game, layout) if policy in ("", main_policy(layout)) else {}
     printed_second = printed.get("accuracy" if birds else "length")
     return (
-        f"{TITLES[game]} {experiment.name}", f"{mark / 1e6:g} M", f"{len(rewards)}",
+        f"{TITLES[game]} {experiment.name}",
+        f"{mark / 1e6:g} M",
+        f"{len(rewards)}",
         f"{mean(rewards):.1f}{_interval(rewards)}",
         f"{interquartile_mean(rewards):.1f}" if len(rewards) > 1 else "one run",
-        _percent(second) if birds else f"{second:.0f}", f"{hours:.2f}",
+        _percent(second) if birds else f"{second:.0f}",
+        f"{hours:.2f}",
         f"{COMPLETE / 3600 / mean(alone):.0f}" if alone else "",
-        theirs + (_interval(ends.reward) if ends else ""), f"{interquartile_mean(ends.reward):.1f}" if ends else "",
+        theirs + (_interval(ends.reward) if ends else ""),
+        f"{interquartile_mean(ends.reward):.1f}" if ends else "",
         f"{point.length:.0f} ± {point.length_std:.0f}" if point and not birds else "",
         _figure(printed.get("reward")),
         (_percent(printed_second) if birds else f"{printed_second:.0f}") if printed_second else "",
         _figure(printed.get("hours")),
-    )  # fmt: skip
+    )
 
 
 def by_marks(results: Results) -> list[str]:

@@ -8,11 +8,17 @@ from joybridge.contract.spec import SpecError, check_spec
 from joybridge.v1 import bridge_pb2 as pb
 
 PATHS = {  # the parts of one kind in a spec; without a path it is the spec itself
-    "spec": (), "options": ("options",), "parameters": ("parameters",), "pictures": ("picture",),
-    "behaviors": ("behaviors",), "sensors": ("behaviors", "sensors"), "channels": ("behaviors", "channels"),
-    "metrics": ("behaviors", "metrics"), "axes": ("behaviors", "device", "axes"),
+    "spec": (),
+    "options": ("options",),
+    "parameters": ("parameters",),
+    "pictures": ("picture",),
+    "behaviors": ("behaviors",),
+    "sensors": ("behaviors", "sensors"),
+    "channels": ("behaviors", "channels"),
+    "metrics": ("behaviors", "metrics"),
+    "axes": ("behaviors", "device", "axes"),
     "branches": ("behaviors", "device", "branches"),
-}  # fmt: skip
+}
 
 
 def parts_of(spec: pb.GameSpec, kind: str) -> list[Any]:

@@ -96,6 +96,12 @@ def expect_no_rewards(view: StepView) -> None:
 
 # Of every step: observations, rewards, flags, masks and deciding are well-formed and within bounds.
 VALID = (
-    expect_observations, expect_finite, expect_in_bounds, expect_rewards, expect_flags, expect_finite_rewards,
-    expect_masks, expect_deciding,
-)  # fmt: skip
+    expect_observations,
+    expect_finite,
+    expect_in_bounds,
+    expect_rewards,
+    expect_flags,
+    expect_finite_rewards,
+    expect_masks,
+    expect_deciding,
+)

@@ -23,11 +23,13 @@ def part_of(acts: Sequence[ActArrays], bounds: Sequence[Sequence[int]], part: in
 def rows_of(step: StepArrays, lanes: Array) -> StepArrays:
     """Return the step of some lanes of a behavior, by their numbers, ascending."""
     part = StepArrays(
-        [sensor[lanes] for sensor in step.observations], step.rewards[lanes], step.terminated[lanes],
+        [sensor[lanes] for sensor in step.observations],
+        step.rewards[lanes],
+        step.terminated[lanes],
         step.truncated[lanes],
         None if step.masks is None else [mask[lanes] for mask in step.masks],
         None if step.deciding is None else step.deciding[lanes],
-    )  # fmt: skip
+    )
     if len(step.ended):
         rows, finals = np.isin(step.ended, lanes), step.final_observations
         part.ended = np.flatnonzero(part.terminated | part.truncated).astype(np.int32)

@@ -35,15 +35,21 @@ def adapt(text: str) -> type[Game]:
         metrics = _numbers_of(env, spaces)
         seconds, limit = tick_seconds(env), env.spec.max_episode_steps or 0
     members = {
-        "name": environment.rpartition(":")[2], "description": f"{text}, an environment of Gymnasium.",
-        "make": staticmethod(partial(make, **arguments)), "spaces": spaces, "metrics": metrics,
-    }  # fmt: skip
+        "name": environment.rpartition(":")[2],
+        "description": f"{text}, an environment of Gymnasium.",
+        "make": staticmethod(partial(make, **arguments)),
+        "spaces": spaces,
+        "metrics": metrics,
+    }
     game: Any = type("AdaptedGame", (GymnasiumGame,), members)
     game.made = spec(
         game,
         [behavior("agent", sensors=spaces.sensors, axes=spaces.axes, branches=spaces.branches, metrics=metrics)],
-        tick_seconds=seconds, max_episode_decisions=limit, max_arenas=MAX_ARENAS, picture=picture,
-    )  # fmt: skip
+        tick_seconds=seconds,
+        max_episode_decisions=limit,
+        max_arenas=MAX_ARENAS,
+        picture=picture,
+    )
     return game  # type: ignore[no-any-return]
 
 

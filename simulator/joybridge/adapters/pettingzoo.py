@@ -40,19 +40,22 @@ def adapt(text: str) -> type[Game]:
         "AdaptedGame",
         (kind,),
         {
-            "name": name.rpartition(".")[2], "description": f"{text}, an environment of PettingZoo.",
+            "name": name.rpartition(".")[2],
+            "description": f"{text}, an environment of PettingZoo.",
             "make": staticmethod(lambda: make(**arguments)),
             "spaces": {agent: spaces for agents, spaces in behaviors.values() for agent in agents},
         },
-    )  # fmt: skip
+    )
     game.made = spec(
         game,
         [
             behavior(kind, sensors=s.sensors, axes=s.axes, branches=s.branches, agents=len(agents))
             for kind, (agents, s) in behaviors.items()
         ],
-        tick_seconds=seconds, max_arenas=MAX_ARENAS, picture=picture,
-    )  # fmt: skip
+        tick_seconds=seconds,
+        max_arenas=MAX_ARENAS,
+        picture=picture,
+    )
     return game  # type: ignore[no-any-return]
 
 
@@ -112,9 +115,14 @@ class PettingZooGame(Game):
         return dict(zip(self.spaces, actions, strict=True))
 
     def _timesteps(
-        self, observations: Mapping[str, Any], rewards: Mapping[str, float], infos: Mapping[str, Any],
-        terminations: Mapping[str, bool], truncations: Mapping[str, bool], deciding: Collection[str],
-    ) -> list[TimeStep]:  # fmt: skip
+        self,
+        observations: Mapping[str, Any],
+        rewards: Mapping[str, float],
+        infos: Mapping[str, Any],
+        terminations: Mapping[str, bool],
+        truncations: Mapping[str, bool],
+        deciding: Collection[str],
+    ) -> list[TimeStep]:
         """Return a timestep per possible agent; `deciding` are those that act next if they have not ended."""
         self.seen.update((agent, self.spaces[agent].observe(seen)) for agent, seen in observations.items())
         ended = {agent for ends in (terminations, truncations) for agent, end in ends.items() if end}

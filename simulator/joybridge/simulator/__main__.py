@@ -157,32 +157,41 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--with-parent", action="store_true", help="exit when standard input closes, i.e. with the parent process"
     )
     server.add_argument(
-        "--workers", type=_count, default=0, metavar="N",
+        "--workers",
+        type=_count,
+        default=0,
+        metavar="N",
         help="step the arenas of each session in N processes, for games that are given here and have one arena each, "
         "such as environments; worth it where a step takes a millisecond or more. Default: 0, in the server's process",
-    )  # fmt: skip
+    )
     _add_protection(server.add_argument_group("protection"))
     _add_limits(server.add_argument_group("limits", "a number of seconds may be 0: no limit"))
     lists = commands.add_parser(
         "list", parents=[games], help="list the games: options, parameters, sensors, actions, rewards, metrics"
     )
     lists.add_argument(
-        "--simulator", type=address, metavar="ADDRESS",
+        "--simulator",
+        type=address,
+        metavar="ADDRESS",
         help="list the games of the simulator that runs at this address, in whatever language it is written",
-    )  # fmt: skip
+    )
     add_credentials_arguments(lists)
     author = commands.add_parser("new", help="create a new game, or a configuration for the game of a running server")
     begin = author.add_mutually_exclusive_group(required=True)
     begin.add_argument("name", nargs="?", help="write NAME.py, a small complete game, and NAME.yaml, its training")
     begin.add_argument(
-        "--pygame", metavar="PROGRAM",
+        "--pygame",
+        metavar="PROGRAM",
         help="write a hook and the training of a program that is written with pygame; settings and "
         "arguments may follow, quoted, as in 'my_game.py keys=LEFT,RIGHT -- --level 3'",
-    )  # fmt: skip
+    )
     begin.add_argument(
-        "--for", type=address, metavar="ADDRESS", dest="server",
+        "--for",
+        type=address,
+        metavar="ADDRESS",
+        dest="server",
         help="write the training of a game of the server at this address, with values that suit its spec",
-    )  # fmt: skip
+    )
     author.add_argument(
         "--game", metavar="NAME", help="with --for: the game; may be left out if the server has only one"
     )

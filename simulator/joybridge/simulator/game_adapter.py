@@ -223,9 +223,12 @@ class GameAdapter(BatchedGame):
         timesteps = [(arena, own[slot]) for arena, own in enumerate(self.timesteps) for slot in behavior.slots]
         ends = [(arena, end.timesteps[slot]) for arena, end in ended.items() for slot in behavior.slots]
         step = StepArrays(
-            _observations(behavior, timesteps), np.zeros_like(self.earned[b]), np.zeros(len(timesteps), bool),
-            np.zeros(len(timesteps), bool), _masks(behavior, timesteps),
-        )  # fmt: skip
+            _observations(behavior, timesteps),
+            np.zeros_like(self.earned[b]),
+            np.zeros(len(timesteps), bool),
+            np.zeros(len(timesteps), bool),
+            _masks(behavior, timesteps),
+        )
         if ends:
             lanes = np.arange(len(timesteps), dtype=np.int32).reshape(len(self.games), behavior.agents)
             step.ended = lanes[list(ended)].reshape(-1)

@@ -8,12 +8,15 @@ from typing import Any
 from joybridge.contract.places import PYGAME
 
 SETTINGS = {  # the metavar and the help of each
-    "reward": ("SOURCE", "pay the difference of a number in rendered text, 'Score: (\\d+)', the beginning of a sound, "
-               "sound:NAME, or the difference of a variable, attr:NAME; each is a reward channel (repeatable)"),
+    "reward": (
+        "SOURCE",
+        "pay the difference of a number in rendered text, 'Score: (\\d+)', the beginning of a sound, "
+        "sound:NAME, or the difference of a variable, attr:NAME; each is a reward channel (repeatable)",
+    ),
     "done": ("PATTERN", "end an episode when the program renders a text with this pattern (repeatable)"),
     "hook": ("FILE", "a Python file with functions state, reward, done or metrics over the program's main module"),
     "keys": ("KEYS", "the keys that are buttons, as in LEFT,RIGHT,SPACE; default: those in the program's sources"),
-}  # fmt: skip
+}
 
 
 class _Setting(argparse.Action):

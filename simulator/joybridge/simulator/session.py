@@ -182,8 +182,9 @@ class Session:
         if act.distributions:
             with checking("act"):
                 self.game.distributions = {
-                    **self.game.distributions, **choose_distributions(self.spec, act.distributions)
-                }  # fmt: skip
+                    **self.game.distributions,
+                    **choose_distributions(self.spec, act.distributions),
+                }
         self.steps += 1
         begin = time.perf_counter()
         self.previous = self.game.step(acts)

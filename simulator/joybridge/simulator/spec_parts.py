@@ -16,14 +16,26 @@ from joybridge.simulator.game import Game
 from joybridge.v1 import bridge_pb2 as pb
 
 AXIS_KINDS = {
-    "position": pb.AXIS_KIND_POSITION, "velocity": pb.AXIS_KIND_VELOCITY, "angle": pb.AXIS_KIND_ANGLE,
-}  # fmt: skip
+    "position": pb.AXIS_KIND_POSITION,
+    "velocity": pb.AXIS_KIND_VELOCITY,
+    "angle": pb.AXIS_KIND_ANGLE,
+}
 AXIS_WAYS = {"right": pb.WAY_RIGHT, "left": pb.WAY_LEFT, "up": pb.WAY_UP, "down": pb.WAY_DOWN}
 CODES = {
-    "space": "Space", "enter": "Enter", "tab": "Tab", "shift": "ShiftLeft", "ctrl": "ControlLeft", "alt": "AltLeft",
-    "left": "ArrowLeft", "right": "ArrowRight", "up": "ArrowUp", "down": "ArrowDown", "mouse left": "Mouse0",
-    "mouse middle": "Mouse1", "mouse right": "Mouse2",
-}  # fmt: skip
+    "space": "Space",
+    "enter": "Enter",
+    "tab": "Tab",
+    "shift": "ShiftLeft",
+    "ctrl": "ControlLeft",
+    "alt": "AltLeft",
+    "left": "ArrowLeft",
+    "right": "ArrowRight",
+    "up": "ArrowUp",
+    "down": "ArrowDown",
+    "mouse left": "Mouse0",
+    "mouse middle": "Mouse1",
+    "mouse right": "Mouse2",
+}
 T = TypeVar("T")
 
 

@@ -135,11 +135,16 @@ class Session:
         stream = Stream(self._reader, self._largest)
         self._use(stream)
         self._start = pb.Start(
-            game=game, options=options or {}, parameters=parameters or {}, arenas=arenas, seed=seed,
-            distributions=distributions or {}, first_arena=first_arena,
+            game=game,
+            options=options or {},
+            parameters=parameters or {},
+            arenas=arenas,
+            seed=seed,
+            distributions=distributions or {},
+            first_arena=first_arena,
             snapshot=pb.Snapshot(parts=snapshot) if snapshot is not None else None,
             version=client_version(),
-        )  # fmt: skip
+        )
         try:
             response = self._run(self._open, stream, self._start, transport)
             self.steps = self._reader.started(response).steps

@@ -44,30 +44,46 @@ def run_command(command: Callable[[argparse.Namespace], int | None], options: ar
 def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> None:
     """Add the options that say which simulators are used. last: in words, what is tried first if none is named."""
     parser.add_argument(
-        "--simulator", action="append", type=address, default=[], metavar="ADDRESS",
+        "--simulator",
+        action="append",
+        type=address,
+        default=[],
+        metavar="ADDRESS",
         help="HOST:PORT or unix:PATH of a running simulator; a run divides its arenas among several if this option "
         f"is repeated. Default: {last}this command starts a simulator and stops it at the end",
-    )  # fmt: skip
+    )
     add_credentials_arguments(parser)
     parser.add_argument(
-        "--wait", type=seconds, default=120.0, metavar="SECONDS",
+        "--wait",
+        type=seconds,
+        default=120.0,
+        metavar="SECONDS",
         help="how long to wait for a simulator that does not answer yet; default %(default)g",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--timeout", type=seconds, metavar="SECONDS",
+        "--timeout",
+        type=seconds,
+        metavar="SECONDS",
         help="how long to wait for each answer of a simulator before it is taken for lost; default: timeout_seconds of "
         "the configuration",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--game", action="append", default=[], metavar="MODULE:CLASS",
+        "--game",
+        action="append",
+        default=[],
+        metavar="MODULE:CLASS",
         help="another game for the simulator that this command starts; the current folder is searched first; a run "
         "remembers its game",
-    )  # fmt: skip
+    )
     for option, metavar in ENVIRONMENTS.items():
         parser.add_argument(
-            f"--{option}", action="append", dest="game", type=f"{option}:{{}}".format, metavar=metavar,
+            f"--{option}",
+            action="append",
+            dest="game",
+            type=f"{option}:{{}}".format,
+            metavar=metavar,
             help="an environment for the simulator that this command starts, as in `joybridge serve`",
-        )  # fmt: skip
+        )
 
 
 def add_trust_option(parser: argparse.ArgumentParser) -> None:

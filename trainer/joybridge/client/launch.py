@@ -54,10 +54,14 @@ def announcing(command: Sequence[str], failure: str, environment: Mapping[str, s
     Raises SimulatorLost, `failure` and its last line, if it ends before it is ready.
     """
     process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
         env={**os.environ, **(environment or {})},
         start_new_session=True,  # Ctrl-C and the end of a terminal are for this process
-    )  # fmt: skip
+    )
     printer: Thread | None = None
     patience = LOST_SECONDS
     try:

@@ -30,8 +30,16 @@ from joybridge.contract.versions import own_version
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = [
-    "Exchange", "Kind", "Record", "Recording", "RecordingError", "Writer", "digest", "heading", "load_recording",
-]  # fmt: skip
+    "Exchange",
+    "Kind",
+    "Record",
+    "Recording",
+    "RecordingError",
+    "Writer",
+    "digest",
+    "heading",
+    "load_recording",
+]
 
 LARGEST_FILE = 1 << 30  # bytes; a folder may hold several
 FORMAT = 2
@@ -111,10 +119,17 @@ class Writer:
 def heading(start: pb.Start, server: str, **more: str) -> dict[str, Any]:
     """Return what the first line of a file says."""
     return {
-        "format": FORMAT, **more, "client": own_version().product, "server": server, "game": start.game,
-        "options": dict(start.options), "parameters": dict(start.parameters), "seed": start.seed,
-        "arenas": start.arenas, "first_arena": start.first_arena,
-    }  # fmt: skip
+        "format": FORMAT,
+        **more,
+        "client": own_version().product,
+        "server": server,
+        "game": start.game,
+        "options": dict(start.options),
+        "parameters": dict(start.parameters),
+        "seed": start.seed,
+        "arenas": start.arenas,
+        "first_arena": start.first_arena,
+    }
 
 
 def load_recording(path: Path) -> Recording:

@@ -32,9 +32,12 @@ class SeveralSession:
     """Sessions of several games as one. `steps` holds the last step, of the only behavior."""
 
     def __init__(
-        self, games: Sequence[Session | ShardedSession], arenas: Sequence[int], translations: Sequence[Translation],
+        self,
+        games: Sequence[Session | ShardedSession],
+        arenas: Sequence[int],
+        translations: Sequence[Translation],
         spec: pb.GameSpec,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take open sessions, their arenas of one agent each, and how each game is translated. spec: the common one."""
         self.spec, self._games, self._translations = spec, list(games), list(translations)
         self._bounds = [0, *np.cumsum(arenas).tolist()]

@@ -77,35 +77,42 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     trains.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
     add_overrides(trains, "e.g. seed=3 policy.learning_rate=1e-4")
     trains.add_argument(
-        "--behavior", default="", metavar="NAME",
+        "--behavior",
+        default="",
+        metavar="NAME",
         help="the file is one of ML-Agents: use its settings of this behavior, and game=GAME",
-    )  # fmt: skip
+    )
     trains.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME[-KEY=VALUE…]-sSEED")
     trains.add_argument(
-        "--from", dest="weights_from", metavar="RUN",
+        "--from",
+        dest="weights_from",
+        metavar="RUN",
         help="begin with the policies that another run has trained, and with fresh schedules",
-    )  # fmt: skip
+    )
     trains.add_argument(
-        "--demos", metavar="DIR",
+        "--demos",
+        metavar="DIR",
         help="clone the demonstrations in this folder; the key `cloning` says whether alone or beside PPO",
-    )  # fmt: skip
+    )
     trains.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
     trains.add_argument(
-        "--record-faults", action="store_true",
+        "--record-faults",
+        action="store_true",
         help="if a simulator fails, is lost or breaks the contract, or an update diverges, write what led to it into "
         "the folder faults of the run, for `joybridge replay`",
-    )  # fmt: skip
+    )
     trains.add_argument(
-        "--ray", type=address, metavar="HOST:PORT",
+        "--ray",
+        type=address,
+        metavar="HOST:PORT",
         help="start simulators on the nodes of this Ray cluster; needs `pip install 'joybridge[cluster]'`",
-    )  # fmt: skip
+    )
+    trains.add_argument("--simulators", type=at_least(1), metavar="N", help="how many the cluster starts; default 1")
     trains.add_argument(
-        "--simulators", type=at_least(1), metavar="N", help="how many the cluster starts; default 1"
-    )  # fmt: skip
-    trains.add_argument(
-        "--with-parent", action="store_true",
+        "--with-parent",
+        action="store_true",
         help="save and exit when stdin closes, for programs that start this one",
-    )  # fmt: skip
+    )
     plays = argparse.ArgumentParser(add_help=False)
     plays.add_argument("run", type=Path, help="folder of a run")
     plays.add_argument(
@@ -122,18 +129,22 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     evaluates.set_defaults(function=_evaluate)
     evaluates.add_argument("--episodes", type=at_least(1), default=210, help="number of episodes; default %(default)s")
     evaluates.add_argument(
-        "--over", metavar="KEY=VALUE,VALUE,…",
+        "--over",
+        metavar="KEY=VALUE,VALUE,…",
         help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
         "write a plot into the folder of the run",
-    )  # fmt: skip
+    )
     evaluates.add_argument(
-        "--demos", type=Path, metavar="DIR",
+        "--demos",
+        type=Path,
+        metavar="DIR",
         help="record what is played in new files of this folder, as demonstrations for `joybridge train --demos`",
-    )  # fmt: skip
+    )
     evaluates.add_argument(
-        "--inputs", action="store_true",
+        "--inputs",
+        action="store_true",
         help="also measure what is pressed and moved: clicks, paths of pointers, reversals of axes",
-    )  # fmt: skip
+    )
     evaluates.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     records = commands.add_parser("record", parents=[plays, shared], help="record a video of a run's policy")
     records.set_defaults(function=_record)
@@ -152,11 +163,14 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 
     for with_others in (evaluates, records):
         with_others.add_argument(
-            "--others", action="append", default=[], metavar="WHO",
+            "--others",
+            action="append",
+            default=[],
+            metavar="WHO",
             help="who holds all seats but one of each arena, in a game of several agents: the folder of a run, "
             "script:NAME, a script of the game's author, or an exported policy.json; given several times, they take "
             "seats in turn",
-        )  # fmt: skip
+        )
     for plays_run in (evaluates, records, exports):
         add_overrides(
             plays_run, "options and parameters of the game that differ from the training, e.g. parameters.size=0.5"

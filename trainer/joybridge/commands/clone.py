@@ -43,10 +43,13 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     )
     clones.add_argument("--run", type=Path, help="folder of the new run; default runs/GAME-clone[-KEY=VALUE…]-sSEED")
     clones.add_argument(
-        "--passes", type=at_least(1), default=PASSES, metavar="N",
+        "--passes",
+        type=at_least(1),
+        default=PASSES,
+        metavar="N",
         help="through the demonstrations, at most; it ends earlier once held-out episodes get no better; "
         "default %(default)s",
-    )  # fmt: skip
+    )
     clones.set_defaults(game=[], simulator=[])
     add_overrides(clones, "e.g. seed=3 policy.learning_rate=1e-3")
     return run_command(_clone, parse_overrides(parser, arguments))

@@ -28,9 +28,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         "drive", help="let a policy play a pygame program in its own window, by the real clock"
     )
     drive.add_argument(
-        "program", metavar="PROGRAM",
+        "program",
+        metavar="PROGRAM",
         help="FILE, MODULE or PACKAGE:SCRIPT; settings that differ from those of the training may follow, quoted",
-    )  # fmt: skip
+    )
     drive.add_argument("policy", metavar="RUN", type=Path, help="folder of a run, or its policy.onnx or policy.json")
     drive.add_argument("--episodes", type=at_least(1), default=1, help="how many are played; default %(default)s")
     drive.add_argument("--seed", type=at_least(0), default=1, help="of action sampling; default %(default)s")
@@ -109,9 +110,10 @@ def device_settings(axes: Sequence[str], branches: Sequence[str]) -> list[str]:
     """Return the settings that give a program the device with these axes and branches."""
     named = {kind: [name[len(kind) :] for name in branches if name.startswith(kind)] for kind in ("key_", "mouse_")}
     flags = {
-        "mouse": any(name.startswith("pointer") for name in axes), "wheel": "wheel" in branches,
+        "mouse": any(name.startswith("pointer") for name in axes),
+        "wheel": "wheel" in branches,
         "joystick": any(name.startswith("stick") for name in axes),
-    }  # fmt: skip
+    }
     return [
         f"keys={','.join(named['key_'])}",
         f"buttons={','.join(named['mouse_'])}",

@@ -63,9 +63,10 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     look = commands.add_parser("look", help="play random allowed decisions and draw them beside what was pressed")
     look.add_argument(
-        "what", metavar="GAME|ADDRESS",
+        "what",
+        metavar="GAME|ADDRESS",
         help="a game, by its name or as MODULE:CLASS, or HOST:PORT or unix:PATH of a running simulator",
-    )  # fmt: skip
+    )
     look.add_argument("output", type=Path, help="e.g. look.png")
     look.add_argument("--game", metavar="NAME", help="of the simulator at ADDRESS; may be left out if it has only one")
     add_credentials_arguments(look)
@@ -87,7 +88,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
 @contextmanager
 def _open(
     what: str, game: str | None, credentials: Credentials, settings: GameSettings, seed: int
-) -> Iterator[Session]:  # fmt: skip
+) -> Iterator[Session]:
     """Open a session of one arena, at a simulator that is running or is started for it. Raises JoybridgeError.
 
     The game is `what`, or `game` of the simulator at the address `what`.

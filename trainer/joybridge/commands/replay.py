@@ -89,10 +89,17 @@ def replay(
     step = 0
     try:
         with Session(
-            address, start.game, arenas=start.arenas, seed=start.seed, first_arena=start.first_arena,
-            options={**start.options, **options}, parameters=start.parameters, distributions=start.distributions,
-            snapshot=start.snapshot.parts if start.HasField("snapshot") else None, timeout=timeout,
-        ) as session:  # fmt: skip
+            address,
+            start.game,
+            arenas=start.arenas,
+            seed=start.seed,
+            first_arena=start.first_arena,
+            options={**start.options, **options},
+            parameters=start.parameters,
+            distributions=start.distributions,
+            snapshot=start.snapshot.parts if start.HasField("snapshot") else None,
+            timeout=timeout,
+        ) as session:
             if session.server != recording.server:
                 say(f"recorded with {recording.server}, replayed with {session.server}")
             anew = session.record_demonstration(demos) if demos else None

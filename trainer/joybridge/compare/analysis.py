@@ -117,11 +117,14 @@ def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None 
     thresholds = np.linspace(everything.min() - margin, everything.max() + margin, THRESHOLDS)
     results = tuple(
         Result(
-            label, tuple(runs[label]), estimate(interquartile_mean, each), _curve(runs[label]),
+            label,
+            tuple(runs[label]),
+            estimate(interquartile_mean, each),
+            _curve(runs[label]),
             _band(thresholds, bootstrap(lambda drawn: performance_profile(drawn, thresholds), each)),
         )
         for label, each in scores.items()
-    )  # fmt: skip
+    )
     labels = list(combinations(scores, 2))
     p_values = [mann_whitney(scores[one][:, 0].tolist(), scores[other][:, 0].tolist()) for one, other in labels]
     pairs = tuple(

@@ -77,28 +77,44 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     compares.add_argument("--tasks", nargs="+", default=[], metavar="TASK", help="of the suite; default: all")
     compares.add_argument("--layouts", nargs="+", default=[], metavar="LAYOUT", help="e.g. hybrid bucket-5 multiagent")
     compares.add_argument(
-        "--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE,VALUE,…",
+        "--set",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE,VALUE,…",
         help="any other key that varies, as in policy.learning_rate=1e-3,3e-3; all combinations are trained",
-    )  # fmt: skip
+    )
     compares.add_argument(
-        "--change", nargs="+", action="extend", default=[], metavar="KEY=VALUE",
+        "--change",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=VALUE",
         help="one change at a time: each is compared with the configuration as it is; quoted, several keys are one "
         "change, as in 'policy.gamma=0.9 policy.epochs=8'",
-    )  # fmt: skip
+    )
     compares.add_argument(
-        "--also", action="append", default=[], metavar="CONFIG",
+        "--also",
+        action="append",
+        default=[],
+        metavar="CONFIG",
         help="another configuration of the same game that is compared; may be repeated",
-    )  # fmt: skip
+    )
     compares.add_argument(
-        "--beside", choices=TRAINERS,
+        "--beside",
+        choices=TRAINERS,
         help="train each variant also with PPO of Stable-Baselines3, on the same environment of Gymnasium",
-    )  # fmt: skip
+    )
     compares.add_argument("--ppo", default="{}", metavar="JSON", help="further arguments of PPO there")
     compares.add_argument(
-        "--search", nargs="+", action="extend", default=[], metavar="KEY=RANGE",
+        "--search",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY=RANGE",
         help="search for the best settings instead, within ranges and choices: "
         "policy.learning_rate=1e-5..1e-3:log policy.epochs=3..10 layout=hybrid,bucket-11",
-    )  # fmt: skip
+    )
     compares.add_argument("--trials", type=at_least(1), metavar="N", help=f"trainings of a search; default {TRIALS}")
     compares.add_argument("--seeds", type=at_least(1), metavar="N", help=f"runs of each variant; default {SEEDS}")
     compares.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="for the runs and the page")
@@ -108,9 +124,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--score", type=float, help="that runs are timed to; default: the lowest interquartile mean of a variant"
     )
     compares.add_argument(
-        "--jobs", type=at_least(1),
+        "--jobs",
+        type=at_least(1),
         help="runs at the same time, each on two cores; default: 1, on a cluster as many as fit",
-    )  # fmt: skip
+    )
     compares.add_argument("--backend", choices=("local", "ray"), default="local", help="where to train")
     compares.add_argument(
         "--cluster", metavar="HOST:PORT", help="of a running Ray cluster; default: start a local one for this command"
@@ -192,8 +209,10 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         for variant, spec in zip(variants, specs, strict=True)
     }
     if options.seeds < (least := least_seeds(len(variants))):
-        say(f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
-            f"--seeds {least} is the least number with which they can")  # fmt: skip
+        say(
+            f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
+            f"--seeds {least} is the least number with which they can"
+        )
     failed = train(list(jobs), options)
     results = read_table(options.output)
     runs: dict[str, list[Run]] = {}

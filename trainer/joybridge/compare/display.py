@@ -56,10 +56,12 @@ class Display:
             share = sum(map(self._done, jobs)) / sum(job.timesteps for job in jobs)
             rewards = [self.rows[job]["reward"] for job in jobs if "reward" in self.rows[job]]
             table.add_row(
-                Text(name), f"{len(self.ended.intersection(jobs))} of {len(jobs)}",
-                f"{len(self.running.intersection(jobs))}", f"{100 * share:.0f} %",
+                Text(name),
+                f"{len(self.ended.intersection(jobs))} of {len(jobs)}",
+                f"{len(self.running.intersection(jobs))}",
+                f"{100 * share:.0f} %",
                 f"{mean(rewards):.4g}" if rewards and name in groups else "",
-            )  # fmt: skip
+            )
         return table
 
     def time_left(self) -> str:

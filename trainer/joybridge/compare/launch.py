@@ -48,9 +48,11 @@ def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.N
         return PeerJob(*place, arguments=("--ppo", options.ppo), exact=False)
     exact = bool(spec.snapshot_bytes_per_arena)
     return Job(
-        *place, overrides=() if exact else ("max_restarts=0",), arguments=tuple(wanted_simulators(options).arguments()),
+        *place,
+        overrides=() if exact else ("max_restarts=0",),
+        arguments=tuple(wanted_simulators(options).arguments()),
         exact=exact,
-    )  # fmt: skip
+    )
 
 
 def scored_policy(variant: Variant, spec: pb.GameSpec, behavior: str | None) -> str:

@@ -65,9 +65,11 @@ def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]
     draw_pictures(analysis, folder / PICTURES)
     text = page_text(analysis, setting)
     files = {
-        "page.md": text, "page.html": page_html(text, folder), "scores.csv": scores_csv(analysis),
+        "page.md": text,
+        "page.html": page_html(text, folder),
+        "scores.csv": scores_csv(analysis),
         "compare.json": json.dumps(as_data(analysis, setting), indent=1, ensure_ascii=False) + "\n",
-    }  # fmt: skip
+    }
     for name, content in files.items():
         write_atomically(folder / name, content.encode())
     return [folder / name for name in files]
@@ -88,8 +90,10 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
             _matrix(analysis, partial(_improvement_cell, bold=enough)),
         ]
         bold = " **Bold**: below 0.05." if enough else ""
-        blocks += [f"The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method."
-                   f"{bold}", _matrix(analysis, _p_cell)]  # fmt: skip
+        blocks += [
+            f"The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method.{bold}",
+            _matrix(analysis, _p_cell),
+        ]
     blocks += ["## Performance profiles", picture_block("profiles", CAPTIONS["profiles"])]
     blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
     blocks += ["## Wall-clock time", _wall_clock(analysis)]
@@ -126,22 +130,33 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
 
     score, results = analysis.score, analysis.results
     return {
-        "game": setting.game, "metric": analysis.metric, "score": score, "missing": list(setting.missing),
+        "game": setting.game,
+        "metric": analysis.metric,
+        "score": score,
+        "missing": list(setting.missing),
         "variants": [
             {
-                "label": result.label, "policy": setting.policies[result.label],
+                "label": result.label,
+                "policy": setting.policies[result.label],
                 "seeds": [run.seed for run in result.runs],
-                "scores": result.scores, "iqm": result.iqm._asdict(), "mean": result.mean, "std": result.std,
+                "scores": result.scores,
+                "iqm": result.iqm._asdict(),
+                "mean": result.mean,
+                "std": result.std,
                 "median": result.median,
                 "timesteps_to_score": [first.timesteps if first else None for first in _firsts(result, score)],
-                "curve": band(result.curve, "timesteps"), "profile": band(result.profile, "scores"),
+                "curve": band(result.curve, "timesteps"),
+                "profile": band(result.profile, "scores"),
             }
             for result in results
         ],
         "pairs": [
             {
-                "first": pair.first, "second": pair.second, "improvement": pair.improvement._asdict(),
-                "p_value": pair.p_value, "corrected": pair.corrected,
+                "first": pair.first,
+                "second": pair.second,
+                "improvement": pair.improvement._asdict(),
+                "p_value": pair.p_value,
+                "corrected": pair.corrected,
             }
             for pair in analysis.pairs
         ],
@@ -152,7 +167,7 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
             }
             for result in results
         },
-    }  # fmt: skip
+    }
 
 
 def _introduction(analysis: Analysis, setting: Setting) -> str:
@@ -217,12 +232,14 @@ def final_scores(analysis: Analysis) -> str:
     rows = [
         (
             f"**{escaped(result.label)}**" if result.iqm.value == best else escaped(result.label),
-            f"{len(result.runs)}", _interval(result.iqm, len(result.runs)),
+            f"{len(result.runs)}",
+            _interval(result.iqm, len(result.runs)),
             f"{number_text(result.mean)} ± {number_text(result.std)}",
-            number_text(result.median), f"{number_text(min(result.scores))} to {number_text(max(result.scores))}",
+            number_text(result.median),
+            f"{number_text(min(result.scores))} to {number_text(max(result.scores))}",
         )
         for result in results
-    ]  # fmt: skip
+    ]
     return table(("variant", "runs", "IQM", "mean ± sd", "median", "lowest to highest"), rows)
 
 

@@ -126,8 +126,16 @@ def _draw_profiles(analysis: Analysis) -> Figure:
 def _draw_band(axes: Axes, band: Band, index: int, label: str, *, steps: bool = False) -> None:
     color, line = _style(index)
     marker = "o" if len(band.x) == 1 else ""
-    axes.plot(band.x, band.value, color=color, ls=line, lw=1.8, marker=marker, label=without_formula(label),
-              drawstyle="steps-post" if steps else "default")  # fmt: skip
+    axes.plot(
+        band.x,
+        band.value,
+        color=color,
+        ls=line,
+        lw=1.8,
+        marker=marker,
+        label=without_formula(label),
+        drawstyle="steps-post" if steps else "default",
+    )
     axes.fill_between(band.x, band.low, band.high, color=color, alpha=0.15, lw=0, step="post" if steps else None)
 
 

@@ -37,16 +37,22 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     rates = commands.add_parser("rate", help="let policies of runs play each other, and rate them")
     rates.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folders of runs of one game")
     rates.add_argument(
-        "--policies", type=at_least(1), default=POLICIES, metavar="N",
+        "--policies",
+        type=at_least(1),
+        default=POLICIES,
+        metavar="N",
         help="of each run at most, evenly chosen from its checkpoints; default %(default)s",
-    )  # fmt: skip
+    )
     rates.add_argument(
         "--matches", type=at_least(1), default=MATCHES, metavar="N", help="played at least; default %(default)s"
     )
     rates.add_argument(
-        "--others", action="append", default=[], metavar="WHO",
+        "--others",
+        action="append",
+        default=[],
+        metavar="WHO",
         help="another player: script:NAME, a script of the game's author, or an exported policy.json; may be repeated",
-    )  # fmt: skip
+    )
     rates.add_argument("--seed", type=at_least(0), default=1, help="of games, seats and samples; default %(default)s")
     rates.add_argument(
         "--anchor", metavar="PLAYER", help="whose rating is 0; default: the earliest policy of the first run"
@@ -111,10 +117,13 @@ def rate_runs(options: argparse.Namespace) -> None:
 
     say(f"rating {len(log):,} matches")
     tournament = Tournament(
-        title=config.game, matches=log, ratings=rate(log, anchor), anchor=anchor,
+        title=config.game,
+        matches=log,
+        ratings=rate(log, anchor),
+        anchor=anchor,
         trained={name: (name.rpartition("@")[0], one.timesteps) for name, one in trained.items()},
         command=shlex.join(["joybridge", "rate", *map(str, options.runs), *repeated(options)]),
-    )  # fmt: skip
+    )
     paths = write_rating_page(tournament, folder)
     print(rating_table(tournament), "", *paths, sep="\n")
 

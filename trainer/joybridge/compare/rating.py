@@ -43,9 +43,13 @@ class Choices(NamedTuple):
 
 
 def rate(
-    matches: Sequence[Match], anchor: str, *, seed: int = 0, resamples: int = RESAMPLES,
+    matches: Sequence[Match],
+    anchor: str,
+    *,
+    seed: int = 0,
+    resamples: int = RESAMPLES,
     ghost_matches: float = GHOST_MATCHES,
-) -> dict[str, Estimate]:  # fmt: skip
+) -> dict[str, Estimate]:
     """Return the rating of each player with its 95 % interval, the best first; that of `anchor` is 0.
 
     The intervals are the percentiles of a bootstrap over matches, whose random numbers `seed` fixes. ghost_matches: see
@@ -124,7 +128,7 @@ def maximize(choices: Choices, made: Array, players: int, ghost_matches: float, 
 
 def _likelihood(
     choices: Choices, made: Array, players: int, ghost_matches: float, logs: Array
-) -> tuple[float, Array, Array]:  # fmt: skip
+) -> tuple[float, Array, Array]:
     """Return the logarithm of the likelihood, its gradient, and the negative of its second derivatives."""
     terms, begins = choices.terms, choices.begins
     counts = np.diff(begins, append=terms.shape[0])

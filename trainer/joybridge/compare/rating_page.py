@@ -86,9 +86,11 @@ def page_text(tournament: Tournament) -> str:
         "likelihood; shared places are counted as such. A player that is rated 400 points higher is ten times as "
         f"likely to be ahead. {escaped(tournament.anchor)} is 0 by definition. Intervals are 95 % confidence "
         "intervals of a bootstrap over matches.",
-        "## Rating", rating_table(tournament),
-        "## Who is ahead of whom", picture_block("payoff", CAPTIONS["payoff"]),
-    ]  # fmt: skip
+        "## Rating",
+        rating_table(tournament),
+        "## Who is ahead of whom",
+        picture_block("payoff", CAPTIONS["payoff"]),
+    ]
     if tournament.runs:
         lines = []
         for run, points in tournament.runs.items():
@@ -117,12 +119,14 @@ def as_data(tournament: Tournament) -> dict[str, object]:
     """Return all numbers of the page as plain data."""
     shares = tournament.payoff.share.tolist()
     return {
-        "title": tournament.title, "anchor": tournament.anchor, "matches": len(tournament.matches),
+        "title": tournament.title,
+        "anchor": tournament.anchor,
+        "matches": len(tournament.matches),
         "ratings": {player: rating._asdict() for player, rating in tournament.ratings.items()},
         "trained": {player: {"run": run, "timesteps": t} for player, (run, t) in tournament.trained.items()},
         "payoff": [[None if math.isnan(share) else share for share in row] for row in shares],
         "seats": tournament.seats,
-    }  # fmt: skip
+    }
 
 
 def _wins(player: str, match: Match) -> float:

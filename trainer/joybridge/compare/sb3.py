@@ -72,22 +72,30 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
     """Return the arguments of PPO that mean what a configuration says. Raises ConfigError for what has no argument."""
     policy = config.policy
     fits = {
-        "layout": config.layout == "hybrid", "policies": not config.policies,
-        "frame_stack": policy.frame_stack == 1, "time_horizon": policy.time_horizon >= policy.rollout_steps,
-        "memory": policy.memory.kind == "none", "network": policy.network is None, "loss": policy.loss is None,
-        "shared_body": policy.shared_body is False, "scale_observations": policy.scale_observations != "bounds",
-        "normalize_advantage": policy.normalize_advantage != "rollout", "clip_vloss": not policy.clip_vloss,
+        "layout": config.layout == "hybrid",
+        "policies": not config.policies,
+        "frame_stack": policy.frame_stack == 1,
+        "time_horizon": policy.time_horizon >= policy.rollout_steps,
+        "memory": policy.memory.kind == "none",
+        "network": policy.network is None,
+        "loss": policy.loss is None,
+        "shared_body": policy.shared_body is False,
+        "scale_observations": policy.scale_observations != "bounds",
+        "normalize_advantage": policy.normalize_advantage != "rollout",
+        "clip_vloss": not policy.clip_vloss,
         "log_std_init": isinstance(policy.log_std_init, float),
         "entropy_coef_schedule": policy.entropy_coef_schedule == "constant" or not policy.entropy_coef,
-    }  # fmt: skip
+    }
     if others := [key for key, fit in fits.items() if not fit]:
         raise ConfigError(
             f"PPO of Stable-Baselines3 cannot be set to this {', '.join(others)}; begin with preset=sb3, its defaults"
         )
     kwargs: dict[str, Any] = {
-        "net_arch": policy.hidden_sizes, "activation_fn": ACTIVATIONS[policy.activation],
-        "ortho_init": policy.ortho_init, "optimizer_kwargs": {"eps": policy.adam_eps},
-    }  # fmt: skip
+        "net_arch": policy.hidden_sizes,
+        "activation_fn": ACTIVATIONS[policy.activation],
+        "ortho_init": policy.ortho_init,
+        "optimizer_kwargs": {"eps": policy.adam_eps},
+    }
     entropy_coef = policy.entropy_coef
     if isinstance(env.action_space, gymnasium.spaces.Box):
         assert isinstance(policy.log_std_init, float)
@@ -96,14 +104,22 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         if policy.entropy == "mean":  # there it is always the sum over axes
             entropy_coef /= math.prod(env.action_space.shape)
     return {
-        "n_steps": policy.rollout_steps, "batch_size": policy.minibatch_size, "n_epochs": policy.epochs,
+        "n_steps": policy.rollout_steps,
+        "batch_size": policy.minibatch_size,
+        "n_epochs": policy.epochs,
         "learning_rate": _schedule(policy.learning_rate, policy.learning_rate_schedule),
-        "clip_range": _schedule(policy.clip_range, policy.clip_range_schedule), "ent_coef": entropy_coef,
-        "vf_coef": policy.vf_coef, "gamma": policy.gamma, "gae_lambda": policy.gae_lambda,
+        "clip_range": _schedule(policy.clip_range, policy.clip_range_schedule),
+        "ent_coef": entropy_coef,
+        "vf_coef": policy.vf_coef,
+        "gamma": policy.gamma,
+        "gae_lambda": policy.gae_lambda,
         "max_grad_norm": math.inf if policy.max_grad_norm is None else policy.max_grad_norm,
-        "normalize_advantage": policy.normalize_advantage == "minibatch", "target_kl": policy.target_kl,
-        "policy_kwargs": kwargs, "seed": config.seed, "device": "cpu",
-    }  # fmt: skip
+        "normalize_advantage": policy.normalize_advantage == "minibatch",
+        "target_kl": policy.target_kl,
+        "policy_kwargs": kwargs,
+        "seed": config.seed,
+        "device": "cpu",
+    }
 
 
 def evaluate(model: PPO, config: Config, episodes: int) -> Row:

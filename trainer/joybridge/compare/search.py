@@ -52,8 +52,11 @@ def search(options: argparse.Namespace) -> int:
     check_unchanged(variant, options.output)
     identity = {
         "ranges": {each.key: f"{each}".partition("=")[2] for each in ranges},
-        "timesteps": base.end, "seed": base.seed, "metric": options.metric, "behavior": options.behavior,
-    }  # fmt: skip
+        "timesteps": base.end,
+        "seed": base.seed,
+        "metric": options.metric,
+        "behavior": options.behavior,
+    }
     with locked(options.output, option="--output"):
         study = open_study(options.output, identity)
         complete = sum(trial.state.is_finished() for trial in study.trials) >= options.trials
@@ -79,9 +82,12 @@ def open_study(folder: Path, identity: Mapping[str, object]) -> optuna.Study:
     journal = folder / SEARCH
     try:
         study = optuna.create_study(
-            storage=JournalStorage(JournalFileBackend(str(journal))), study_name=BASE, load_if_exists=True,
-            direction="maximize", pruner=optuna.pruners.MedianPruner(),
-        )  # fmt: skip
+            storage=JournalStorage(JournalFileBackend(str(journal))),
+            study_name=BASE,
+            load_if_exists=True,
+            direction="maximize",
+            pruner=optuna.pruners.MedianPruner(),
+        )
     except (OSError, ValueError, KeyError) as error:
         raise ConfigError(
             f"{journal} is damaged ({error}); move it away, and repeat the command: runs that are here are not trained "
@@ -133,9 +139,17 @@ def report(made: Search) -> int:
     write_atomically(file, dump_config(made.config(best)).encode())
     commands = next_commands(made, best, file, own)
     result = Outcome(
-        made.base.game, options.metric, made.base.end, made.base.seed, made.ranges, trials, best_trial.number,
-        settings_of(made.ranges, trials[0].params) == own, commands, repetition(options),
-    )  # fmt: skip
+        made.base.game,
+        options.metric,
+        made.base.end,
+        made.base.seed,
+        made.ranges,
+        trials,
+        best_trial.number,
+        settings_of(made.ranges, trials[0].params) == own,
+        commands,
+        repetition(options),
+    )
     print(ranking(result), "", *write_page(result, options.output), file, options.output / SEARCH, sep="\n")
     for command in commands:
         say(f"next: {command}")

@@ -22,9 +22,11 @@ from joybridge.config.files import write_atomically
 
 SHOWN = 10  # of the complete trials, the best
 STATES = {
-    TrialState.RUNNING: "running", TrialState.COMPLETE: "complete", TrialState.PRUNED: "pruned",
+    TrialState.RUNNING: "running",
+    TrialState.COMPLETE: "complete",
+    TrialState.PRUNED: "pruned",
     TrialState.FAIL: "failed",
-}  # fmt: skip
+}
 CAPTIONS = {
     "trials": "Score of each trial in the order of proposal. Crosses: pruned trials, where they ended. Line: the best "
     "score so far",
@@ -73,10 +75,14 @@ def page_text(result: Outcome) -> str:
         "so far were all below the median of the complete trials at the same point was pruned.",
         f"**Each trial is one training with seed {result.seed}.** The best of many trials is also the luckiest: "
         f"compare its settings with the configuration's own over other seeds before you trust them.",
-        "## Best trials", ranking(result), "## All trials", picture_block("trials", CAPTIONS["trials"]),
-        "## Keys", "\n".join(f"- `{each}`" for each in result.ranges),
+        "## Best trials",
+        ranking(result),
+        "## All trials",
+        picture_block("trials", CAPTIONS["trials"]),
+        "## Keys",
+        "\n".join(f"- `{each}`" for each in result.ranges),
         picture_block("keys", CAPTIONS["keys"]),
-    ]  # fmt: skip
+    ]
     if "failed" in states:
         failed = (f"- {trial.number}: {escaped(outcome(trial))}" for trial in _of(result, TrialState.FAIL))
         blocks += ["## Failed trials", "\n".join(failed)]

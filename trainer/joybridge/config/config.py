@@ -17,20 +17,33 @@ from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
-    "stop_at", "checkpoint_interval", "checkpoint_seconds", "keep_checkpoints", "timeout_seconds", "transport",
-    "max_restarts", "log_interval", "log_to", "stratify_by",
-)  # fmt: skip
+    "stop_at",
+    "checkpoint_interval",
+    "checkpoint_seconds",
+    "keep_checkpoints",
+    "timeout_seconds",
+    "transport",
+    "max_restarts",
+    "log_interval",
+    "log_to",
+    "stratify_by",
+)
 OF_THE_GAME = ("options", "parameters")
 OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_during")  # not of several
 MAY_DIFFER = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")  # from the training, when a policy plays
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
-    "options": "options.NAME=CHOICE", "parameters": "parameters.NAME=VALUE", "hand": "hand.KEY=VALUE",
-    "memory": "policy.memory.KEY=VALUE", "opponents": "opponents.KEY=VALUE", "policy": "policy.KEY=VALUE",
-    "policies": "policies.NAME.KEY=VALUE", "shares": "opponents.shares.NAME=SHARE",
+    "options": "options.NAME=CHOICE",
+    "parameters": "parameters.NAME=VALUE",
+    "hand": "hand.KEY=VALUE",
+    "memory": "policy.memory.KEY=VALUE",
+    "opponents": "opponents.KEY=VALUE",
+    "policy": "policy.KEY=VALUE",
+    "policies": "policies.NAME.KEY=VALUE",
+    "shares": "opponents.shares.NAME=SHARE",
     "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
-}  # fmt: skip
+}
 
 CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
 MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
@@ -80,17 +93,20 @@ class PolicyConfig(Checked):
     sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
     reward_weights: dict[str, float] = Field({}, description="weights of reward channels; others as in the game")
     penalty_ramp: int = Field(
-        0, ge=0, description="timesteps over which negative rewards grow from a tenth to their weight; against "
-        "policies that learn to do nothing, because a miss costs and hits are rare at first"
-    )  # fmt: skip
+        0,
+        ge=0,
+        description="timesteps over which negative rewards grow from a tenth to their weight; against "
+        "policies that learn to do nothing, because a miss costs and hits are rare at first",
+    )
     scale_observations: Literal["none", "bounds", "running"] = Field(
         "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
     )
     scale_rewards: bool = Field(False, description="divide rewards by the deviation of the returns so far")
     image_encoder: Literal["auto", "none", "windows", "simple", "nature", "impala"] = Field(
-        "auto", description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
-        "are plain numbers"
-    )  # fmt: skip
+        "auto",
+        description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
+        "are plain numbers",
+    )
     network: str | None = Field(
         None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
     )
@@ -105,13 +121,15 @@ class PolicyConfig(Checked):
         None, description="one body for actor and critic; null: only if there are no Gaussians"
     )
     ortho_init: bool = Field(
-        False, description="begin with orthogonal weights, of gain √2, policy heads 0.01, value 1; false: from a "
-        "truncated normal, as ML-Agents"
-    )  # fmt: skip
+        False,
+        description="begin with orthogonal weights, of gain √2, policy heads 0.01, value 1; false: from a "
+        "truncated normal, as ML-Agents",
+    )
     log_std_init: float | dict[str, float] = Field(
-        0.0, description="logarithm of the deviation that Gaussians begin with, in thirds of half an axis's range, of "
-        "all or by the names of axes; 1.0986, log 3: half the range"
-    )  # fmt: skip
+        0.0,
+        description="logarithm of the deviation that Gaussians begin with, in thirds of half an axis's range, of "
+        "all or by the names of axes; 1.0986, log 3: half the range",
+    )
     rollout_steps: int = Field(59, ge=1, description="decisions per lane between two updates")
     time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
     minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
@@ -122,9 +140,10 @@ class PolicyConfig(Checked):
     entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
     entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
     entropy: Literal["sum", "mean"] = Field(
-        "mean", description="of a decision, over its continuous actions; over branches it is always the sum. With sum, "
-        "one `entropy_coef` means the same for axes and branches"
-    )  # fmt: skip
+        "mean",
+        description="of a decision, over its continuous actions; over branches it is always the sum. With sum, "
+        "one `entropy_coef` means the same for axes and branches",
+    )
     clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
     clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
     normalize_advantage: Literal["rollout", "minibatch", "none"] = Field(
@@ -159,14 +178,16 @@ class OpponentsConfig(Checked):
     """Who plays beside the learner in a game of several agents."""
 
     shares: dict[str, Annotated[float, Field(ge=0)]] = Field(
-        {}, description="who holds seats, and how often: `past` policies of this run, the `learner`, the folder of "
+        {},
+        description="who holds seats, and how often: `past` policies of this run, the `learner`, the folder of "
         "another run, an exported policy.json, or `script:NAME` of the game; one seat of a match is always the "
-        "learner's; none: it holds all"
-    )  # fmt: skip
+        "learner's; none: it holds all",
+    )
     sampling: Literal["uniform", "latest", "pfsp_hard", "pfsp_even"] = Field(
-        "uniform", description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
-        "those as strong as it"
-    )  # fmt: skip
+        "uniform",
+        description="of past policies; pfsp_hard: rather those that beat the learner, pfsp_even: rather "
+        "those as strong as it",
+    )
     pool_size: int = Field(
         20, ge=1, le=1000, description="past policies that are kept, spread evenly over the training"
     )
@@ -208,21 +229,24 @@ class Config(Checked):
     )
     options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
     parameters: dict[str, Value] = Field(
-        {}, description="parameters of the game, as in `joybridge list`; {uniform: [LOW, HIGH]}, {log_uniform: [LOW, "
-        "HIGH]} or {choice: [VALUE, …]}: drawn at each episode"
-    )  # fmt: skip
+        {},
+        description="parameters of the game, as in `joybridge list`; {uniform: [LOW, HIGH]}, {log_uniform: [LOW, "
+        "HIGH]} or {choice: [VALUE, …]}: drawn at each episode",
+    )
     curriculum: Lessons = Field(
         [],
         description="lessons, one after the other: `parameters`, and `until` when, see Curricula in docs/training.md",
     )
     games: Games = Field(
-        {}, description="several games that one policy plays, in place of `game`: a name for each, then its keys, see "
-        "docs/several-games.md"
-    )  # fmt: skip
+        {},
+        description="several games that one policy plays, in place of `game`: a name for each, then its keys, see "
+        "docs/several-games.md",
+    )
     common_device: dict[str, Annotated[list[str], Field(min_length=1)]] = Field(
-        {}, description="parts of the device of several games, by hand: a name, then the axes or the branches that it "
-        "stands for, each as PART or GAME.PART; others go by their names"
-    )  # fmt: skip
+        {},
+        description="parts of the device of several games, by hand: a name, then the axes or the branches that it "
+        "stands for, each as PART or GAME.PART; others go by their names",
+    )
     tell_game: bool = Field(False, description="let the policy know which of several games it plays")
     layout: str = Field(
         "hybrid",
@@ -273,21 +297,26 @@ class Config(Checked):
         description="alone: policies only imitate, PPO teaches the critic; beside_ppo: it is a term in the loss of PPO",
     )
     evaluate_during: EvaluateDuring | None = Field(
-        None, description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
-        "and `parameters` that differ, see Held-out settings in docs/training.md"
-    )  # fmt: skip
+        None,
+        description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
+        "and `parameters` that differ, see Held-out settings in docs/training.md",
+    )
     stratify_by: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"
     )
     opponents: OpponentsConfig = Field(OpponentsConfig(), description="who plays beside the learner")
     pointer: Literal["position", "velocity"] | None = Field(
-        None, description="what policies do to axes that place a pointer: put it there (position), or move it from "
-        "where it is (velocity); null: as the game has it"
-    )  # fmt: skip
+        None,
+        description="what policies do to axes that place a pointer: put it there (position), or move it from "
+        "where it is (velocity); null: as the game has it",
+    )
     pointer_speed: float = Field(
-        0.1, gt=0, le=1, description="with `pointer: velocity`, the farthest that a pointer moves in a decision, as a "
-        "share of its range"
-    )  # fmt: skip
+        0.1,
+        gt=0,
+        le=1,
+        description="with `pointer: velocity`, the farthest that a pointer moves in a decision, as a "
+        "share of its range",
+    )
     hand: HandConfig = Field(HandConfig(), description="limits of a person's hand, between policies and the game")
     policy: PolicyConfig = Field(PolicyConfig(), description="what all policies share")
     policies: dict[str, dict[str, Any]] = Field(

@@ -35,13 +35,17 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     commands = parser.add_subparsers(dest="command", required=True)
     keys = commands.add_parser("keys", help="list the keys of configurations: default, meaning, type and range")
     keys.add_argument(
-        "word", nargs="?", default="", metavar="WORD",
+        "word",
+        nargs="?",
+        default="",
+        metavar="WORD",
         help="only keys with this word in their name or meaning; a key of another library finds ours",
-    )  # fmt: skip
+    )
     keys.add_argument(
-        "--schema", action="store_true",
+        "--schema",
+        action="store_true",
         help="print the first line of a YAML file with which editors complete and check its keys",
-    )  # fmt: skip
+    )
     given = parser.parse_args(arguments)
     if given.schema:
         print(f"# yaml-language-server: $schema={SCHEMA.as_uri()}")

@@ -44,20 +44,24 @@ def _number(value: Any) -> float:
 Value: TypeAlias = Annotated[
     float | dict[str, list[float]],
     BeforeValidator(read_value),
-    WithJsonSchema({
-        "$comment": "number or distribution",
-        "anyOf": [
-            {"type": "number"},
-            *(
-                {
-                    "type": "object", "required": [kind], "additionalProperties": False,
-                    "properties": {kind: {"type": "array", "items": {"type": "number"}}},
-                }
-                for kind in KINDS
-            ),
-        ],
-    }),
-]  # fmt: skip
+    WithJsonSchema(
+        {
+            "$comment": "number or distribution",
+            "anyOf": [
+                {"type": "number"},
+                *(
+                    {
+                        "type": "object",
+                        "required": [kind],
+                        "additionalProperties": False,
+                        "properties": {kind: {"type": "array", "items": {"type": "number"}}},
+                    }
+                    for kind in KINDS
+                ),
+            ],
+        }
+    ),
+]
 
 
 class Until(Checked):

@@ -69,8 +69,10 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
     masks = None
     if any(part.masks is not None for part in found):
         device = shown[0].spec.behaviors[actor.behavior].device
-        masks = [_join_masks([p.masks for p in found], [len(p.sources) for p in found], i, len(branch.choices))
-                 for i, branch in enumerate(device.branches)]  # fmt: skip
+        masks = [
+            _join_masks([p.masks for p in found], [len(p.sources) for p in found], i, len(branch.choices))
+            for i, branch in enumerate(device.branches)
+        ]
     act, layout = ActArrays(axes, choices), actor.layout
     continuous, discrete = layout.read(act)
     device = shown[0].spec.behaviors[actor.behavior].device
@@ -147,9 +149,13 @@ def _join_masks(parts: Sequence[Sequence[Array] | None], rows: Sequence[int], br
 
 
 def _compare(
-    layout: Layout, device: pb.Device, wanted: ActArrays, continuous: Array, discrete: Array,
+    layout: Layout,
+    device: pb.Device,
+    wanted: ActArrays,
+    continuous: Array,
+    discrete: Array,
     masks: Sequence[Array] | None,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Return whether a layout presses what was pressed, bool [rows], and how far it moves axes, [rows, axes].
 
     The second is in shares of their ranges.

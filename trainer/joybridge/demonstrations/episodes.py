@@ -54,19 +54,26 @@ def _one_lane(stretch: Stretch, behavior: int, lane: int, begin: int, end: int, 
     if any(step.masks is not None for step in before):
         choices = next(step.masks for step in before if step.masks is not None)
         masks = [
-            np.array([*(np.ones_like(one[0]) if step.masks is None else step.masks[branch][lane] for step in before),
-                      np.ones_like(one[0])])
+            np.array(
+                [
+                    *(np.ones_like(one[0]) if step.masks is None else step.masks[branch][lane] for step in before),
+                    np.ones_like(one[0]),
+                ]
+            )
             for branch, one in enumerate(choices)
-        ]  # fmt: skip
+        ]
     seen = [[*(step.observations[sensor][lane] for step in before), one[row]] for sensor, one in enumerate(final)]
     return Episode(
         list(map(np.array, seen)),
         ActArrays(np.array([act.axes[lane] for act in acts]), np.array([act.choices[lane] for act in acts])),
         np.array([step.rewards[lane] for step in steps[1:]]),
-        bool(last.terminated[lane]), bool(last.truncated[lane]), masks,
-        np.array([*(step.deciding is None or bool(step.deciding[lane]) for step in before), True]), demonstrated,
+        bool(last.terminated[lane]),
+        bool(last.truncated[lane]),
+        masks,
+        np.array([*(step.deciding is None or bool(step.deciding[lane]) for step in before), True]),
+        demonstrated,
         None if last.metrics is None else last.metrics[row],
-    )  # fmt: skip
+    )
 
 
 def check_episode(episode: Episode, behavior: pb.Behavior) -> None:
@@ -134,9 +141,13 @@ def _join(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> Stre
     for number in range(longest + 1):
         over = ends == number
         step = StepArrays(
-            [sensor[number] for sensor in observations], earned[number], over & terminated, over & truncated,
-            None if masks is None else [mask[number] for mask in masks], deciding[number],
-        )  # fmt: skip
+            [sensor[number] for sensor in observations],
+            earned[number],
+            over & terminated,
+            over & truncated,
+            None if masks is None else [mask[number] for mask in masks],
+            deciding[number],
+        )
         step.ended = np.flatnonzero(step.terminated | step.truncated).astype(np.int32)
         if len(step.ended):
             step.final_observations = [sensor[number][step.ended] for sensor in observations]

@@ -43,9 +43,9 @@ class Observer:
         final = None
         if len(step.ended):
             last = self._frames(step.final_observations or [])
-            final = self._shaped({
-                name: final_observations(stack.now, last[name], step) for name, stack in self._stacks.items()
-            })  # fmt: skip
+            final = self._shaped(
+                {name: final_observations(stack.now, last[name], step) for name, stack in self._stacks.items()}
+            )
         for name, frames in self._frames(step.observations).items():
             self._stacks[name].push(frames, step)
         return final

@@ -137,6 +137,8 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
             values[ended] = column
             info |= {name: values, f"_{name}": present.copy()}
         return {
-            "final_obs": observations, "_final_obs": present.copy(),
-            "final_info": info, "_final_info": present.copy(),
-        }  # fmt: skip
+            "final_obs": observations,
+            "_final_obs": present.copy(),
+            "final_info": info,
+            "_final_info": present.copy(),
+        }

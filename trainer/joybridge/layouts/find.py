@@ -33,13 +33,31 @@ GROUP = "joybridge.layouts"  # of entry points
 Maker = Callable[[pb.Device, str], Layout | Mapping[str, Layout]]
 
 KINDS: dict[str, Maker] = {
-    "hybrid": hybrid, "multiagent": multiagent, "bucket": bucket, "threshold": threshold, "joint": joint,
-    "ordinal": ordinal, "beta": beta, "squashed": squashed, "map": point_map,
-}  # fmt: skip
+    "hybrid": hybrid,
+    "multiagent": multiagent,
+    "bucket": bucket,
+    "threshold": threshold,
+    "joint": joint,
+    "ordinal": ordinal,
+    "beta": beta,
+    "squashed": squashed,
+    "map": point_map,
+}
 FORMS = (
-    "hybrid", "multiagent", "bucket-N", "bucket-N-mu", "threshold-T", "joint-N", "joint-N-mu", "ordinal-N",
-    "ordinal-N-mu", "beta", "squashed", "map-WxH", "map-WxH-relative",
-)  # fmt: skip
+    "hybrid",
+    "multiagent",
+    "bucket-N",
+    "bucket-N-mu",
+    "threshold-T",
+    "joint-N",
+    "joint-N-mu",
+    "ordinal-N",
+    "ordinal-N-mu",
+    "beta",
+    "squashed",
+    "map-WxH",
+    "map-WxH-relative",
+)
 
 
 def find_layouts(name: str, device: pb.Device) -> dict[str, Layout]:

@@ -37,9 +37,11 @@ def joint(device: pb.Device, setting: str) -> Layout:
     rows = np.unique(np.concatenate(parts), axis=0)  # sorted, so the order is that of the values of the axes
     positions = [_values(space, axis)[column] for axis, column in zip(device.axes, rows.T, strict=False)]
     table = JointTable(
-        tuple(branches), np.ascontiguousarray(rows[:, len(axes) :]), tuple(axes),
+        tuple(branches),
+        np.ascontiguousarray(rows[:, len(axes) :]),
+        tuple(axes),
         np.stack(positions, axis=1) if positions else None,
-    )  # fmt: skip
+    )
     return Layout(discrete=(table,))
 
 

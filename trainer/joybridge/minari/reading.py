@@ -119,11 +119,15 @@ def _episodes(path: Path, behavior: pb.Behavior) -> Iterator[Episode]:
             if ends[:, :-1].any():
                 raise ValueError("it ends before its last decision")
             episode = Episode(
-                [read(seen) for read in sensors], act(data["actions"]),
-                _rewards(data["rewards"], infos.get("rewards"), behavior), bool(ends[0, -1]),
-                bool(ends[1, -1] and not ends[0, -1]), masks(given, rows), _flags(infos, "deciding", rows),
+                [read(seen) for read in sensors],
+                act(data["actions"]),
+                _rewards(data["rewards"], infos.get("rewards"), behavior),
+                bool(ends[0, -1]),
+                bool(ends[1, -1] and not ends[0, -1]),
+                masks(given, rows),
+                _flags(infos, "deciding", rows),
                 _flags(infos, "demonstrated", rows)[:-1],
-            )  # fmt: skip
+            )
             check_episode(episode, behavior)
         except (TensorError, ValueError, IndexError, KeyError, TypeError) as error:
             raise RecordingError(f"{path.parent}, episode {number}: {error}; leave it out, or record again") from error

@@ -95,13 +95,19 @@ def _write(output: Path, name: str, game: str, behavior: pb.Behavior, episodes: 
             whole = Path(folder) / "dataset"
             whole.mkdir()
             storage = MinariStorage.new(
-                whole / "data", make_observation_space(behavior.sensors, 1, flatten=False),
-                _action_space(behavior.device), jpeg_encoding=False,
-            )  # fmt: skip
-            storage.update_metadata({
-                "dataset_id": name, "minari_version": __version__, OURS: {"game": game, "behavior": behavior.name},
-                "description": f"Demonstrations of {behavior.name} in the game {game}, recorded by Joybridge.",
-            })  # fmt: skip
+                whole / "data",
+                make_observation_space(behavior.sensors, 1, flatten=False),
+                _action_space(behavior.device),
+                jpeg_encoding=False,
+            )
+            storage.update_metadata(
+                {
+                    "dataset_id": name,
+                    "minari_version": __version__,
+                    OURS: {"game": game, "behavior": behavior.name},
+                    "description": f"Demonstrations of {behavior.name} in the game {game}, recorded by Joybridge.",
+                }
+            )
             storage.update_episodes(_buffers(behavior, episodes))
             storage.update_episode_metadata(_metrics(behavior, episodes))
             whole.rename(target)
@@ -140,9 +146,11 @@ def _buffers(behavior: pb.Behavior, episodes: Iterable[Episode]) -> "Iterator[Ep
         yield EpisodeBuffer(
             observations={sensor.name: seen for sensor, seen in zip(behavior.sensors, one.observations, strict=True)},
             actions=actions if len(used) > 1 else used[0],
-            rewards=one.rewards @ weights, terminations=ends & one.terminated, truncations=ends & one.truncated,
+            rewards=one.rewards @ weights,
+            terminations=ends & one.terminated,
+            truncations=ends & one.truncated,
             infos=infos,
-        )  # fmt: skip
+        )
 
 
 def _metrics(behavior: pb.Behavior, episodes: Iterable[Episode]) -> Iterator[dict[str, float]]:

@@ -80,29 +80,42 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     player.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
     player.add_argument(
-        "--simulator", type=address, metavar="ADDRESS",
+        "--simulator",
+        type=address,
+        metavar="ADDRESS",
         help="HOST:PORT or unix:PATH of a running simulator; default: this command starts one",
-    )  # fmt: skip
+    )
     add_credentials_arguments(player)
     player.add_argument(
-        "--game", action="append", default=[], metavar="MODULE:CLASS",
+        "--game",
+        action="append",
+        default=[],
+        metavar="MODULE:CLASS",
         help="another game for the simulator that this command starts; the current folder is searched first",
-    )  # fmt: skip
+    )
     player.add_argument(
-        "--port", "--mlagents-port", type=int, default=PORT, metavar="PORT",
+        "--port",
+        "--mlagents-port",
+        type=int,
+        default=PORT,
+        metavar="PORT",
         help="of the trainer, on this machine; default %(default)s, where mlagents-learn waits for an editor",
-    )  # fmt: skip
+    )
     player.add_argument(
         "--arenas", type=int, metavar="N", help="copies of the game; default: what the trainer says, as num_areas"
     )
     player.add_argument(
-        "--wait", type=float, default=60.0, metavar="SECONDS",
+        "--wait",
+        type=float,
+        default=60.0,
+        metavar="SECONDS",
         help="how long to wait for the trainer; default %(default)g",
-    )  # fmt: skip
+    )
     player.add_argument(
-        "--no-statistics", action="store_true",
+        "--no-statistics",
+        action="store_true",
         help="send no metrics of episodes, about which a trainer warns that has no channel for statistics",
-    )  # fmt: skip
+    )
     for ignored in ("-nographics", "-batchmode"):  # a trainer gives these to a player that it starts
         player.add_argument(ignored, action="store_true", help=argparse.SUPPRESS)
     player.add_argument("-logFile", "-logfile", help=argparse.SUPPRESS)

@@ -42,9 +42,7 @@ def connect(port: int, seconds: float, say: Callable[[str], None]) -> Iterator[E
                 f"no trainer of ML-Agents at {address} after {seconds:g} s; start one, for example with "
                 "mlagents-learn, or give its port with --port"
             ) from None
-        call = channel.unary_unary(
-            f"/{SERVICE}/{METHOD}", ml.Message.SerializeToString, ml.Message.FromString
-        )  # fmt: skip
+        call = channel.unary_unary(f"/{SERVICE}/{METHOD}", ml.Message.SerializeToString, ml.Message.FromString)
         try:
             yield call
         except grpc.RpcError as error:

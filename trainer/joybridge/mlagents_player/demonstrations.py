@@ -142,9 +142,13 @@ def _episode(steps: Sequence[ml.DemonstrationStep], behavior: pb.Behavior, sizes
     return Episode(
         _sensors([step.agent for step in steps], behavior),
         ActArrays(scale_axes(continuous, low, high), discrete[:, np.array(sizes, int) > 1]),
-        _rewards([step.agent for step in steps[1:]], behavior), last.done and not last.interrupted,
-        last.done and last.interrupted, _masks([step.agent.action_mask for step in steps], sizes), always, always[1:],
-    )  # fmt: skip
+        _rewards([step.agent for step in steps[1:]], behavior),
+        last.done and not last.interrupted,
+        last.done and last.interrupted,
+        _masks([step.agent.action_mask for step in steps], sizes),
+        always,
+        always[1:],
+    )
 
 
 def _rewards(agents: Sequence[ml.Agent], behavior: pb.Behavior) -> Array:

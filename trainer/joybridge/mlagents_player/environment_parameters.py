@@ -11,8 +11,13 @@ from joybridge.config.errors import ConfigError
 WHERE = "environment_parameters"
 LESSON = {"name", "value", "completion_criteria"}
 CRITERIA = {
-    "behavior", "measure", "threshold", "min_lesson_length", "signal_smoothing", "require_reset",
-}  # fmt: skip
+    "behavior",
+    "measure",
+    "threshold",
+    "min_lesson_length",
+    "signal_smoothing",
+    "require_reset",
+}
 MEASURES = ("reward", "progress")
 
 
@@ -75,9 +80,11 @@ def _until(where: str, criteria: Any, behavior: str) -> dict[str, Any]:
         raise ConfigError(f"{where}.require_reset: got {criteria['require_reset']!r}, expected {wanted}")
     length = criteria.get("min_lesson_length", 0)
     return {
-        "metric": measure, "policy": None if judged == behavior else judged, "above": criteria.get("threshold", 0.0),
+        "metric": measure,
+        "policy": None if judged == behavior else judged,
+        "above": criteria.get("threshold", 0.0),
         "episodes": 1 if length == 0 else length,
-    }  # fmt: skip
+    }
 
 
 def _know(given: Mapping[str, Any], known: set[str], where: str) -> None:

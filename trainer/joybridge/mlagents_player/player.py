@@ -120,10 +120,15 @@ class Behavior:
         """Add the agents whose episodes have ended. cut: all others end here as well, interrupted."""
         rewards = self._reward(step)
         if len(step.ended):
-            self._add(answer, self.records.pack(
-                step.final_observations or [], rewards[step.ended], self.ids[step.ended],
-                interrupted=step.truncated[step.ended],
-            ))  # fmt: skip
+            self._add(
+                answer,
+                self.records.pack(
+                    step.final_observations or [],
+                    rewards[step.ended],
+                    self.ids[step.ended],
+                    interrupted=step.truncated[step.ended],
+                ),
+            )
         if cut and len(going := np.flatnonzero(~(step.terminated | step.truncated))):
             seen = [sensor[going] for sensor in step.observations]
             yes = np.ones(len(going), bool)

@@ -37,9 +37,13 @@ class AgentRecords:
         self.dtype, self._template = layout(parts)
 
     def pack(
-        self, observations: Sequence[Array], rewards: Array, ids: Array, masks: Sequence[Array] | None = None,
+        self,
+        observations: Sequence[Array],
+        rewards: Array,
+        ids: Array,
+        masks: Sequence[Array] | None = None,
         interrupted: Array | None = None,
-    ) -> bytes:  # fmt: skip
+    ) -> bytes:
         """Return an AgentList.
 
         observations: per sensor [agents, *shape]; rewards, ids [agents]; masks: per branch [agents, choices], True:

@@ -66,9 +66,11 @@ def export(plays: PlaySpec, output: Path, *, behavior: str) -> str:
                     "play its run with `joybridge.play.agent.load`, or train without policy.network"
                 )
         about = {
-            "game": play.spec.name, "options": play.config.options, "layout": play.config.layout,
+            "game": play.spec.name,
+            "options": play.config.options,
+            "layout": play.config.layout,
             "timesteps": play.timesteps,
-        }  # fmt: skip
+        }
         data = encode(make_document(actors, play.spec.behaviors[index], deterministic=plays.deterministic, about=about))
         model = build_model(decode(data)).SerializeToString(deterministic=True)
         found = compare(model, play, index)

@@ -57,9 +57,16 @@ class Policies(Players):
     """The policies of a run in all lanes of a number of arenas. timesteps: how long they have trained."""
 
     def __init__(
-        self, run: Path, config: Config, spec: pb.GameSpec, arenas: int, seed: int, *, deterministic: bool = False,
+        self,
+        run: Path,
+        config: Config,
+        spec: pb.GameSpec,
+        arenas: int,
+        seed: int,
+        *,
+        deterministic: bool = False,
         checkpoint: str = "",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Load a checkpoint of a run; see `open_play`. Raises CheckpointError and ConfigError."""
         use_one_thread()
         state = load_state(run, checkpoint)
@@ -72,9 +79,15 @@ class Play:
     """The policies of a run in an open session."""
 
     def __init__(
-        self, config: Config, changed: dict[str, Change], choices: Sequence[str], arenas: int,
-        session: Session | ShardedSession | SeveralSession, policies: Policies, held: Sequence[Array],
-    ) -> None:  # fmt: skip
+        self,
+        config: Config,
+        changed: dict[str, Change],
+        choices: Sequence[str],
+        arenas: int,
+        session: Session | ShardedSession | SeveralSession,
+        policies: Policies,
+        held: Sequence[Array],
+    ) -> None:
         """Play `arenas` arenas. changed: what differs from the training. choices: see `balanced_options`.
 
         held: the lanes that the policies hold, a bool for each, per behavior.

@@ -86,9 +86,13 @@ def plot(sweep: Sweep, results: Results, path: Path) -> None:
             if metric in first.means:
                 played = [results[setting][policy] for setting in sweep.settings]
                 axes.errorbar(
-                    places, [one.means[metric] for one in played], [one.half_widths[metric] for one in played],
-                    fmt="o-", capsize=3, label=policy,
-                )  # fmt: skip
+                    places,
+                    [one.means[metric] for one in played],
+                    [one.half_widths[metric] for one in played],
+                    fmt="o-",
+                    capsize=3,
+                    label=policy,
+                )
         axes.set(title=metric, xlabel=sweep.key)
         axes.set_xticks(places, sweep.values)
         axes.grid(alpha=0.3)

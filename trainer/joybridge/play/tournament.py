@@ -62,9 +62,14 @@ def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Act
 
 
 def play_tournament(
-    players: Mapping[str, Sequence[Actor | Guest]], config: Config, *, address: str, matches: int, seed: int,
+    players: Mapping[str, Sequence[Actor | Guest]],
+    config: Config,
+    *,
+    address: str,
+    matches: int,
+    seed: int,
     say: Callable[[str], None],
-) -> list[Result]:  # fmt: skip
+) -> list[Result]:
     """Play at least so many matches; in the results, holders are indices of `players`.
 
     config: the game, its options and the limits of all hands. Every arena plays as many matches, so long ones count as

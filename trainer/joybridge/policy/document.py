@@ -46,11 +46,9 @@ def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, determinist
             if sensor.name in seen
         ],
         "axes": [{"name": axis.name, "low": axis.low, "high": axis.high} for axis in behavior.device.axes],
-        "branches": [
-            {"name": branch.name, "choices": list(branch.choices)} for branch in behavior.device.branches
-        ],
+        "branches": [{"name": branch.name, "choices": list(branch.choices)} for branch in behavior.device.branches],
         "policies": [_policy(actor) for actor in actors],
-    }  # fmt: skip
+    }
 
 
 def encode(document: Document) -> bytes:
@@ -209,9 +207,13 @@ def _steps(layers: Iterable[nn.Module], values: Tensor) -> Iterator[Document]:
 def _convolution(weight: Tensor, bias: Tensor | None, stride: int, padding: int) -> Document:
     assert bias is not None
     return {
-        "kind": "convolution", "size": list(weight.shape[2:]), "stride": stride, "padding": padding,
-        "weight": weight.numpy(force=True), "bias": bias.numpy(force=True),
-    }  # fmt: skip
+        "kind": "convolution",
+        "size": list(weight.shape[2:]),
+        "stride": stride,
+        "padding": padding,
+        "weight": weight.numpy(force=True),
+        "bias": bias.numpy(force=True),
+    }
 
 
 def _memory(memory: Memory) -> Document:

@@ -24,9 +24,13 @@ class ObservationEncoder:
     """Turns the step of a behavior into the frames and rewards of one policy."""
 
     def __init__(
-        self, name: str, behavior: pb.Behavior, sensors: Sequence[str] | None, reward_weights: Mapping[str, float],
+        self,
+        name: str,
+        behavior: pb.Behavior,
+        sensors: Sequence[str] | None,
+        reward_weights: Mapping[str, float],
         image_encoder: str = "none",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Choose sensors (None: all) and the weights of reward channels where they differ from the defaults.
 
         name: of the policy, for errors. image_encoder: see `find_images`; with "none", images are plain numbers. Raises

@@ -13,9 +13,12 @@ class Episodes:
     """Sums up the episodes of one policy's lanes."""
 
     def __init__(
-        self, lanes: int, metrics: Sequence[str], drawn: Mapping[int, str] | None = None,
+        self,
+        lanes: int,
+        metrics: Sequence[str],
+        drawn: Mapping[int, str] | None = None,
         games: tuple[Sequence[str], Array] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin at an episode's first decision in every lane.
 
         metrics: the game's, by name; see `column_name`. drawn: the parameters that are drawn at each episode, by their

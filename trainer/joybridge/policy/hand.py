@@ -24,9 +24,14 @@ class Hand:
     """The hands of all agents of one behavior in one group of arenas."""
 
     def __init__(
-        self, limits: HandConfig, device: pb.Device, rest: ActArrays, noise_key: tuple[int, int], first_lane: int,
+        self,
+        limits: HandConfig,
+        device: pb.Device,
+        rest: ActArrays,
+        noise_key: tuple[int, int],
+        first_lane: int,
         speeds: Array | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped.
 
         speeds: how far axes are moved in a decision, see `pointer_speeds`; None: all are placed. Those that are
@@ -105,9 +110,13 @@ class Hand:
 
     def _arrays(self) -> dict[str, Array]:
         return {
-            "axes": self._axes, "choices": self._choices, "last_axes": self._last.axes,
-            "last_choices": self._last.choices, "kept": self._kept, "decisions": self._decisions,
-        }  # fmt: skip
+            "axes": self._axes,
+            "choices": self._choices,
+            "last_axes": self._last.axes,
+            "last_choices": self._last.choices,
+            "kept": self._kept,
+            "decisions": self._decisions,
+        }
 
 
 def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: int) -> list[Hand]:

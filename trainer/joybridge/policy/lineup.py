@@ -32,7 +32,7 @@ class GameTranslation:
 
     def __init__(
         self, own: pb.Behavior, view: View, placed: Placed, common: pb.Behavior, weights: Array, columns: Sequence[int]
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the behavior of the game and how its parts lie in the common one.
 
         weights: of its reward channels. columns: of its metrics among the common ones.
@@ -51,9 +51,14 @@ class GameTranslation:
     def step(self, step: StepArrays) -> StepArrays:
         """Return a step of the game as one of the common spec."""
         seen = StepArrays(
-            self._view.see(step.observations), (step.rewards @ self._weights)[:, None], step.terminated,
-            step.truncated, self._masks(step.masks, len(step.rewards)), step.deciding, step.ended,
-        )  # fmt: skip
+            self._view.see(step.observations),
+            (step.rewards @ self._weights)[:, None],
+            step.terminated,
+            step.truncated,
+            self._masks(step.masks, len(step.rewards)),
+            step.deciding,
+            step.ended,
+        )
         if step.final_observations is not None:
             seen.final_observations = self._view.see(step.final_observations)
             seen.metrics = np.full((len(step.ended), self._metrics), np.nan, np.float32)
@@ -144,16 +149,23 @@ def make_lineup(address: str, config: Config) -> Lineup:
         for metric in one.metrics
     ]
     player = pb.Behavior(
-        name=BEHAVIOR, agents_per_arena=1, sensors=sensors, device=common.device, metrics=metrics,
+        name=BEHAVIOR,
+        agents_per_arena=1,
+        sensors=sensors,
+        device=common.device,
+        metrics=metrics,
         channels=[pb.RewardChannel(name="reward", default_weight=1.0)],
-    )  # fmt: skip
+    )
     saved = [spec.snapshot_bytes_per_arena for spec in specs.values()]
     spec = pb.GameSpec(
-        name=config.game, description=f"Several games: {', '.join(games)}"[:1000], behaviors=[player],
-        decision_interval=1, max_arenas=min(spec.max_arenas for spec in specs.values()),
+        name=config.game,
+        description=f"Several games: {', '.join(games)}"[:1000],
+        behaviors=[player],
+        decision_interval=1,
+        max_arenas=min(spec.max_arenas for spec in specs.values()),
         snapshot_bytes_per_arena=sum(saved) if all(saved) else 0,
         version=", ".join(f"{name} {spec.version}" for name, spec in specs.items())[:100],
-    )  # fmt: skip
+    )
     return Lineup(games, specs, common, views, spec)
 
 

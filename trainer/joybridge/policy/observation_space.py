@@ -25,10 +25,12 @@ def make_observation_space(sensors: Sequence[pb.Sensor], frame_stack: int, *, fl
     """
     if flatten:
         return _make_box(sensors, frame_stack, (-1,), np.float32)
-    return Dict({
-        sensor.name: _make_box([sensor], frame_stack, stacked_shape(sensor, frame_stack), NUMPY_TYPES[sensor.dtype])
-        for sensor in sensors
-    })  # fmt: skip
+    return Dict(
+        {
+            sensor.name: _make_box([sensor], frame_stack, stacked_shape(sensor, frame_stack), NUMPY_TYPES[sensor.dtype])
+            for sensor in sensors
+        }
+    )
 
 
 def stacked_shape(sensor: pb.Sensor, frame_stack: int) -> tuple[int, ...]:

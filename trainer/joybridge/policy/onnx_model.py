@@ -34,8 +34,11 @@ OPSET, IR_VERSION = 17, 8
 LANES = "lanes"  # the name of the first size of all inputs and outputs
 BELOW_ONE = np.nextafter(np.float32(1), np.float32(0))
 TYPES = {
-    "float32": TensorProto.FLOAT, "int32": TensorProto.INT32, "uint8": TensorProto.UINT8, "bool": TensorProto.BOOL,
-}  # fmt: skip
+    "float32": TensorProto.FLOAT,
+    "int32": TensorProto.INT32,
+    "uint8": TensorProto.UINT8,
+    "bool": TensorProto.BOOL,
+}
 OPERATORS = {
     "Abs", "Add", "And", "ArgMax", "Cast", "Clip", "Concat", "Conv", "CumSum", "Div", "Elu", "Flatten", "Gather",
     "GatherElements", "Gemm", "Greater", "Identity", "Less", "LessOrEqual", "MaxPool", "Min", "Mul", "ReduceSum",
@@ -186,8 +189,10 @@ class _Builder:
                 value = self._node("Add", value, self._encode(step["steps"], activation, value)[-1])
             else:
                 window = {
-                    "kernel_shape": step["size"], "strides": [step["stride"]] * 2, "pads": [step["padding"]] * 4,
-                }  # fmt: skip
+                    "kernel_shape": step["size"],
+                    "strides": [step["stride"]] * 2,
+                    "pads": [step["padding"]] * 4,
+                }
                 if step["kind"] == "convolution":
                     weight, bias = self._constant(step["weight"]), self._constant(step["bias"])
                     value = self._node("Conv", value, weight, bias, **window)

@@ -17,9 +17,15 @@ class Players:
     """Actors in all lanes of some arenas, or others in some seats. Steps and acts hold an entry per behavior."""
 
     def __init__(
-        self, actors: Sequence[Actor], config: Config, spec: pb.GameSpec, arenas: int, seed: int, *,
+        self,
+        actors: Sequence[Actor],
+        config: Config,
+        spec: pb.GameSpec,
+        arenas: int,
+        seed: int,
+        *,
         deterministic: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Seat the actors. config: sets the limits of the hands. `seed` fixes samples and noise."""
         self.players = [
             Player(actor, lane_count(spec.behaviors[actor.behavior], arenas), seed, deterministic=deterministic)

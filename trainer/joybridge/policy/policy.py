@@ -37,9 +37,14 @@ class Policy:
     """
 
     def __init__(
-        self, actor: Actor, behavior: pb.Behavior, arenas: Sequence[int], drawn: Mapping[int, str] | None = None,
-        lineup: Lineup | None = None, kinds: Array | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        actor: Actor,
+        behavior: pb.Behavior,
+        arenas: Sequence[int],
+        drawn: Mapping[int, str] | None = None,
+        lineup: Lineup | None = None,
+        kinds: Array | None = None,
+    ) -> None:
         """Begin with empty rollouts.
 
         arenas: the first arena of each group and, last, their number. drawn: see `Episodes`. lineup: several games, of
@@ -50,15 +55,25 @@ class Policy:
         self.lanes = bounds[-1]
         groups = [slice(first, end) for first, end in pairwise(bounds)]
         self.rollout = RolloutBuffer(
-            self.config.rollout_steps, groups, actor.observation_size, actor.layout.space,
-            [*actor.encoder.images.values()], self.config.frame_stack, actor.network.state_size,
-        )  # fmt: skip
+            self.config.rollout_steps,
+            groups,
+            actor.observation_size,
+            actor.layout.space,
+            [*actor.encoder.images.values()],
+            self.config.frame_stack,
+            actor.network.state_size,
+        )
         autograd = self.config.autograd or actor.accelerator.type != "cpu"
         name = actor.name if actor.name == behavior.name else f"{actor.name} (behavior {behavior.name})"
         self.learner = Learner(
-            name, actor.network, branches=actor.branches, gaussians=actor.gaussians, autograd=autograd,
-            threads=self.config.threads, adam_eps=self.config.adam_eps,
-        )  # fmt: skip
+            name,
+            actor.network,
+            branches=actor.branches,
+            gaussians=actor.gaussians,
+            autograd=autograd,
+            threads=self.config.threads,
+            adam_eps=self.config.adam_eps,
+        )
         if self.config.loss:
             self.learner.add_term(self.config.loss)
         self.conditions: list[Counting] | None = None  # of each group; None: all parts always count

@@ -7,5 +7,8 @@ from torch import Tensor
 from torch.nn import functional
 
 ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
-    "swish": functional.silu, "tanh": torch.tanh, "relu": torch.relu, "elu": functional.elu,
-}  # fmt: skip
+    "swish": functional.silu,
+    "tanh": torch.tanh,
+    "relu": torch.relu,
+    "elu": functional.elu,
+}

@@ -137,9 +137,11 @@ class Residual(nn.Module):
         """Keep the number of channels and the size."""
         super().__init__()
         self.layers = nn.Sequential(
-            Activate(activation), nn.Conv2d(channels, channels, 3, padding=1),
-            Activate(activation), nn.Conv2d(channels, channels, 3, padding=1),
-        )  # fmt: skip
+            Activate(activation),
+            nn.Conv2d(channels, channels, 3, padding=1),
+            Activate(activation),
+            nn.Conv2d(channels, channels, 3, padding=1),
+        )
 
     def forward(self, values: Tensor) -> Tensor:
         """Return the input and what is added to it."""
@@ -181,5 +183,8 @@ def _impala(channels: int, activation: str, _: int) -> list[nn.Module]:
 
 
 STAGES: dict[str, Callable[[int, str, int], list[nn.Module]]] = {
-    "windows": _windows, "simple": _simple, "nature": _nature, "impala": _impala,
-}  # fmt: skip
+    "windows": _windows,
+    "simple": _simple,
+    "nature": _nature,
+    "impala": _impala,
+}

@@ -25,9 +25,15 @@ class RolloutBuffer:
     """
 
     def __init__(
-        self, steps: int, groups: Sequence[slice], observation: int, space: ActionSpace,
-        images: Sequence[Image] = (), frame_stack: int = 1, state_size: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        steps: int,
+        groups: Sequence[slice],
+        observation: int,
+        space: ActionSpace,
+        images: Sequence[Image] = (),
+        frame_stack: int = 1,
+        state_size: int = 0,
+    ) -> None:
         """Preallocate. groups: the lanes of each group, in order. observation: numbers per observation.
 
         images: those of an observation, beside its numbers, in stacks of `frame_stack` pictures. state_size: numbers

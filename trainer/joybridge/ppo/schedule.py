@@ -32,5 +32,8 @@ def anneal(progress: float, config: PolicyConfig) -> Coefficients:
         line(config.learning_rate_schedule, config.learning_rate, 1e-10),
         line(config.clip_range_schedule, config.clip_range, 0.1),
         line(config.entropy_coef_schedule, config.entropy_coef, 1e-5),
-        config.vf_coef, config.clip_vloss, config.normalize_advantage == "minibatch", config.entropy == "sum",
-    )  # fmt: skip
+        config.vf_coef,
+        config.clip_vloss,
+        config.normalize_advantage == "minibatch",
+        config.entropy == "sum",
+    )

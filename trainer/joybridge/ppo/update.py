@@ -30,9 +30,16 @@ class Learner:
     """Improves a network: the gradient of the loss, and Adam with its moments."""
 
     def __init__(
-        self, name: str, network: Network, *, branches: Sequence[str], gaussians: Sequence[str], autograd: bool,
-        threads: int = 1, adam_eps: float = 1e-8,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        network: Network,
+        *,
+        branches: Sequence[str],
+        gaussians: Sequence[str],
+        autograd: bool,
+        threads: int = 1,
+        adam_eps: float = 1e-8,
+    ) -> None:
         """Learn for `network`, whose parameters are moved into one tensor.
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
@@ -79,14 +86,32 @@ class Learner:
         if self.closed:
             step += 1
             adam_step(
-                weights.detach().numpy(), gradient.numpy(), mean.numpy(), square.numpy(), float(step), learning_rate,
-                *BETAS, self.adam_eps,
-            )  # fmt: skip
+                weights.detach().numpy(),
+                gradient.numpy(),
+                mean.numpy(),
+                square.numpy(),
+                float(step),
+                learning_rate,
+                *BETAS,
+                self.adam_eps,
+            )
             return
         adam(
-            [weights], [gradient], [mean], [square], [], [step], fused=True, amsgrad=False, beta1=BETAS[0],
-            beta2=BETAS[1], lr=learning_rate, weight_decay=0.0, eps=self.adam_eps, maximize=False,
-        )  # fmt: skip
+            [weights],
+            [gradient],
+            [mean],
+            [square],
+            [],
+            [step],
+            fused=True,
+            amsgrad=False,
+            beta1=BETAS[0],
+            beta2=BETAS[1],
+            lr=learning_rate,
+            weight_decay=0.0,
+            eps=self.adam_eps,
+            maximize=False,
+        )
 
 
 def ppo_update(

@@ -114,9 +114,12 @@ def assign(addresses: Sequence[str], arenas: Sequence[int]) -> list[list[str]]:
 
 
 def open_groups(
-    config: Config, addresses: Sequence[str], snapshots: Sequence[Snapshot] | None, parameters: Mapping[str, float],
+    config: Config,
+    addresses: Sequence[str],
+    snapshots: Sequence[Snapshot] | None,
+    parameters: Mapping[str, float],
     distributions: Distributions,
-) -> list[Group]:  # fmt: skip
+) -> list[Group]:
     """Open the sessions of all groups: new, or from one snapshot per session, in the order of the groups.
 
     parameters: that have one value. distributions: how others are drawn at each episode.

@@ -16,9 +16,12 @@ Revive = Callable[[], Sequence[str]]
 
 
 def recovering(
-    proceed: Callable[[Sequence[str], RunState], States], state: RunState, addresses: Sequence[str],
-    revive: Revive | None, max_restarts: int,
-) -> States:  # fmt: skip
+    proceed: Callable[[Sequence[str], RunState], States],
+    state: RunState,
+    addresses: Sequence[str],
+    revive: Revive | None,
+    max_restarts: int,
+) -> States:
     """Yield the states of `proceed`, which continues a run from a state with the simulators at some addresses.
 
     When a simulator or a learner is lost, `revive` returns the addresses of simulators that answer, and `proceed` is

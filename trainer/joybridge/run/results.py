@@ -65,9 +65,11 @@ def load(folder: str | Path) -> "pandas.DataFrame":
 def _rows(run: Run, folder: Path) -> Iterator[dict[str, object]]:
     config = run.config
     about = {
-        "run": run.path.relative_to(folder).as_posix(), "game": config.game, "layout": config.layout,
+        "run": run.path.relative_to(folder).as_posix(),
+        "game": config.game,
+        "layout": config.layout,
         "seed": config.seed,
-    }  # fmt: skip
+    }
     for policy, rows in run.rows.items():
         yield from ({**about, "policy": policy, **row} for row in rows)
 

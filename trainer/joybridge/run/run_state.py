@@ -104,9 +104,13 @@ def load_state(run: Path, checkpoint: str = "") -> RunState:
 
 
 def capture(
-    timesteps: int, policies: Sequence[Policy], loggers: Sequence[Logger], groups: Sequence[Group],
-    curriculum: Curriculum, league: League | None,
-) -> RunState:  # fmt: skip
+    timesteps: int,
+    policies: Sequence[Policy],
+    loggers: Sequence[Logger],
+    groups: Sequence[Group],
+    curriculum: Curriculum,
+    league: League | None,
+) -> RunState:
     """Return the state of a run whose rollouts are all empty; without the simulators' if the game has no snapshots."""
     arrays = {f"curriculum/{name}": array for name, array in curriculum.state().items()}
     for policy, logger in zip(policies, loggers, strict=True):

@@ -66,10 +66,17 @@ class WeightsAndBiases:
         mode = os.environ.get("WANDB_MODE") or ("online" if wandb.api.api_key else "offline")
         name = sha256(f"{run.resolve()} {policy}".encode()).hexdigest()[:16]  # the same when the run is resumed
         self._run: Any = wandb.init(
-            project=os.environ.get("WANDB_PROJECT", "joybridge"), group=run.name, name=f"{run.name}-{policy}", id=name,
-            dir=run, mode=mode, resume=None if mode == "offline" else "allow", reinit="create_new",
-            config=config.model_dump(), settings=wandb.Settings(console="off", silent=True),
-        )  # fmt: skip
+            project=os.environ.get("WANDB_PROJECT", "joybridge"),
+            group=run.name,
+            name=f"{run.name}-{policy}",
+            id=name,
+            dir=run,
+            mode=mode,
+            resume=None if mode == "offline" else "allow",
+            reinit="create_new",
+            config=config.model_dump(),
+            settings=wandb.Settings(console="off", silent=True),
+        )
 
     def write(self, timesteps: int, row: Row) -> None:
         """Take a row of metrics."""
@@ -116,8 +123,10 @@ class MLflow:
 
 
 SINKS: dict[str, Callable[[Path, str, int, Config], Sink]] = {
-    "tensorboard": TensorBoard, "wandb": WeightsAndBiases, "mlflow": MLflow,
-}  # fmt: skip
+    "tensorboard": TensorBoard,
+    "wandb": WeightsAndBiases,
+    "mlflow": MLflow,
+}
 
 
 def check_sinks(names: Sequence[str]) -> None:

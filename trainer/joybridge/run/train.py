@@ -97,10 +97,17 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
     statistics: Row = {}
     if (decided := rollout.decided()).any():
         advantages = gae(
-            policy.rewards(decided), rollout.values, policy.next_values(), rollout.terminated, rollout.truncated,
-            rollout.final_values, decided,
-            gamma=config.gamma, gae_lambda=config.gae_lambda, time_horizon=config.time_horizon,
-        )  # fmt: skip
+            policy.rewards(decided),
+            rollout.values,
+            policy.next_values(),
+            rollout.terminated,
+            rollout.truncated,
+            rollout.final_values,
+            decided,
+            gamma=config.gamma,
+            gae_lambda=config.gae_lambda,
+            time_horizon=config.time_horizon,
+        )
         normalize = config.normalize_advantage == "rollout"
         batch = rollout.batch(advantages, decided, config.memory.length, normalize=normalize)
         batch = batch.to(policy.actor.accelerator)

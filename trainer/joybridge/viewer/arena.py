@@ -51,9 +51,14 @@ class Arena:
         """
         check_settings(settings.options, settings.parameters, describe(address, game, {}))
         self.session = Session(
-            address, game, arenas=1, seed=settings.seed, options=settings.options, parameters=settings.parameters,
+            address,
+            game,
+            arenas=1,
+            seed=settings.seed,
+            options=settings.options,
+            parameters=settings.parameters,
             timeout=timeout,
-        )  # fmt: skip
+        )
         self.settings = settings
         self._demonstration = self.session.record_demonstration(demos) if demos else None
         self.spec = spec = self.session.spec

@@ -17,8 +17,12 @@ STICK_KEYS = (  # left, right, down, up
     (("KeyA", "ArrowLeft"), ("KeyD", "ArrowRight"), ("KeyS", "ArrowDown"), ("KeyW", "ArrowUp")),
     (("KeyJ",), ("KeyL",), ("KeyK",), ("KeyI",)),
 )
-WAYS = {"left": ("KeyA", "ArrowLeft", "Pad14"), "right": ("KeyD", "ArrowRight", "Pad15"),
-        "down": ("KeyS", "ArrowDown", "Pad13"), "up": ("KeyW", "ArrowUp", "Pad12")}  # fmt: skip
+WAYS = {
+    "left": ("KeyA", "ArrowLeft", "Pad14"),
+    "right": ("KeyD", "ArrowRight", "Pad15"),
+    "down": ("KeyS", "ArrowDown", "Pad13"),
+    "up": ("KeyW", "ArrowUp", "Pad12"),
+}
 PRESSES = (("Mouse0", "Space", "Pad0"), ("Mouse2", "KeyE", "Pad1"), ("Mouse1", "KeyQ", "Pad2"), ("ShiftLeft", "Pad3"))
 
 

@@ -133,9 +133,12 @@ def _act(message: dict[str, Any], arena: Arena) -> Act:
             ]
         )
     return Act(
-        _integer(message.get("turn"), "turn", 2**53), _integer(message.get("id"), "id", 2**53), seat, pressed,
+        _integer(message.get("turn"), "turn", 2**53),
+        _integer(message.get("id"), "id", 2**53),
+        seat,
+        pressed,
         message.get("decide") is True,
-    )  # fmt: skip
+    )
 
 
 def _list(value: object, name: str, count: int) -> list[Any]:
@@ -172,7 +175,10 @@ def game_message(arena: Shown, seat: int | None = None) -> str:
         ],
         parameters=[
             {
-                **_named(parameter), "low": parameter.low, "high": parameter.high, "default": parameter.default_value,
+                **_named(parameter),
+                "low": parameter.low,
+                "high": parameter.high,
+                "default": parameter.default_value,
                 "value": settings.parameters.get(parameter.name, parameter.default_value),
             }
             for parameter in spec.parameters
@@ -183,7 +189,7 @@ def game_message(arena: Shown, seat: int | None = None) -> str:
         seats=[one._asdict() for one in arena.scores.seats],
         seat=seat,
         controls=[asdict(control) for control in make_controls(spec)],
-    )  # fmt: skip
+    )
 
 
 def turn_message(arena: Shown, played: int | None, rival: "Rival | None", **more: Any) -> str:
@@ -191,19 +197,27 @@ def turn_message(arena: Shown, played: int | None, rival: "Rival | None", **more
     behaviors = []
     for act, step, scores in zip(arena.acts, arena.steps, arena.scores.now, strict=True):
         lanes = range(len(scores))
-        behaviors.append({
-            "axes": act.axes.tolist(),
-            "choices": act.choices.tolist(),
-            "scores": scores.tolist(),
-            "channels": step.rewards.tolist(),
-            "deciding": [True] * len(scores) if step.deciding is None else step.deciding.tolist(),
-            # per agent and branch, the choices that the next decision may not take
-            "forbidden": [[(~mask[lane]).nonzero()[0].tolist() for mask in step.masks or ()] for lane in lanes],
-        })  # fmt: skip
+        behaviors.append(
+            {
+                "axes": act.axes.tolist(),
+                "choices": act.choices.tolist(),
+                "scores": scores.tolist(),
+                "channels": step.rewards.tolist(),
+                "deciding": [True] * len(scores) if step.deciding is None else step.deciding.tolist(),
+                # per agent and branch, the choices that the next decision may not take
+                "forbidden": [[(~mask[lane]).nonzero()[0].tolist() for mask in step.masks or ()] for lane in lanes],
+            }
+        )
     return _write(
-        "turn", turn=arena.turn, played=played, behaviors=behaviors, ended=arena.scores.ended,
-        picture=arena.picture is not None, rival=rival and _rival(rival), **more,
-    )  # fmt: skip
+        "turn",
+        turn=arena.turn,
+        played=played,
+        behaviors=behaviors,
+        ended=arena.scores.ended,
+        picture=arena.picture is not None,
+        rival=rival and _rival(rival),
+        **more,
+    )
 
 
 def _rival(rival: "Rival") -> dict[str, Any]:

@@ -74,42 +74,61 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     play.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
     play.add_argument(
-        "--simulator", type=address, metavar="ADDRESS",
+        "--simulator",
+        type=address,
+        metavar="ADDRESS",
         help="HOST:PORT or unix:PATH of a running simulator; default: this command starts one",
-    )  # fmt: skip
+    )
     add_credentials_arguments(play)
     play.add_argument(
-        "--game", action="append", default=[], metavar="MODULE:CLASS",
+        "--game",
+        action="append",
+        default=[],
+        metavar="MODULE:CLASS",
         help="another game for the simulator that this command starts; the current folder is searched first",
-    )  # fmt: skip
+    )
     play.add_argument("--seed", type=int, default=0, help="of the game; default %(default)s")
     play.add_argument(
-        "--port", type=int, metavar="PORT",
+        "--port",
+        type=int,
+        metavar="PORT",
         help="of the page on this machine, 0: any free one; default 5006, or any free one where that is in use",
-    )  # fmt: skip
+    )
     play.add_argument(
-        "--timeout", type=float, default=10.0, metavar="SECONDS",
+        "--timeout",
+        type=float,
+        default=10.0,
+        metavar="SECONDS",
         help="how long to wait for an answer of the simulator before it is taken for lost; default %(default)g",
-    )  # fmt: skip
+    )
     play.add_argument(
-        "--against", type=Path, metavar="RUN",
+        "--against",
+        type=Path,
+        metavar="RUN",
         help="let the policy of a run play beside you, on the same seed; its options and parameters are the defaults",
-    )  # fmt: skip
+    )
     play.add_argument(
-        "--others", action="append", default=[], metavar="WHO",
+        "--others",
+        action="append",
+        default=[],
+        metavar="WHO",
         help="who holds the seats that you do not hold, in a game of several agents: the folder of a run, whose "
         "options and parameters are the defaults, script:NAME, a script of the game's author, or an exported "
         "policy.json; given several times, they take seats in turn; without it these seats play random decisions",
-    )  # fmt: skip
+    )
     play.add_argument(
-        "--rate", default="", metavar="NAME",
+        "--rate",
+        default="",
+        metavar="NAME",
         help="with --others: add your matches under this name to the log in the folder rating of their first run, or "
         "of the current folder, for `joybridge rate`; only those count in which you hold one seat all the time",
-    )  # fmt: skip
+    )
     play.add_argument(
-        "--demos", type=Path, metavar="DIR",
+        "--demos",
+        type=Path,
+        metavar="DIR",
         help="record what you play in new files of this folder, as demonstrations for `joybridge train --demos`",
-    )  # fmt: skip
+    )
     play.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
     add_overrides(play, "options and parameters of the game, e.g. options.level=6 parameters.bird_speed=0.5")
     options = parse_overrides(parser, arguments)

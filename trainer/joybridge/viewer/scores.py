@@ -42,11 +42,13 @@ class Scores:
             self._lengths[index] += 1
             for row, lane in enumerate(step.ended.tolist()):
                 metrics = () if step.metrics is None else step.metrics[row].tolist()
-                self.ended.append({
-                    "seat": self.seats.index(Seat(index, lane)),
-                    "terminated": bool(step.terminated[lane]),
-                    "score": float(self.now[index][lane]),
-                    "length": int(self._lengths[index][lane]),
-                    "metrics": dict(zip(self._metrics[index], metrics, strict=False)),
-                })  # fmt: skip
+                self.ended.append(
+                    {
+                        "seat": self.seats.index(Seat(index, lane)),
+                        "terminated": bool(step.terminated[lane]),
+                        "score": float(self.now[index][lane]),
+                        "length": int(self._lengths[index][lane]),
+                        "metrics": dict(zip(self._metrics[index], metrics, strict=False)),
+                    }
+                )
                 self.now[index][lane] = self._lengths[index][lane] = 0

@@ -113,10 +113,12 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     watch.add_argument("--game", metavar="NAME", help="of the simulator at ADDRESS; may be left out if it has only one")
     watch.add_argument(
-        "--simulator", type=address, metavar="ADDRESS",
+        "--simulator",
+        type=address,
+        metavar="ADDRESS",
         help="where the policies of RUN play: HOST:PORT or unix:PATH of a running simulator; default: this command "
         "starts one",
-    )  # fmt: skip
+    )
     add_credentials_arguments(watch)
     add_trust_option(watch)
     watch.add_argument(
@@ -124,9 +126,11 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     watch.add_argument("--seed", type=int, default=1, help="of the arena and of the samples; default %(default)s")
     watch.add_argument(
-        "--port", type=int, metavar="PORT",
+        "--port",
+        type=int,
+        metavar="PORT",
         help="of the page on this machine, 0: any free one; default 5006, or any free one where that is in use",
-    )  # fmt: skip
+    )
     watch.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
     add_overrides(watch, "options and parameters of the game at ADDRESS, e.g. options.level=6")
     options = parse_overrides(parser, arguments)

@@ -106,9 +106,15 @@ def open_website(
     silent = logging.getLogger(__name__)
     silent.setLevel(logging.CRITICAL + 1)  # requests of strangers are no news
     with serve(
-        handle, sock=listening, process_request=website.answer, compression=None, max_size=LONGEST, logger=silent,
-        server_header=None, close_timeout=1.0,
-    ) as server:  # fmt: skip
+        handle,
+        sock=listening,
+        process_request=website.answer,
+        compression=None,
+        max_size=LONGEST,
+        logger=silent,
+        server_header=None,
+        close_timeout=1.0,
+    ) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         yield website.url
 

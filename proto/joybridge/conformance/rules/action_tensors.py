@@ -49,21 +49,39 @@ TENSORS = [  # name, section, rule, field of BehaviorAct, how its tensor is chan
     )
 ]  # fmt: skip
 ABSENT = [  # name, section, rule, field of BehaviorAct, how its tensor is changed
-    (f"missing_{field}_are_refused", "BehaviorAct",
-     f"{field.capitalize()} are absent only if the device has no {part}.", field, lambda tensor: None)
+    (
+        f"missing_{field}_are_refused",
+        "BehaviorAct",
+        f"{field.capitalize()} are absent only if the device has no {part}.",
+        field,
+        lambda tensor: None,
+    )
     for field, part in PARTS.items()
-]  # fmt: skip
+]
 FOREIGN = [  # name, section, rule, field of BehaviorAct, its dtype
-    (f"{field}_for_a_device_without_{PARTS[field]}_are_refused", "BehaviorAct",
-     f"{field.capitalize()} are absent if the device has no {PARTS[field]}.", field, dtype)
+    (
+        f"{field}_for_a_device_without_{PARTS[field]}_are_refused",
+        "BehaviorAct",
+        f"{field.capitalize()} are absent if the device has no {PARTS[field]}.",
+        field,
+        dtype,
+    )
     for field, dtype in (("axes", np.float32), ("choices", np.int32))
-]  # fmt: skip
+]
 BEHAVIORS = (  # name, section, rule, how the behaviors of an Act are changed
-    ("missing_behavior_is_refused", "Act", "An Act has one BehaviorAct per behavior of the spec.",
-     lambda behaviors: behaviors[:-1]),
-    ("extra_behavior_is_refused", "Act", "An Act has one BehaviorAct per behavior of the spec.",
-     lambda behaviors: [*behaviors, behaviors[-1]]),
-)  # fmt: skip
+    (
+        "missing_behavior_is_refused",
+        "Act",
+        "An Act has one BehaviorAct per behavior of the spec.",
+        lambda behaviors: behaviors[:-1],
+    ),
+    (
+        "extra_behavior_is_refused",
+        "Act",
+        "An Act has one BehaviorAct per behavior of the spec.",
+        lambda behaviors: [*behaviors, behaviors[-1]],
+    ),
+)
 
 
 @table([*TENSORS, *ABSENT])

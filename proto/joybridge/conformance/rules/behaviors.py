@@ -33,11 +33,19 @@ def _has_keys_of_its_own(branch: pb.Branch) -> bool:
 
 
 NAMED = (  # name, section, rule, field of Behavior
-    ("every_behavior_has_sensors_with_unique_names", "Behavior",
-     "A behavior has at least one sensor, and a name identifies one of them.", "sensors"),
-    ("every_behavior_has_reward_channels_with_unique_names", "Behavior",
-     "A behavior has at least one reward channel, and a name identifies one of them.", "channels"),
-)  # fmt: skip
+    (
+        "every_behavior_has_sensors_with_unique_names",
+        "Behavior",
+        "A behavior has at least one sensor, and a name identifies one of them.",
+        "sensors",
+    ),
+    (
+        "every_behavior_has_reward_channels_with_unique_names",
+        "Behavior",
+        "A behavior has at least one reward channel, and a name identifies one of them.",
+        "channels",
+    ),
+)
 PARTS = (  # name, section, rule; of each part of a kind: the fields that are shown, what holds, what is expected
     ("every_behavior_has_agents", "Behavior", "agents_per_arena is at least 1.",
      "behaviors", ["agents_per_arena"], lambda b: b.agents_per_arena >= 1, "at least 1"),

@@ -46,12 +46,21 @@ def _impossible(p: pb.Parameter) -> list[pb.Distribution]:
 
 
 INVALID = (  # name, section, rule, how many of Start, Reset and Act, what is refused for each parameter
-    ("numbers_of_a_distribution_are_in_the_range_of_the_parameter", "Distribution",
-     "All numbers of a distribution are within low .. high of its parameter, and numbers.", 3, _out_of_range),
-    ("distribution_that_cannot_be_drawn_from_is_refused", "Distribution",
-     "A distribution is of one kind; low is below high, and above 0 for a logarithm; a choice has 1 to 100 values.",
-     1, _impossible),
-)  # fmt: skip
+    (
+        "numbers_of_a_distribution_are_in_the_range_of_the_parameter",
+        "Distribution",
+        "All numbers of a distribution are within low .. high of its parameter, and numbers.",
+        3,
+        _out_of_range,
+    ),
+    (
+        "distribution_that_cannot_be_drawn_from_is_refused",
+        "Distribution",
+        "A distribution is of one kind; low is below high, and above 0 for a logarithm; a choice has 1 to 100 values.",
+        1,
+        _impossible,
+    ),
+)
 
 
 @check("PARAMETERS PER EPISODE")

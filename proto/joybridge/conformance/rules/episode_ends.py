@@ -54,23 +54,46 @@ def _expect_finite_metrics(view: StepView) -> None:
 
 
 VIEWS = (  # name, section, rule, what each behavior of each step satisfies
-    ("terminated_and_truncated_have_a_flag_per_lane", "BehaviorStep",
-     "Terminated and truncated are BOOL [lanes], one byte per element, 0 or 1.", expect_flags),
-    ("no_lane_is_terminated_and_truncated", "BehaviorStep",
-     "An episode is terminated or truncated, never both.", _expect_one_flag),
-    ("ended_is_present_exactly_when_an_episode_ended", "BehaviorStep",
-     "Ended is absent if no episode of the behavior ended, and present otherwise.", _expect_ended),
-)  # fmt: skip
+    (
+        "terminated_and_truncated_have_a_flag_per_lane",
+        "BehaviorStep",
+        "Terminated and truncated are BOOL [lanes], one byte per element, 0 or 1.",
+        expect_flags,
+    ),
+    (
+        "no_lane_is_terminated_and_truncated",
+        "BehaviorStep",
+        "An episode is terminated or truncated, never both.",
+        _expect_one_flag,
+    ),
+    (
+        "ended_is_present_exactly_when_an_episode_ended",
+        "BehaviorStep",
+        "Ended is absent if no episode of the behavior ended, and present otherwise.",
+        _expect_ended,
+    ),
+)
 ENDS = (  # name, section, rule, what each behavior of each step in which an episode ended satisfies
-    ("ended_lanes_match_the_flags", "Ended",
-     "Ended.lanes is INT32 [ended], ascending: exactly the terminated and truncated lanes.", _expect_lanes),
-    ("final_observations_have_a_row_per_ended_lane", "Ended",
-     "Final observations are one tensor per sensor, [ended, *shape].", partial(expect_observations, final=True)),
-    ("final_observations_are_finite", "Tensor",
-     "FLOAT32 values must be finite.", partial(expect_finite, final=True)),
-    ("final_observations_are_in_bounds", "Sensor",
-     "Low is the smallest value of a sensor and high the largest.", partial(expect_in_bounds, final=True)),
-)  # fmt: skip
+    (
+        "ended_lanes_match_the_flags",
+        "Ended",
+        "Ended.lanes is INT32 [ended], ascending: exactly the terminated and truncated lanes.",
+        _expect_lanes,
+    ),
+    (
+        "final_observations_have_a_row_per_ended_lane",
+        "Ended",
+        "Final observations are one tensor per sensor, [ended, *shape].",
+        partial(expect_observations, final=True),
+    ),
+    ("final_observations_are_finite", "Tensor", "FLOAT32 values must be finite.", partial(expect_finite, final=True)),
+    (
+        "final_observations_are_in_bounds",
+        "Sensor",
+        "Low is the smallest value of a sensor and high the largest.",
+        partial(expect_in_bounds, final=True),
+    ),
+)
 METRICS = (  # the same, if a behavior has metrics
     ("metrics_have_a_row_per_ended_lane", "Ended", "Metrics are FLOAT32 [ended, metrics].", _expect_metrics),
     ("metrics_are_finite", "Tensor", "FLOAT32 values must be finite.", _expect_finite_metrics),

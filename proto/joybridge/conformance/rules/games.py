@@ -35,10 +35,14 @@ def every_listed_game_has_a_spec(subject: Subject) -> None:
 
 UNKNOWN = "no_such_game"
 NAMES = (  # name, section, rule, names
-    ("unknown_game_is_not_found_by_describe", "ERRORS",
-     "DescribeGame of an unknown game is NOT_FOUND.", (UNKNOWN, " ")),
+    (
+        "unknown_game_is_not_found_by_describe",
+        "ERRORS",
+        "DescribeGame of an unknown game is NOT_FOUND.",
+        (UNKNOWN, " "),
+    ),
     ("empty_game_name_is_not_found_by_describe", "ERRORS", "DescribeGame without a name is NOT_FOUND.", ("",)),
-)  # fmt: skip
+)
 
 
 @table(NAMES, per_server=True)

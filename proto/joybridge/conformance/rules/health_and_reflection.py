@@ -16,10 +16,14 @@ REFLECTIONS = ["grpc.reflection.v1", "grpc.reflection.v1alpha"]
 
 
 HEALTH = [  # name, section, rule, the name of the service
-    (f"health_of_the_{what}_is_serving", "COMPANIONS",
-     f'A server also serves grpc.health.v1, with the service name "{service}".', service)
+    (
+        f"health_of_the_{what}_is_serving",
+        "COMPANIONS",
+        f'A server also serves grpc.health.v1, with the service name "{service}".',
+        service,
+    )
     for what, service in (("server", ""), ("service", SERVICE))
-]  # fmt: skip
+]
 
 
 @table(HEALTH, per_server=True)

@@ -18,13 +18,21 @@ LONG_NAME = 100_000  # characters
 
 ARENAS = (  # name, section, rule, the number of arenas under a spec, the status
     ("zero_arenas_are_refused", "Start", "A session has at least 1 arena.", lambda spec: 0, INVALID_ARGUMENT),
-    ("more_than_max_arenas_are_refused", "ERRORS",
-     "More arenas than the server accepts are refused with RESOURCE_EXHAUSTED.",
-     lambda spec: spec.max_arenas + 1, RESOURCE_EXHAUSTED),
-    ("largest_number_of_arenas_is_refused", "ERRORS",
-     "2^32 - 1 arenas are refused with RESOURCE_EXHAUSTED before the server creates any of them.",
-     lambda spec: 2**32 - 1, RESOURCE_EXHAUSTED),
-)  # fmt: skip
+    (
+        "more_than_max_arenas_are_refused",
+        "ERRORS",
+        "More arenas than the server accepts are refused with RESOURCE_EXHAUSTED.",
+        lambda spec: spec.max_arenas + 1,
+        RESOURCE_EXHAUSTED,
+    ),
+    (
+        "largest_number_of_arenas_is_refused",
+        "ERRORS",
+        "2^32 - 1 arenas are refused with RESOURCE_EXHAUSTED before the server creates any of them.",
+        lambda spec: 2**32 - 1,
+        RESOURCE_EXHAUSTED,
+    ),
+)
 
 
 @table(ARENAS)

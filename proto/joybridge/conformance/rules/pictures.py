@@ -65,11 +65,21 @@ def most_pictures_are_accepted(subject: Subject) -> None:
 
 
 REFUSED = (  # name, section, rule, what a session of so many arenas is asked to draw, words
-    ("too_many_pictures_are_refused", "Act", "An Act draws at most 64 pictures.",
-     lambda arenas: [[0] * (MAX_PICTURES + 1)], ["draw", "picture"]),
-    ("unknown_arena_in_draw_is_refused", "Act", "Act.draw lists arenas of this session.",
-     lambda arenas: [[0, arenas], [0, 2**32 - 1]], ["draw", "arena"]),
-)  # fmt: skip
+    (
+        "too_many_pictures_are_refused",
+        "Act",
+        "An Act draws at most 64 pictures.",
+        lambda arenas: [[0] * (MAX_PICTURES + 1)],
+        ["draw", "picture"],
+    ),
+    (
+        "unknown_arena_in_draw_is_refused",
+        "Act",
+        "Act.draw lists arenas of this session.",
+        lambda arenas: [[0, arenas], [0, 2**32 - 1]],
+        ["draw", "arena"],
+    ),
+)
 
 
 @table(REFUSED)

@@ -37,10 +37,12 @@ def scripts_of_0_leave_all_lanes_to_the_client(subject: Subject) -> None:
     expect(got == recording.step_bytes, "different steps with scripts of 0 in all lanes", "the same bytes")
 
 
-@table([
-    ("script_after_the_last_is_refused", "BehaviorAct", "A script is 0, or counted from 1 to their number.", 1),
-    ("negative_script_is_refused", "BehaviorAct", "A script is 0, or counted from 1 on.", None),
-])  # fmt: skip
+@table(
+    [
+        ("script_after_the_last_is_refused", "BehaviorAct", "A script is 0, or counted from 1 to their number.", 1),
+        ("negative_script_is_refused", "BehaviorAct", "A script is 0, or counted from 1 on.", None),
+    ]
+)
 def _number_is_refused(subject: Subject, beyond: int | None) -> None:
     for index in _with_scripts(subject):
         prefix, act, lane = subject.acting(index)
@@ -49,12 +51,22 @@ def _number_is_refused(subject: Subject, beyond: int | None) -> None:
         subject.expect_refused(*prefix, changed(act, index, "scripts", scripts), words=["script"])
 
 
-@table([
-    ("scripts_with_an_extra_lane_are_refused", "BehaviorAct", "BehaviorAct.scripts is INT32 [lanes].",
-     lambda scripts: np.append(scripts, np.int32(0))),
-    ("scripts_of_another_dtype_are_refused", "BehaviorAct", "BehaviorAct.scripts is INT32 [lanes].",
-     lambda scripts: scripts.astype(np.float32)),
-])  # fmt: skip
+@table(
+    [
+        (
+            "scripts_with_an_extra_lane_are_refused",
+            "BehaviorAct",
+            "BehaviorAct.scripts is INT32 [lanes].",
+            lambda scripts: np.append(scripts, np.int32(0)),
+        ),
+        (
+            "scripts_of_another_dtype_are_refused",
+            "BehaviorAct",
+            "BehaviorAct.scripts is INT32 [lanes].",
+            lambda scripts: scripts.astype(np.float32),
+        ),
+    ]
+)
 def _tensor_is_refused(subject: Subject, change: Callable[[Array], Array]) -> None:
     for index in _with_scripts(subject):
         prefix, act, _ = subject.acting(index)

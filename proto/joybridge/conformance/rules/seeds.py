@@ -29,14 +29,25 @@ def same_seed_gives_the_same_bytes_in_a_long_session(subject: Subject) -> None:
 
 
 DIFFERENT = (  # name, section, rule, seeds
-    ("different_seeds_give_different_episodes", "DETERMINISM",
-     "A seed is honored or refused, never ignored.", [SEED, 2, 3]),
-    ("high_bits_of_a_seed_are_used", "DETERMINISM",
-     "A seed is honored with all its 64 bits, or refused.", [SEED, SEED + 2**32, SEED + 2**63]),
-    ("largest_seeds_give_different_episodes", "DETERMINISM",
-     "Seeds are integers: two seeds differ also if they round to the same floating-point number.",
-     [MAX_SEED, MAX_SEED - 1]),
-)  # fmt: skip
+    (
+        "different_seeds_give_different_episodes",
+        "DETERMINISM",
+        "A seed is honored or refused, never ignored.",
+        [SEED, 2, 3],
+    ),
+    (
+        "high_bits_of_a_seed_are_used",
+        "DETERMINISM",
+        "A seed is honored with all its 64 bits, or refused.",
+        [SEED, SEED + 2**32, SEED + 2**63],
+    ),
+    (
+        "largest_seeds_give_different_episodes",
+        "DETERMINISM",
+        "Seeds are integers: two seeds differ also if they round to the same floating-point number.",
+        [MAX_SEED, MAX_SEED - 1],
+    ),
+)
 SAME = (  # name, section, rule, seed
     ("seed_zero_is_deterministic", "Start", "Seed 0 is honored; it does not mean a random seed.", 0),
     ("largest_seed_is_deterministic", "Start", "A seed is a uint64; the largest one is honored.", MAX_SEED),

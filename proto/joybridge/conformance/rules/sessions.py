@@ -117,11 +117,19 @@ def _session_is_independent(subject: Subject, happens: Callable[[Subject], Gener
 
 
 CLOSED = (  # name, section, rule, how many requests are sent before the client closes its half
-    ("stream_without_requests_ends_with_ok", "SESSION",
-     "A stream ends with OK after the client has closed its half, also before a Start.", 0),
-    ("stream_ends_with_ok_after_the_last_request", "SESSION",
-     "A stream ends with OK after the client has closed its half.", 3),
-)  # fmt: skip
+    (
+        "stream_without_requests_ends_with_ok",
+        "SESSION",
+        "A stream ends with OK after the client has closed its half, also before a Start.",
+        0,
+    ),
+    (
+        "stream_ends_with_ok_after_the_last_request",
+        "SESSION",
+        "A stream ends with OK after the client has closed its half.",
+        3,
+    ),
+)
 
 
 @table(CLOSED)

@@ -90,13 +90,25 @@ FIELDS = (  # name, section, rule, the fields of Start that the session was not 
 )  # fmt: skip
 PARTS: Rows = (  # name, section, rule, the parts that are refused instead of those that were saved
     ("empty_snapshot_is_refused", "Start", "A snapshot that does not fit is INVALID_ARGUMENT.", lambda whole: [{}]),
-    ("snapshot_with_unknown_parts_is_refused", "Start", "A snapshot that does not fit is INVALID_ARGUMENT.",
-     lambda whole: [{"no_such_part": b"garbage"}]),
-    ("snapshot_with_a_missing_part_is_refused", "Start", PARTIAL,
-     lambda whole: [{other: whole[other] for other in whole if other != name} for name in whole]),
-    ("snapshot_with_a_missing_byte_is_refused", "Start", PARTIAL,
-     lambda whole: [{**whole, name: data[:-1]} for name, data in whole.items() if data]),
-)  # fmt: skip
+    (
+        "snapshot_with_unknown_parts_is_refused",
+        "Start",
+        "A snapshot that does not fit is INVALID_ARGUMENT.",
+        lambda whole: [{"no_such_part": b"garbage"}],
+    ),
+    (
+        "snapshot_with_a_missing_part_is_refused",
+        "Start",
+        PARTIAL,
+        lambda whole: [{other: whole[other] for other in whole if other != name} for name in whole],
+    ),
+    (
+        "snapshot_with_a_missing_byte_is_refused",
+        "Start",
+        PARTIAL,
+        lambda whole: [{**whole, name: data[:-1]} for name, data in whole.items() if data],
+    ),
+)
 
 
 @table(FIELDS)

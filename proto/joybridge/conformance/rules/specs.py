@@ -57,9 +57,14 @@ def spec_of_every_choice_is_the_same_on_every_call(subject: Subject) -> None:
 
 SETTINGS = (  # name, section, rule, field of GameSpec, what of it must be the same
     ("options_do_not_depend_on_choices", "GameSpec", "A spec has all options, whatever the choices.", "options", list),
-    ("parameters_do_not_depend_on_choices", "GameSpec", "A spec has all parameters, whatever the choices.",
-     "parameters", lambda parameters: sorted(names_of(parameters))),
-)  # fmt: skip
+    (
+        "parameters_do_not_depend_on_choices",
+        "GameSpec",
+        "A spec has all parameters, whatever the choices.",
+        "parameters",
+        lambda parameters: sorted(names_of(parameters)),
+    ),
+)
 
 
 @table(SETTINGS)

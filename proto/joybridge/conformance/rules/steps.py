@@ -28,30 +28,60 @@ def _clocked(seconds: float) -> None:
 
 
 STEPS = (  # name, section, rule, what each step satisfies under the spec
-    ("every_step_has_every_behavior", "Step", "A step has one BehaviorStep per behavior of the spec.",
-     lambda step, spec: _counted(len(step.behaviors), len(spec.behaviors), "behaviors")),
-    ("step_without_draw_has_no_pictures", "Step", "A step has one picture per arena in Act.draw.",
-     lambda step, spec: _counted(len(step.pictures), 0, "pictures")),
-    ("simulate_seconds_is_not_negative", "Step",
-     "simulate_seconds is the wall-clock time that the game took for the step.",
-     lambda step, spec: _clocked(step.simulate_seconds)),
-)  # fmt: skip
+    (
+        "every_step_has_every_behavior",
+        "Step",
+        "A step has one BehaviorStep per behavior of the spec.",
+        lambda step, spec: _counted(len(step.behaviors), len(spec.behaviors), "behaviors"),
+    ),
+    (
+        "step_without_draw_has_no_pictures",
+        "Step",
+        "A step has one picture per arena in Act.draw.",
+        lambda step, spec: _counted(len(step.pictures), 0, "pictures"),
+    ),
+    (
+        "simulate_seconds_is_not_negative",
+        "Step",
+        "simulate_seconds is the wall-clock time that the game took for the step.",
+        lambda step, spec: _clocked(step.simulate_seconds),
+    ),
+)
 VIEWS = (  # name, section, rule, what each behavior of each step satisfies
-    ("observations_match_the_sensors", "BehaviorStep",
-     "Observations are one tensor per sensor, [lanes, *shape].", expect_observations),
+    (
+        "observations_match_the_sensors",
+        "BehaviorStep",
+        "Observations are one tensor per sensor, [lanes, *shape].",
+        expect_observations,
+    ),
     ("observations_are_finite", "Tensor", "FLOAT32 values must be finite.", expect_finite),
-    ("observations_are_in_bounds", "Sensor",
-     "Low is the smallest value of a sensor and high the largest.", expect_in_bounds),
+    (
+        "observations_are_in_bounds",
+        "Sensor",
+        "Low is the smallest value of a sensor and high the largest.",
+        expect_in_bounds,
+    ),
     ("rewards_have_a_column_per_channel", "BehaviorStep", "Rewards are FLOAT32 [lanes, channels].", expect_rewards),
     ("rewards_are_finite", "Tensor", "FLOAT32 values must be finite.", expect_finite_rewards),
-)  # fmt: skip
+)
 OPTIONAL = (  # name, section, rule, what each behavior satisfies, whether it has it, the reason to skip the check
-    ("masks_are_valid", "BehaviorStep",
-     "Masks are one BOOL [lanes, choices] per branch, or none; every lane has an allowed choice.",
-     expect_masks, lambda message: message.masks, "the game has no masks"),
-    ("deciding_has_a_flag_per_lane", "BehaviorStep", "Deciding is BOOL [lanes], or absent if every lane decides.",
-     expect_deciding, lambda message: message.HasField("deciding"), "every lane decides in every step"),
-)  # fmt: skip
+    (
+        "masks_are_valid",
+        "BehaviorStep",
+        "Masks are one BOOL [lanes, choices] per branch, or none; every lane has an allowed choice.",
+        expect_masks,
+        lambda message: message.masks,
+        "the game has no masks",
+    ),
+    (
+        "deciding_has_a_flag_per_lane",
+        "BehaviorStep",
+        "Deciding is BOOL [lanes], or absent if every lane decides.",
+        expect_deciding,
+        lambda message: message.HasField("deciding"),
+        "every lane decides in every step",
+    ),
+)
 
 
 @check("Act")

@@ -38,10 +38,15 @@ def adapt(text: str) -> type[BatchedGame]:
         processes.end()
         processes = WindowProcess(settings)
     members = {
-        "name": settings.name, "description": f"{text}, a program written with pygame.{note}",
-        "options": options_of(look), "settings": settings, "look": look, "processes": processes,
-        "frame_seconds": found.frame_seconds, "exact": found.exact and not settings.window,
-    }  # fmt: skip
+        "name": settings.name,
+        "description": f"{text}, a program written with pygame.{note}",
+        "options": options_of(look),
+        "settings": settings,
+        "look": look,
+        "processes": processes,
+        "frame_seconds": found.frame_seconds,
+        "exact": found.exact and not settings.window,
+    }
     game: Any = type("AdaptedGame", (PygameGame,), members)
     return game  # type: ignore[no-any-return]
 

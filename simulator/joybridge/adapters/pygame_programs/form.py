@@ -133,10 +133,14 @@ class Form(NamedTuple):
 
     def axes(self) -> list[pb.Axis]:
         """Return the axes."""
-        sticks = [
-            axis("stick_x", description="Of the joystick; positive is right.", way="right"),
-            axis("stick_y", description="Of the joystick; positive is up.", way="up"),
-        ] if self.look.stick else []  # fmt: skip
+        sticks = (
+            [
+                axis("stick_x", description="Of the joystick; positive is right.", way="right"),
+                axis("stick_y", description="Of the joystick; positive is up.", way="up"),
+            ]
+            if self.look.stick
+            else []
+        )
         if not self.pointer:
             return sticks
         stem = "pointer" if self.pointer == "position" else "pointer_velocity"
@@ -165,9 +169,13 @@ class Form(NamedTuple):
     def player(self) -> pb.Behavior:
         """Return the behavior of the agent that plays."""
         return behavior(
-            "player", sensors=self.sensors(), axes=self.axes(), branches=self.branches(),
-            channels=[channel(name) for name in self.look.channels], metrics=self.look.metrics,
-        )  # fmt: skip
+            "player",
+            sensors=self.sensors(),
+            axes=self.axes(),
+            branches=self.branches(),
+            channels=[channel(name) for name in self.look.channels],
+            metrics=self.look.metrics,
+        )
 
     def inside(self, seconds: float, *, hashes: bool = False, watch: bool = False) -> dict[str, Any]:
         """Return what the program's process needs to know. seconds: for a decision.
@@ -175,11 +183,20 @@ class Form(NamedTuple):
         hashes: of frames are wanted. watch: keys are pressed to find out which of them the program reads.
         """
         return {
-            "interval": self.interval, "pointer": self.pointer, "screen": self.screen, "fovea": self.fovea,
-            "gray": self.gray, "buttons": self.look.buttons, "keys": list(self.look.keys.values()),
-            "wheel": self.look.wheel, "stick": self.look.stick, "seconds": seconds, "hashes": hashes, "watch": watch,
+            "interval": self.interval,
+            "pointer": self.pointer,
+            "screen": self.screen,
+            "fovea": self.fovea,
+            "gray": self.gray,
+            "buttons": self.look.buttons,
+            "keys": list(self.look.keys.values()),
+            "wheel": self.look.wheel,
+            "stick": self.look.stick,
+            "seconds": seconds,
+            "hashes": hashes,
+            "watch": watch,
             "act_bytes": self.act_bytes,
-        }  # fmt: skip
+        }
 
 
 def make_form(look: Look, options: Mapping[str, str]) -> Form:
@@ -191,9 +208,13 @@ def make_form(look: Look, options: Mapping[str, str]) -> Form:
         screen = [max(1, round(int(side) * ratio)), max(1, round(int(side) / ratio))]
     fovea = options.get("fovea", "none")
     return Form(
-        int(options["decision_interval"]), options.get("pointer", ""), screen, 0 if fovea == "none" else int(fovea),
-        options["colors"] == "gray", look,
-    )  # fmt: skip
+        int(options["decision_interval"]),
+        options.get("pointer", ""),
+        screen,
+        0 if fovea == "none" else int(fovea),
+        options["colors"] == "gray",
+        look,
+    )
 
 
 def _key(name: str) -> str:

@@ -37,10 +37,15 @@ class PygameGame(BatchedGame):
         form, limit = make_form(cls.look, options), int(cls.settings.number("max_decisions"))
         snapshot = 64 + limit * form.act_bytes if cls.exact else 0
         return spec(
-            cls, [form.player()], decision_interval=form.interval, tick_seconds=cls.frame_seconds,
-            max_episode_decisions=limit, max_arenas=1 if cls.settings.window else MAX_ARENAS,
-            picture=cls.look.picture(), snapshot_bytes_per_arena=snapshot,
-        )  # fmt: skip
+            cls,
+            [form.player()],
+            decision_interval=form.interval,
+            tick_seconds=cls.frame_seconds,
+            max_episode_decisions=limit,
+            max_arenas=1 if cls.settings.window else MAX_ARENAS,
+            picture=cls.look.picture(),
+            snapshot_bytes_per_arena=snapshot,
+        )
 
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int
@@ -120,10 +125,13 @@ class PygameGame(BatchedGame):
         for arena in np.flatnonzero(self._lengths):
             self._players.branch(int(arena), self._name(int(arena)))
         return {
-            "seed": self._seed.copy(), "episodes": self._episodes.copy(), "lengths": self._lengths.copy(),
-            "axes": self._axes.copy(), "choices": self._choices.copy(),
+            "seed": self._seed.copy(),
+            "episodes": self._episodes.copy(),
+            "lengths": self._lengths.copy(),
+            "axes": self._axes.copy(),
+            "choices": self._choices.copy(),
             "seen": np.array([_hash(seen) for seen in self._seen], np.uint64),
-        }  # fmt: skip
+        }
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Continue from what `save` returned. Raises ValueError for a state that the program cannot be in."""

@@ -132,9 +132,10 @@ class Players:
 
     def _ended(self, arena: int) -> ArenaError:
         return ArenaError(
-            arena, f"the process of the program has ended: it has crashed, it was killed, or it drew no frame in "
+            arena,
+            f"the process of the program has ended: it has crashed, it was killed, or it drew no frame in "
             f"{self._seconds:g} s; the server's log has its stack",
-        )  # fmt: skip
+        )
 
     def _too_slow(self, arena: int) -> ArenaError:
         return ArenaError(arena, f"the program drew no frame in {self._seconds:g} s; seconds=60 allows it more")

@@ -55,9 +55,12 @@ class ProgramProcesses:
             self._door.bind(str(self.folder / DOOR))
             self._door.listen(1024)
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-u", "-m", MODULE, str(self.folder)], stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL, env=self._environment(), start_new_session=True,  # Ctrl-C is for the server
-            )  # fmt: skip
+                [sys.executable, "-P", "-u", "-m", MODULE, str(self.folder)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                env=self._environment(),
+                start_new_session=True,  # Ctrl-C is for the server
+            )
             atexit.register(self.end)
             seconds = self.settings.number("start")
             try:
@@ -146,11 +149,17 @@ class ProgramProcesses:
         """Return that of the program: neither display nor sound card, its own home, hashes without chance."""
         kept = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
         return kept | {
-            "PYTHONPATH": _python_path(), "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1",
-            "PYGAME_HIDE_SUPPORT_PROMPT": "1", "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy",
-            "HOME": f"{OWN_FOLDER}/home", "TMPDIR": f"{OWN_FOLDER}/tmp",  # noqa: S108
-            "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no threads before a fork
-        }  # fmt: skip
+            "PYTHONPATH": _python_path(),
+            "PYTHONHASHSEED": "0",
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "PYGAME_HIDE_SUPPORT_PROMPT": "1",
+            "SDL_VIDEODRIVER": "dummy",
+            "SDL_AUDIODRIVER": "dummy",
+            "HOME": f"{OWN_FOLDER}/home",
+            "TMPDIR": f"{OWN_FOLDER}/tmp",  # noqa: S108
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",  # no threads before a fork
+        }
 
     def _fork_from(self, stem: Link, told: list[Mapping[str, Any]]) -> list[Link]:
         numbers = range(self._number + 1, self._number + 1 + len(told))

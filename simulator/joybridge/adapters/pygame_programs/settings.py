@@ -13,9 +13,12 @@ from joybridge.contract.places import program_name
 
 REPEATED = {"reward", "done"}
 NUMBERS = {  # the default of each, and its range
-    "fps": (60.0, 1.0, 1000.0), "seconds": (10.0, 0.1, 3600.0), "start": (20.0, 0.1, 3600.0),
-    "memory": (2048, 128, 1 << 20), "max_decisions": (1024, 1, 100_000),
-}  # fmt: skip
+    "fps": (60.0, 1.0, 1000.0),
+    "seconds": (10.0, 0.1, 3600.0),
+    "start": (20.0, 0.1, 3600.0),
+    "memory": (2048, 128, 1 << 20),
+    "max_decisions": (1024, 1, 100_000),
+}
 NAMES = {"keys", "buttons"}  # with commas between them
 TEXTS = {"name", "hook", "tapes"}
 FLAGS = {"mouse", "wheel", "joystick", "snapshots", "window"}
@@ -49,11 +52,16 @@ class PygameSettings:
         """Return what the process of the program needs to know."""
         return {
             "place": str(Path(self.place).resolve()) if self.place.endswith(".py") else self.place,
-            "arguments": self.arguments, "rewards": self.rewards, "done": self.done,
+            "arguments": self.arguments,
+            "rewards": self.rewards,
+            "done": self.done,
             "hook": str(Path(self.texts["hook"]).resolve()) if "hook" in self.texts else "",
-            "fps": self.number("fps"), "memory": int(self.number("memory")), "start": self.number("start"),
-            "window": self.window, "joystick": self.flags.get("joystick"),
-        }  # fmt: skip
+            "fps": self.number("fps"),
+            "memory": int(self.number("memory")),
+            "start": self.number("start"),
+            "window": self.window,
+            "joystick": self.flags.get("joystick"),
+        }
 
 
 def read_pygame_settings(text: str) -> PygameSettings:

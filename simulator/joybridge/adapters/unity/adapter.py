@@ -43,14 +43,19 @@ def adapt_port(text: str) -> type[BatchedGame]:
 def _adapt(text: str, settings: UnitySettings, source: Builds | Ports, look: "Look", name: str) -> type[BatchedGame]:
     forms = look.forms()
     members = {
-        "name": settings.name or name, "description": f"{text}, a player of Unity ML-Agents.", "source": source,
-        "settings": settings, "forms": forms,
-    }  # fmt: skip
+        "name": settings.name or name,
+        "description": f"{text}, a player of Unity ML-Agents.",
+        "source": source,
+        "settings": settings,
+        "forms": forms,
+    }
     game: Any = type("AdaptedGame", (UnityGame,), members)
     game.made = spec(
-        game, [form.behavior() for form in forms], parameters=settings.parameters,
+        game,
+        [form.behavior() for form in forms],
+        parameters=settings.parameters,
         max_arenas=settings.areas * settings.players,
-    )  # fmt: skip
+    )
     return game  # type: ignore[no-any-return]
 
 

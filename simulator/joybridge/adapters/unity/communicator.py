@@ -22,9 +22,10 @@ LARGEST = 2**26  # bytes of a player's message; trainers of ML-Agents take 2**22
 LOOK_SECONDS = 0.5  # between two looks at whether the player is alive
 GRACE_SECONDS = 1.0  # for the last answer to arrive
 OPTIONS = [
-    ("grpc.max_receive_message_length", LARGEST), ("grpc.max_send_message_length", -1),
+    ("grpc.max_receive_message_length", LARGEST),
+    ("grpc.max_send_message_length", -1),
     ("grpc.so_reuseport", 0),  # otherwise two servers could listen on one port
-]  # fmt: skip
+]
 
 GONE = "has gone; see its log, and start it again"
 SILENT = f"said nothing for {{:g}} s, or more than {LARGEST} bytes at once; see its log, or allow more time"

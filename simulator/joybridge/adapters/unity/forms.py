@@ -84,8 +84,10 @@ class BehaviorForm:
                 branch(f"discrete_{index}", [str(choice) for choice in range(self.sizes[index])])
                 for index in self.branches
             ],
-            channels=CHANNELS, metrics=list(self.metrics), agents=self.agents,
-        )  # fmt: skip
+            channels=CHANNELS,
+            metrics=list(self.metrics),
+            agents=self.agents,
+        )
 
     def _check_actions(self, where: str) -> None:
         continuous, discrete = self.actions.continuous_actions, self.actions.discrete_actions

@@ -39,9 +39,12 @@ class UnityPlayer:
             raise GameError(str(error)) from error
         self.seed = seed
         answer = ml.TrainerHello(
-            seed=seed, communication_version=VERSION, package_version=own_version().product.removeprefix("joybridge "),
-            capabilities=capabilities(), num_areas=areas,
-        )  # fmt: skip
+            seed=seed,
+            communication_version=VERSION,
+            package_version=own_version().product.removeprefix("joybridge "),
+            capabilities=capabilities(),
+            num_areas=areas,
+        )
         link.answer(ml.FromTrainer(hello=answer))
         link.receive(self.settings.start, self._fate)
 

@@ -27,9 +27,11 @@ class PlayerProcess:
             command += ["-logFile", str(Path(settings.logs) / f"Player-{port}.log")]
         try:
             self._process = subprocess.Popen(
-                [*command, *shlex.split(settings.args)], stdin=subprocess.DEVNULL, stdout=sys.stderr.fileno(),
+                [*command, *shlex.split(settings.args)],
+                stdin=subprocess.DEVNULL,
+                stdout=sys.stderr.fileno(),
                 start_new_session=True,  # Ctrl-C is for this process, which dismisses its players
-            )  # fmt: skip
+            )
         except (OSError, ValueError) as error:
             raise AdapterError(f"{settings.place} cannot be started: {error}") from error
         atexit.register(self._kill)

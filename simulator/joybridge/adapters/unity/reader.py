@@ -63,10 +63,13 @@ class AgentReader:
     def _empty(self, count: int) -> Agents:
         shapes = [(*one.shape[1:], one.shape[0]) if one.png else one.shape for one in self.form.sensors]
         return Agents(
-            np.zeros(count, np.int64), np.zeros(count, bool), np.zeros(count, bool), np.zeros((count, 2), np.float32),
+            np.zeros(count, np.int64),
+            np.zeros(count, bool),
+            np.zeros(count, bool),
+            np.zeros((count, 2), np.float32),
             np.ones((count, self._choices), bool),
             [np.empty((count, *shape), one.dtype) for shape, one in zip(shapes, self.form.sensors, strict=True)],
-        )  # fmt: skip
+        )
 
     def _spans(self, data: bytes) -> Array:
         """Return where the message of each agent begins and ends, [agents, 2]."""

@@ -76,9 +76,13 @@ class Archer(Game):
             metrics=["hits", "accuracy"],
         )
         return spec(
-            cls, [archer], parameters=[parameter("size", 0.1, 4.0, 1.0, "factor on the radius of balloons")],
-            max_episode_decisions=DECISIONS, tick_seconds=0.1, picture=(WIDTH, HEIGHT),
-        )  # fmt: skip
+            cls,
+            [archer],
+            parameters=[parameter("size", 0.1, 4.0, 1.0, "factor on the radius of balloons")],
+            max_episode_decisions=DECISIONS,
+            tick_seconds=0.1,
+            picture=(WIDTH, HEIGHT),
+        )
 
     def reset(self) -> TimeStep:
         """Begin an episode with all arrows and a balloon on the ground."""

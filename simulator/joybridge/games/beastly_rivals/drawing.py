@@ -16,7 +16,7 @@ from joybridge.games.beastly_rivals.rules import (
     COOLDOWN_TICKS,
     SPEED_LIMIT,
     TICK,
-)  # fmt: skip
+)
 from joybridge.games.figures import BOOT, Clothes, beast, cursor, person
 from joybridge.games.painting import (
     AMBER,
@@ -50,7 +50,7 @@ from joybridge.games.painting import (
     line,
     mix,
     ring,
-)  # fmt: skip
+)
 from joybridge.simulator.render import FINE, Frame, fit, picture, shape, write
 
 VIEW_RADIUS = 8.3  # units shown to each side of the pitch's center

@@ -90,13 +90,17 @@ NUMBERS = [
 
 PITCH = [  # also sensed on generated pitches
     sensor(
-        "surroundings", [pitches.RAYS, 2], -1.0, 1.0,
+        "surroundings",
+        [pitches.RAYS, 2],
+        -1.0,
+        1.0,
         "twelve rays of 7 units from the character, 30° apart, counter-clockwise from +x; -1: nothing hit",
         elements=[f"{30 * k}° {what}" for k in range(pitches.RAYS) for what in ("pillar", "edge")],
     ),
-    sensor("sphere_radius", [1], 0.0, 2.0, "radius of the slow sphere, as a share of the original one",
-           elements=["radius"]),
-]  # fmt: skip
+    sensor(
+        "sphere_radius", [1], 0.0, 2.0, "radius of the slow sphere, as a share of the original one", elements=["radius"]
+    ),
+]
 
 CHANNELS = [
     channel("survival", 1.0, "+0.01 per tick"),

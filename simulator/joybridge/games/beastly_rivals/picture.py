@@ -26,9 +26,16 @@ GROUND_COLORS = [(24, 58, 24), (12, 20, 20), (84, 80, 76)]
 SPHERE, GOAL, CHARACTER, BEAST, FAR_BEAST, CURSOR, COOLING, READY, ANGER = range(9)  # things
 GRAYS = [120, 100, 200, 250, 160, 110, 90, 200, 150]
 COLORS = [
-    (146, 124, 250), (250, 190, 70), (70, 140, 255), (255, 60, 40), (160, 40, 30), (255, 255, 255),
-    (60, 110, 120), (92, 225, 240), (232, 60, 50),
-]  # fmt: skip
+    (146, 124, 250),
+    (250, 190, 70),
+    (70, 140, 255),
+    (255, 60, 40),
+    (160, 40, 30),
+    (255, 255, 255),
+    (60, 110, 120),
+    (92, 225, 240),
+    (232, 60, 50),
+]
 BEAST_RADIUS = BOX_AHEAD + BOX_HALF
 GOAL_RADIUS, FAR_RADIUS = 0.2, 0.4
 CURSOR_RADIUS, CURSOR_OPACITY = 0.8, 160  # wider than character and beast, so that none is hidden in it

@@ -61,9 +61,15 @@ RISE = 0.35  # how far up a picture shows a unit of height
 DARK = 0.55  # share of INK in the dark side of a tunic
 
 PLAYERS: tuple[Color, ...] = (
-    (60, 126, 245), (240, 84, 68), (250, 196, 60), (178, 102, 236), (252, 138, 46), (64, 208, 196), (242, 120, 190),
+    (60, 126, 245),
+    (240, 84, 68),
+    (250, 196, 60),
+    (178, 102, 236),
+    (252, 138, 46),
+    (64, 208, 196),
+    (242, 120, 190),
     (196, 214, 226),
-)  # fmt: skip
+)
 STONE, STONE_DARK, GHOST = (132, 140, 146), (84, 92, 98), (150, 170, 160)
 OUTLINE = np.concatenate([CORNERS, CORNERS[::-1] * (1, -1), -CORNERS, CORNERS[::-1] * (-1, 1)])
 TOMBSTONE = ((-1.1, -1.3), (1.1, -1.3), (1.1, 0.7), (0.6, 1.4), (-0.6, 1.4), (-1.1, 0.7))

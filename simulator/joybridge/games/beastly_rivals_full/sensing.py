@@ -40,9 +40,20 @@ RIVAL = [
     "has the ball", "is hunted", "passes", "blink ready", "pointed at",
 ]  # fmt: skip
 BEAST = [
-    "x", "z", "place x", "place z", "heading x", "heading z", "body x", "body z", "speed", "turning", "hunts", "boost",
+    "x",
+    "z",
+    "place x",
+    "place z",
+    "heading x",
+    "heading z",
+    "body x",
+    "body z",
+    "speed",
+    "turning",
+    "hunts",
+    "boost",
     "touches",
-]  # fmt: skip
+]
 BALL = ["held", "flying", "x", "z", "height", "speed", "hold", "charge", "own pass", "from the center"]
 MATCH = ["start", "hunt", "dead", "revival", "phase", "decisions", "players"]
 

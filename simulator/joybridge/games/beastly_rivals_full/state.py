@@ -62,27 +62,47 @@ PLAYER = np.dtype(
 )  # fmt: skip
 BEAST = np.dtype(
     [
-        ("x", "f8"), ("z", "f8"), ("fx", "f8"), ("fz", "f8"),  # its root: position and heading
-        ("gx", "f8"), ("gz", "f8"),  # heading of the body
-        ("speed", "f8"), ("turning", "f8"),  # units/s, degrees/s
-        ("boost_tick", "i8"), ("saved_speed", "f8"), ("saved_turning", "f8"),  # the end of a boost, and what follows
+        ("x", "f8"),
+        ("z", "f8"),
+        ("fx", "f8"),
+        ("fz", "f8"),  # its root: position and heading
+        ("gx", "f8"),
+        ("gz", "f8"),  # heading of the body
+        ("speed", "f8"),
+        ("turning", "f8"),  # units/s, degrees/s
+        ("boost_tick", "i8"),
+        ("saved_speed", "f8"),
+        ("saved_turning", "f8"),  # the end of a boost, and what follows
     ]
-)  # fmt: skip
+)
 BALL = np.dtype(
     [
-        ("x", "f8"), ("y", "f8"), ("z", "f8"),
+        ("x", "f8"),
+        ("y", "f8"),
+        ("z", "f8"),
         ("above", "f8"),  # how far above the receiver's hands it aims
-        ("time", "f8"), ("rise", "f8"),  # s since the throw; s until it sinks fast
-        ("speed", "f8"), ("flying", "?"),
+        ("time", "f8"),
+        ("rise", "f8"),  # s since the throw; s until it sinks fast
+        ("speed", "f8"),
+        ("flying", "?"),
     ]
-)  # fmt: skip
+)
 ARENA = np.dtype(
     [
-        ("players", PLAYER, MAX_PLAYERS), ("beast", BEAST), ("ball", BALL),
-        ("carrier", "i8"), ("target", "i8"), ("last", "i8"),  # who has the ball, is hunted, threw last; -1: nobody
-        ("hold", "i8"), ("charge", "f8"),  # ticks with the ball; what they are worth for a power shot
-        ("phase", "i8"), ("phase_tick", "i8"), ("victim", "i8"),  # end of the phase; who is revived then, -1: nobody
+        ("players", PLAYER, MAX_PLAYERS),
+        ("beast", BEAST),
+        ("ball", BALL),
+        ("carrier", "i8"),
+        ("target", "i8"),
+        ("last", "i8"),  # who has the ball, is hunted, threw last; -1: nobody
+        ("hold", "i8"),
+        ("charge", "f8"),  # ticks with the ball; what they are worth for a power shot
+        ("phase", "i8"),
+        ("phase_tick", "i8"),
+        ("victim", "i8"),  # end of the phase; who is revived then, -1: nobody
         ("tick", "i8"),
-        ("beast_speed", "f8"), ("beast_turning", "f8"), ("ball_speed", "f8"),  # parameters
+        ("beast_speed", "f8"),
+        ("beast_turning", "f8"),
+        ("ball_speed", "f8"),  # parameters
     ]
-)  # fmt: skip
+)

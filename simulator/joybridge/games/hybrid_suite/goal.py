@@ -30,13 +30,21 @@ PARAMETERS = [parameter("noise", 0.0, 1.0, 1.0, "factor on the noise of kicks an
 
 MOTION = ["x", "y", "velocity x", "velocity y"]
 SENSORS = [
-    sensor("player", [5], description="the player, in units of the field, of the top speed and of pi",
-           elements=[*MOTION, "angle"]),
+    sensor(
+        "player",
+        [5],
+        description="the player, in units of the field, of the top speed and of pi",
+        elements=[*MOTION, "angle"],
+    ),
     sensor("keeper", [5], description="the keeper, likewise", elements=[*MOTION, "angle"]),
     sensor("ball", [4], description="the ball, likewise", elements=MOTION),
-    sensor("line", [3], description="the line from the keeper to the ball: its direction, and where it meets the line "
-           "of the goal", elements=["x", "y", "place"]),
-]  # fmt: skip
+    sensor(
+        "line",
+        [3],
+        description="the line from the keeper to the ball: its direction, and where it meets the line of the goal",
+        elements=["x", "y", "place"],
+    ),
+]
 
 KICK_AXES = [
     axis("kick_x", 0.0, 2 * s.LENGTH, "x that a kick aims at", only_with=("act", "kick")),

@@ -35,10 +35,15 @@ SENSORS = [
 ARENA = np.dtype(
     [
         *COMMON,
-        ("x", "f8"), ("y", "f8"), ("heading", "f8"), ("speed", "f8"), ("course", "f8"),  # of the agent; angles in rad
-        ("target_x", "f8"), ("target_y", "f8"),
+        ("x", "f8"),
+        ("y", "f8"),
+        ("heading", "f8"),
+        ("speed", "f8"),
+        ("course", "f8"),  # of the agent; angles in rad
+        ("target_x", "f8"),
+        ("target_y", "f8"),
     ]
-)  # fmt: skip
+)
 
 
 class Moving(SuiteGame):
@@ -65,9 +70,7 @@ class Moving(SuiteGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return spec(
-            cls, [driver], max_arenas=4096, picture=PICTURE, snapshot_bytes_per_arena=ARENA.itemsize + 64
-        )  # fmt: skip
+        return spec(cls, [driver], max_arenas=4096, picture=PICTURE, snapshot_bytes_per_arena=ARENA.itemsize + 64)
 
     def begin_where(self, which: Array) -> None:
         """Put agent and target at random places."""

@@ -28,11 +28,15 @@ SENSORS = [
 ARENA = np.dtype(
     [
         *COMMON,
-        ("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"),  # of the particle
-        ("target_x", "f8"), ("target_y", "f8"),
+        ("x", "f8"),
+        ("y", "f8"),
+        ("vx", "f8"),
+        ("vy", "f8"),  # of the particle
+        ("target_x", "f8"),
+        ("target_y", "f8"),
         ("misses", "i8"),  # of this episode; only Catch Point has them
     ]
-)  # fmt: skip
+)
 
 
 class ParticleGame(SuiteGame):

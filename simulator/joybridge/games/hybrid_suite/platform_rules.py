@@ -30,12 +30,18 @@ SPEED_NOISE = 0.025  # deviation, per tick
 ARENA = np.dtype(
     [
         *COMMON,
-        ("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"),  # the player's lower left corner, px, and its velocity
-        ("enemy_x", "f8", (2,)), ("enemy_v", "f8", (2,)),
-        ("start", "f8"), ("ticks", "i8"), ("busy", "?"),  # of this decision
+        ("x", "f8"),
+        ("y", "f8"),
+        ("vx", "f8"),
+        ("vy", "f8"),  # the player's lower left corner, px, and its velocity
+        ("enemy_x", "f8", (2,)),
+        ("enemy_v", "f8", (2,)),
+        ("start", "f8"),
+        ("ticks", "i8"),
+        ("busy", "?"),  # of this decision
         ("noise", "f8"),  # a parameter
     ]
-)  # fmt: skip
+)
 
 
 @compiled

@@ -61,11 +61,14 @@ BODY = np.dtype([("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"), ("angle",
 ARENA = np.dtype(
     [
         *COMMON,
-        ("player", BODY), ("keeper", BODY), ("ball", BODY),
-        ("ticks", "i8"), ("busy", "?"),  # of this decision
+        ("player", BODY),
+        ("keeper", BODY),
+        ("ball", BODY),
+        ("ticks", "i8"),
+        ("busy", "?"),  # of this decision
         ("noise", "f8"),  # a parameter
     ]
-)  # fmt: skip
+)
 
 
 @compiled

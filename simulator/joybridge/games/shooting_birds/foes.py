@@ -36,10 +36,12 @@ PARAMETERS = [
 # What a bird remembers. A straight one leaves all of it at zero.
 MEMORY = [
     ("habit", "i8"),
-    ("speed", "f8"), ("bound", "f8"),  # units/s; -1 or 1: the side that it flies to
-    ("aim_x", "f8"), ("aim_y", "f8"),  # a vector in the direction that it turns to
+    ("speed", "f8"),
+    ("bound", "f8"),  # units/s; -1 or 1: the side that it flies to
+    ("aim_x", "f8"),
+    ("aim_y", "f8"),  # a vector in the direction that it turns to
     ("timer", "i8"),  # ticks: until the next jink or blink; of a dodging bird, see `_dodge`
-]  # fmt: skip
+]
 
 TICK = 0.02  # s
 JINK_ANGLE = np.pi * 0.4  # to both sides of the way across the field

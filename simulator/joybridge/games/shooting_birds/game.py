@@ -64,18 +64,30 @@ PARAMETERS = [
 NUMBERS = [
     sensor("gun", [2], 0.0, 2.0, "the gun", elements=["loaded", "ammo"]),
     sensor(
-        "crosshair", [5], -2.0, 2.0, "position and velocity of the crosshair",
+        "crosshair",
+        [5],
+        -2.0,
+        2.0,
+        "position and velocity of the crosshair",
         elements=["x", "y", "direction x", "direction y", "speed"],
     ),
     sensor(
-        "rays", [RAYS, 3], -1.0, 2.0, "twelve rays, 30° apart, counter-clockwise from +x; -1: nothing hit",
+        "rays",
+        [RAYS, 3],
+        -1.0,
+        2.0,
+        "twelve rays, 30° apart, counter-clockwise from +x; -1: nothing hit",
         elements=[f"{30 * k}° {what}" for k in range(RAYS) for what in ("bird", "bird's size", "obstacle")],
     ),
     sensor(
-        "hovered", [1], -1.0, 2.0, "what is in front under the crosshair: 1 bird, -1 obstacle, 0 nothing",
+        "hovered",
+        [1],
+        -1.0,
+        2.0,
+        "what is in front under the crosshair: 1 bird, -1 obstacle, 0 nothing",
         elements=["hovered"],
     ),
-]  # fmt: skip
+]
 
 CHANNELS = [
     channel("hit", 1.0, "+0.25, +0.75 or +2 for a large, medium or small bird shot"),

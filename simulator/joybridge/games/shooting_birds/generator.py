@@ -132,8 +132,10 @@ def _release_birds(streams, i, flight):
         flight.lines[j, 0] = max(middle - half, LOWEST_LINE)
         flight.lines[j, 1] = min(middle + half, HIGHEST_LINE)
     large, medium, small = (
-        uniform(streams, i, 0.2, 1.0), uniform(streams, i, 0.2, 1.0), uniform(streams, i, 0.2, 1.0),
-    )  # fmt: skip
+        uniform(streams, i, 0.2, 1.0),
+        uniform(streams, i, 0.2, 1.0),
+        uniform(streams, i, 0.2, 1.0),
+    )
     total = large + medium + small
     flight.large, flight.medium = large / total, (large + medium) / total
     flight.slowest = uniform(streams, i, 1.0, 3.0)

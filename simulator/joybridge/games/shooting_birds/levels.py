@@ -96,12 +96,15 @@ class Obstacles(NamedTuple):
 # How birds enter a level.
 FLIGHT = np.dtype(
     [
-        ("lines", "f8", (3, 2)), ("line_count", "i8"),  # lowest and highest place of birds that enter on a flight line
-        ("large", "f8"), ("medium", "f8"),  # shares of large, and of large and medium birds
-        ("slowest", "f8"), ("fastest", "f8"),  # units/s
+        ("lines", "f8", (3, 2)),
+        ("line_count", "i8"),  # lowest and highest place of birds that enter on a flight line
+        ("large", "f8"),
+        ("medium", "f8"),  # shares of large, and of large and medium birds
+        ("slowest", "f8"),
+        ("fastest", "f8"),  # units/s
         ("pause", "f8"),  # s, mean time until a bird that was shot or has left enters again
     ]
-)  # fmt: skip
+)
 
 
 def no_obstacles(levels: int, discs: int, boxes: int) -> Obstacles:

@@ -54,9 +54,14 @@ def _within(increasing: Array, low: float, high: float) -> slice:
 
 
 FIELD = Field(
-    HALF_WIDTH, HALF_HEIGHT, LEVELS, partial(ground, OBSTACLES, 0.0), HIDES, Palette(GROUND_GRAYS, GRAYS),
+    HALF_WIDTH,
+    HALF_HEIGHT,
+    LEVELS,
+    partial(ground, OBSTACLES, 0.0),
+    HIDES,
+    Palette(GROUND_GRAYS, GRAYS),
     Palette(GROUND_COLORS, COLORS),
-)  # fmt: skip
+)
 
 
 def field_of(obstacles: Obstacles, levels: int, beyond: float) -> Field:

@@ -70,12 +70,17 @@ class World(NamedTuple):
 
 BIRD = np.dtype(
     [
-        ("x", "f8"), ("y", "f8"), ("z", "f8"), ("vx", "f8"), ("vy", "f8"), ("phase", "f8"),
+        ("x", "f8"),
+        ("y", "f8"),
+        ("z", "f8"),
+        ("vx", "f8"),
+        ("vy", "f8"),
+        ("phase", "f8"),
         ("kind", "i8"),  # its size: 0 large, 1 medium, 2 small
         ("wait", "i8"),  # ticks until it enters; 0: it is there
         *foes.MEMORY,
     ]
-)  # fmt: skip
+)
 ARENA = np.dtype(
     [
         ("x", "f8"), ("y", "f8"), ("vx", "f8"), ("vy", "f8"),  # the crosshair

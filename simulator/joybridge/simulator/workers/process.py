@@ -41,10 +41,12 @@ class WorkerProcess:
             # -P and PYTHONPATH: it imports from where this process does.
             folders = {"PYTHONPATH": os.pathsep.join(folder or os.curdir for folder in sys.path)}
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-u", "-m", MODULE, place, *map(str, descriptors)], stdin=subprocess.PIPE,
-                pass_fds=descriptors, env=os.environ | folders,
+                [sys.executable, "-P", "-u", "-m", MODULE, place, *map(str, descriptors)],
+                stdin=subprocess.PIPE,
+                pass_fds=descriptors,
+                env=os.environ | folders,
                 start_new_session=True,  # Ctrl-C is for the server
-            )  # fmt: skip
+            )
         self._link = Link(ours)
 
     def send(self, kind: bytes, message: bytes | Mapping[str, Any]) -> None:

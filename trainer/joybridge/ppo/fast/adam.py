@@ -10,9 +10,16 @@ from joybridge.ppo.fast.kernels import compiled
 
 @compiled
 def adam_step(
-    weights: Array, gradient: Array, exp_avg: Array, exp_avg_sq: Array, step: float, learning_rate: float,
-    beta1: float, beta2: float, epsilon: float,
-) -> None:  # fmt: skip
+    weights: Array,
+    gradient: Array,
+    exp_avg: Array,
+    exp_avg_sq: Array,
+    step: float,
+    learning_rate: float,
+    beta1: float,
+    beta2: float,
+    epsilon: float,
+) -> None:
     """Move the weights against their gradient (Kingma and Ba, 2015, algorithm 1), all float32 [parameters].
 
     step: how many steps there are with this one.

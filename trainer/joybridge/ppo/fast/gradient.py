@@ -24,7 +24,7 @@ from joybridge.ppo.fast.towers import (
     gaussians,
     hidden_width,
     matrix,
-)  # fmt: skip
+)
 from joybridge.ppo.loss import Batch, advantage_moments
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.schedule import Coefficients
@@ -45,11 +45,16 @@ class ClosedFormGradient:
     def __call__(self, batch: Batch, rows: Tensor, coefficients: Coefficients) -> Array:
         """Set the gradient of the loss on some rows of `batch`; return the statistics that `ppo_loss` returns."""
         timesteps = Rows(
-            batch.observations.numbers.numpy(), batch.continuous.numpy(), batch.discrete.numpy(),
+            batch.observations.numbers.numpy(),
+            batch.continuous.numpy(),
+            batch.discrete.numpy(),
             NO_MASKS if batch.masks is None else batch.masks.numpy(),
             NO_COUNTS if batch.counts is None else batch.counts.numpy(),
-            batch.log_probs.numpy(), batch.values.numpy(), batch.advantages.numpy(), batch.returns.numpy(),
-        )  # fmt: skip
+            batch.log_probs.numpy(),
+            batch.values.numpy(),
+            batch.advantages.numpy(),
+            batch.returns.numpy(),
+        )
         parts = min(self.threads, len(rows))
         size = workspace_size(self.form, math.ceil(len(rows) / parts))
         if size > self.workspaces.shape[1]:
@@ -57,9 +62,15 @@ class ClosedFormGradient:
         given = self.weights, self.gradient, self.form, timesteps, rows.numpy()
         mean, deviation = advantage_moments(batch.advantages[rows]) if coefficients.normalize_minibatch else (0.0, 1.0)
         terms = Terms(
-            len(rows), coefficients.clip_range, coefficients.entropy_coef, coefficients.vf_coef,
-            coefficients.clip_vloss, float(mean), 1.0 / float(deviation), coefficients.sum_entropy,
-        )  # fmt: skip
+            len(rows),
+            coefficients.clip_range,
+            coefficients.entropy_coef,
+            coefficients.vf_coef,
+            coefficients.clip_vloss,
+            float(mean),
+            1.0 / float(deviation),
+            coefficients.sum_entropy,
+        )
         if self.threads == 1:
             return part_gradient(*given, terms, self.workspaces[0, :size])
         numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))
@@ -98,9 +109,13 @@ def part_gradient(
     d_outputs, d_values = np.empty_like(outputs), np.empty(n, np.float32)
     free = gaussians(gradient, form)
     statistics = loss_gradient(
-        outputs, estimates, gaussians(weights, form), rows, terms,
+        outputs,
+        estimates,
+        gaussians(weights, form),
+        rows,
+        terms,
         Gradient(d_outputs, d_values, free.mean_bias, free.log_variance),
-    )  # fmt: skip
+    )
 
     if form.shared:
         d_outputs[:, -1] = d_values
@@ -126,9 +141,15 @@ def add_up(parts: Array, total: Array) -> Array:
 
 @partial(compiled, parallel=True)
 def gradient_in_parts(
-    weights: Array, gradient: Array, form: Form, batch: Rows, index: Array, terms: Terms, parts: Array,
+    weights: Array,
+    gradient: Array,
+    form: Form,
+    batch: Rows,
+    index: Array,
+    terms: Terms,
+    parts: Array,
     workspaces: Array,
-) -> Array:  # fmt: skip
+) -> Array:
     """Do what `part_gradient` does for a whole minibatch, in threads.
 
     parts [parts, parameters]: where the gradient of each part is written. workspaces [parts, .]: see `part_gradient`.

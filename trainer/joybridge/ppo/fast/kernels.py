@@ -106,11 +106,16 @@ def take(rows: Rows, index: Array, observations: Array) -> Rows:
     """Return the rows at `index`, int64 [n]. observations [n, observation]: where theirs are written."""
     n, branches, dimensions = len(index), rows.discrete.shape[1], rows.continuous.shape[1]
     taken = Rows(
-        observations, np.empty((n, dimensions), np.float32), np.empty((n, branches), np.int64),
+        observations,
+        np.empty((n, dimensions), np.float32),
+        np.empty((n, branches), np.int64),
         np.empty((n, rows.masks.shape[1], rows.masks.shape[2]), np.float32) if len(rows.masks) else rows.masks,
         np.empty((n, rows.counts.shape[1]), np.bool_) if len(rows.counts) else rows.counts,
-        np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32),
-    )  # fmt: skip
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+    )
     for i in range(n):
         row = index[i]
         for j in range(observations.shape[1]):

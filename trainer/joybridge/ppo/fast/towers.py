@@ -157,9 +157,15 @@ def forward(weights: Array, form: Form, begin: int, outputs: int, features: Arra
 
 @compiled
 def backward(
-    weights: Array, gradient: Array, form: Form, begin: int, features: Array, kept: Kept, d_outputs: Array,
+    weights: Array,
+    gradient: Array,
+    form: Form,
+    begin: int,
+    features: Array,
+    kept: Kept,
+    d_outputs: Array,
     spare: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Write the gradients of a tower's parameters, from d loss / d outputs [n, outputs] and what `forward` kept.
 
     spare [2, n x largest width]: overwritten.

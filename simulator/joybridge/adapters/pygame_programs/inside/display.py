@@ -10,9 +10,15 @@ Pixels = npt.NDArray[np.uint32]
 
 WHOLE_SCREEN = (1280, 720)  # of a program that asks for the size of the desktop
 CANNOT_DRAW = {  # modules whose drawing does not end in a surface, or that need a device which is not there
-    "OpenGL": "OpenGL", "moderngl": "OpenGL", "moderngl_window": "OpenGL", "zengl": "OpenGL", "pyglet": "OpenGL",
-    "pygame.camera": "a camera", "pygame._camera": "a camera", "cv2": "OpenCV's windows and cameras",
-}  # fmt: skip
+    "OpenGL": "OpenGL",
+    "moderngl": "OpenGL",
+    "moderngl_window": "OpenGL",
+    "zengl": "OpenGL",
+    "pyglet": "OpenGL",
+    "pygame.camera": "a camera",
+    "pygame._camera": "a camera",
+    "cv2": "OpenCV's windows and cameras",
+}
 
 
 class Refused(BaseException):

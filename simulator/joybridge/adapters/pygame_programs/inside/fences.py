@@ -18,9 +18,18 @@ from joybridge.adapters.pygame_programs.inside.display import CANNOT_DRAW
 
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 CHANGES = {  # events whose first arguments are paths that are changed, and how many
-    "os.mkdir": 1, "os.rename": 2, "os.remove": 1, "os.rmdir": 1, "os.link": 2, "os.symlink": 2, "os.truncate": 1,
-    "os.chmod": 1, "os.chown": 1, "os.utime": 1, "sqlite3.connect": 1,
-}  # fmt: skip
+    "os.mkdir": 1,
+    "os.rename": 2,
+    "os.remove": 1,
+    "os.rmdir": 1,
+    "os.link": 2,
+    "os.symlink": 2,
+    "os.truncate": 1,
+    "os.chmod": 1,
+    "os.chown": 1,
+    "os.utime": 1,
+    "sqlite3.connect": 1,
+}
 RELATIVE = {"os.remove", "os.rmdir"}  # whose second argument is the descriptor of a folder, or -1
 PROCESSES = {
     "subprocess.Popen",

@@ -12,14 +12,19 @@ BUTTONS = {"left": 1, "middle": 2, "right": 3}  # of the mouse, by pygame's numb
 KEYS = {name[2:]: getattr(pygame, name) for name in dir(pygame) if name.startswith("K_")}
 SCANCODES = 512  # of the states that get_pressed returns
 MODIFIERS = {
-    pygame.K_LSHIFT: pygame.KMOD_LSHIFT, pygame.K_RSHIFT: pygame.KMOD_RSHIFT, pygame.K_LCTRL: pygame.KMOD_LCTRL,
-    pygame.K_RCTRL: pygame.KMOD_RCTRL, pygame.K_LALT: pygame.KMOD_LALT, pygame.K_RALT: pygame.KMOD_RALT,
-}  # fmt: skip
+    pygame.K_LSHIFT: pygame.KMOD_LSHIFT,
+    pygame.K_RSHIFT: pygame.KMOD_RSHIFT,
+    pygame.K_LCTRL: pygame.KMOD_LCTRL,
+    pygame.K_RCTRL: pygame.KMOD_RCTRL,
+    pygame.K_LALT: pygame.KMOD_LALT,
+    pygame.K_RALT: pygame.KMOD_RALT,
+}
 CONTROLS = {pygame.K_RETURN: "\r", pygame.K_TAB: "\t", pygame.K_BACKSPACE: "\b", pygame.K_ESCAPE: "\x1b"}
 SCAN_OF_KEY = {  # by the names that pygame gives both
     key: getattr(pygame, f"KSCAN_{name.upper()}")
-    for name, key in KEYS.items() if hasattr(pygame, f"KSCAN_{name.upper()}")
-}  # fmt: skip
+    for name, key in KEYS.items()
+    if hasattr(pygame, f"KSCAN_{name.upper()}")
+}
 
 
 class Hands:

@@ -36,10 +36,22 @@ class Joysticks:
                 return button in sticks._buttons
 
         answers = {
-            "init": None, "quit": None, "get_init": True, "get_id": 0, "get_instance_id": 0, "get_guid": "0" * 32,
-            "get_name": "joystick", "get_numaxes": 2, "get_numbuttons": STICK_BUTTONS, "get_numhats": 0,
-            "get_numballs": 0, "get_power_level": "wired", "rumble": False, "stop_rumble": None, "get_hat": (0, 0),
-        }  # fmt: skip
+            "init": None,
+            "quit": None,
+            "get_init": True,
+            "get_id": 0,
+            "get_instance_id": 0,
+            "get_guid": "0" * 32,
+            "get_name": "joystick",
+            "get_numaxes": 2,
+            "get_numbuttons": STICK_BUTTONS,
+            "get_numhats": 0,
+            "get_numballs": 0,
+            "get_power_level": "wired",
+            "rumble": False,
+            "stop_rumble": None,
+            "get_hat": (0, 0),
+        }
         for name, answer in answers.items():
             setattr(Joystick, name, lambda *_, answer=answer: answer)
         pygame.joystick.Joystick = pygame.joystick.JoystickType = Joystick

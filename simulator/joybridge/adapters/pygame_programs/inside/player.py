@@ -107,9 +107,13 @@ class Player:
             self.fail(f"the program has started threads ({names}), which no copy of it would have")
         controls, stick = scan(self.root)._asdict(), self.stage.joysticks.plugged
         return {
-            "size": self.stage.size(), **self.stage.score.look(), "numbers": KEYS, **controls, "joystick": stick,
+            "size": self.stage.size(),
+            **self.stage.score.look(),
+            "numbers": KEYS,
+            **controls,
+            "joystick": stick,
             "sources": hash_of_sources(self.root),
-        }  # fmt: skip
+        }
 
     def _become_stem(self, kind: bytes, message: bytes) -> None:
         """Stand still, and go on as a player in each fork."""
