@@ -49,7 +49,7 @@ def test_the_installed_command_finds_games_of_the_current_folder(tmp_path):
         [command, "list", "--game", "near_game:NearGame"], cwd=tmp_path, capture_output=True, text=True
     )
     assert (listed.returncode, listed.stderr) == (0, "")
-    assert "\nnear_game: " in listed.stdout
+    assert listed.stdout.startswith("near_game: ")
 
 
 def test_a_simulator_whose_games_are_not_installed_is_not_started(monkeypatch):

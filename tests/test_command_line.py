@@ -20,7 +20,7 @@ SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "sto
         (["--simulator", "127.0.0.1:1", "--wait", "1.2"], "no simulator at 127.0.0.1:1 after 1.2 s"),
         (
             ["game=shooting_brids"],
-            "no game named 'shooting_brids'; this server has beastly_rivals, beastly_rivals_full",
+            "no game named 'shooting_brids'; this server has hybrid, duel",
         ),
         (["options.rules=strict"], "option 'rules' got 'strict', expected one of original, corrected"),
         (["options.wind=on"], "unknown option 'wind', expected one of rules, locomotion, level"),

@@ -371,7 +371,8 @@ def test_a_checkpoint_of_another_game_is_refused(simulator, tmp_path, capsys):
 def test_without_onnx_the_extra_is_named(simulator, tmp_path, monkeypatch, capsys):
     run = make_run(tmp_path / "run", simulator)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    monkeypatch.delitem(sys.modules, "joybridge.play.export")
+    for name in ("joybridge.play.export", "joybridge.policy.exported"):
+        monkeypatch.delitem(sys.modules, name)
     assert cli.main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 2
     assert "needs the module onnxruntime; install it with `pip install 'joybridge[export]'`" in capsys.readouterr().err
 

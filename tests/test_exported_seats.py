@@ -96,7 +96,7 @@ def test_an_exported_policy_is_an_opponent_and_the_checkpoint_keeps_it(run, simu
         (lambda text: text.replace(FORMAT, "joybridge.policy.v3"), "its format is joybridge.policy.v3"),
         (lambda text: text.replace('"behavior": "player"', '"behavior": "judge"'), "it plays judge, and the game has"),
         (lambda text: text.replace('"own"', '"mine"'), "the sensor mine is not the same"),
-        (lambda text: text.replace('"a1"', '"z9"'), "the policy was trained with .*z9"),
+        (lambda text: text.replace('"a1"', '"z9"'), "and other choices or ranges"),
         (lambda text: json.dumps(json.loads(text) | {"policies": []}), "policy"),
     ],
 )

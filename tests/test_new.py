@@ -255,7 +255,7 @@ def test_the_games_of_a_running_server_are_listed_as_the_built_in_ones_are(simul
     built_in = capsys.readouterr().out.rstrip()
     assert main(["list", "--simulator", simulator]) == 0
     listed = capsys.readouterr().out
-    assert listed.startswith(f"{built_in}\n\n") and "\nhybrid: Move a point with two axes" in listed
+    assert listed.rstrip().endswith(f"\n\n{built_in}") and listed.startswith("hybrid: Move a point with two axes")
     assert "  option size: small | large (default small)\n  option masks: on | off (default on)\n" in listed
 
 

@@ -36,8 +36,9 @@ SPEC = r"""catch: .*
   option fovea: none | 32 | 64 (default none)
   behavior player: 1 agent per arena
     sensors: screen [55, 74, 3] RGB
-    axes: pointer_x -1..1, pointer_y -1..1
-    branches: mouse_left (released | pressed), key_LEFT (released | pressed), key_RIGHT (released | pressed)
+    axes: pointer_x -1..1 (position, to the right), pointer_y -1..1 (position, up)
+    branches: mouse_left (released | pressed [Mouse0]), key_LEFT (released | pressed [ArrowLeft]), key_RIGHT (released |
+        pressed [ArrowRight])
     rewards: score (weight 1)"""
 
 
@@ -277,7 +278,7 @@ def test_a_server_gives_its_program_rewards_keys_and_arguments(tmp_path):
     words = ["--pygame", str(path), "--reward", r"Score: (\d+)", "--keys", "UP,a", "--", "--level"]
     listed = joybridge("list", *words)
     assert "rewards: score (weight 1)" in listed.output
-    assert "key_UP (released | pressed), key_a (released | pressed)" in " ".join(listed.output.split())
+    assert "key_UP (released | pressed [ArrowUp]), key_a (released | pressed [KeyA])" in " ".join(listed.output.split())
     with server(*words) as process, Session(process.address, "program", arenas=2, seed=1) as session:
         (step,) = session.step(make_acts(session.spec, 2))
         process.kill()  # then the processes of the program end by themselves

@@ -178,7 +178,7 @@ def test_training_records_the_faults_of_its_sessions_if_asked_to(simulator, tmp_
     from joybridge.run.train import train
 
     file = tmp_path / "raises.yaml"
-    file.write_text("game: raises\nlayout: hybrid\narenas: 4\ngroups: 2\n")
+    file.write_text("game: raises\nlayout: hybrid\narenas: 4\npipeline_groups: 2\n")
     config = load_config(file, ["total_timesteps=1000", "policy.rollout_steps=50"])
     for record_faults in (False, True):
         with pytest.raises(SimulatorError, match="ZeroDivisionError"):

@@ -33,7 +33,7 @@ from tests.support.wire import SAVE, SECONDS, Player, Stream, act, describe, ref
 
 OWN = ["hybrid", "duel", "ends", "kick", "gallery", "raises", "faulty", "batch"]
 PAPER = ["beastly_rivals", "beastly_rivals_full", "shooting_birds"]  # built-in games that draw and save themselves
-LISTED = [*BUILT_IN, *OWN]
+LISTED = [*OWN, *BUILT_IN]
 GOOD = ["hybrid", "duel", "ends", "kick", "gallery", *BUILT_IN]
 LARGEST_SEED = 2**64 - 1
 

@@ -23,6 +23,7 @@ from joybridge.cli import commands as all_commands
 from joybridge.cli import main
 from joybridge.client.command_line import add_own_game
 from joybridge.client.launch import simulator_process
+from joybridge.compare.suite import SUITES
 from joybridge.config.config import load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
@@ -151,8 +152,11 @@ def check_command(words, folder, monkeypatch):
     options, rest = parsed(words, folder, monkeypatch)
     overrides = [*getattr(options, "overrides", []), *rest]
     config = getattr(options, "config", None)
+    if suite := getattr(options, "suite", None):  # what is read as the configuration is an override
+        overrides += [config] if config else []
+        config = next(iter(SUITES[suite].tasks.values())).config
     if config is None:  # what plays sets the game only
-        assert [word for word in overrides if not re.match(r"(options|parameters)\.\w+=", word)] == []
+        assert [word for word in overrides if not re.match(r"(games\.\w+\.)?(options|parameters)\.\w+=", word)] == []
         return
     varied = [
         f"{key}={values.partition(',')[0]}"
@@ -247,7 +251,10 @@ def test_commands_between_words_are_understood(words, folder, monkeypatch):
 
 @pytest.mark.parametrize("text", blocks("yaml"))
 def test_configurations_are_valid(text, tmp_path):
-    data = {"game": "archer", **YAML(typ="safe").load(text)}
+    given = YAML(typ="safe").load(text)
+    several = "common_device" in given and "games" not in given
+    data = {"games": {"archer": {}, "marble": {}}} if several else {} if "games" in given else {"game": "archer"}
+    data |= given
     path = tmp_path / "config.yaml"
     with path.open("w") as file:
         YAML().dump(data, file)
