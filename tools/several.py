@@ -103,7 +103,7 @@ def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mappi
     lines = [
         "# One policy for three games, and one for each",
         "",
-        f"Made by `python -m tools.several --seeds {','.join(seeds)}`: `{CONFIG}`,",
+        f"Made in the checkout by `python -m tools.several --seeds {','.join(seeds)}`: `{CONFIG}`,",
         f"{TIMESTEPS:,} timesteps of each game. A number is the mean over the seeds of the interquartile mean of",
         f"{EPISODES} returns; beside it is its share of that of a policy for each game, with the 95 % interval of a",
         "bootstrap over the seeds in pairs. One seed has no interval and proves nothing; few seeds make it narrower",
