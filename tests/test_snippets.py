@@ -253,8 +253,8 @@ def test_commands_between_words_are_understood(words, folder, monkeypatch):
 def test_configurations_are_valid(text, tmp_path):
     given = YAML(typ="safe").load(text)
     several = "common_device" in given and "games" not in given
-    data = {"games": {"archer": {}, "marble": {}}} if several else {} if "games" in given else {"game": "archer"}
-    data |= given
+    one: dict[str, object] = {} if "games" in given else {"game": "archer"}
+    data = ({"games": {"archer": {}, "marble": {}}} if several else one) | given
     path = tmp_path / "config.yaml"
     with path.open("w") as file:
         YAML().dump(data, file)
