@@ -21,7 +21,7 @@ from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import play_config
 from joybridge.simulator.game_adapter import batched
 
-ARCHER = batched(Archer).describe({})
+ARCHER = batched(Archer).describe({"observation": "state"})
 CURRICULUM = """
 game: archer
 parameters: {size: {log_uniform: [0.5, 2]}}
@@ -78,13 +78,13 @@ def test_a_distribution_that_cannot_be_drawn_from_is_an_error_that_names_its_key
 
 
 def test_a_game_without_parameters_per_episode_is_named(tmp_path):
-    spec = batched(Archer).describe({})
+    spec = batched(Archer).describe({"observation": "state"})
     spec.parameters_per_episode = False
     with pytest.raises(ConfigError, match=r"parameters.size: archer: its parameters cannot be drawn per episode"):
         check_fit(config(tmp_path, "game: archer", "parameters.size={uniform: [1, 2]}"), spec)
     lessons = config(tmp_path, "game: orchard", "curriculum=[{parameters: {apple: 1}}]")
     with pytest.raises(ConfigError, match=r"curriculum.0.parameters.apple: .*cannot be drawn"):
-        check_fit(lessons, batched(Orchard).describe({}))
+        check_fit(lessons, batched(Orchard).describe({"observation": "state"}))
 
 
 @pytest.mark.parametrize(

@@ -231,7 +231,7 @@ def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, 
 
 
 def test_a_game_whose_name_looks_like_an_option_is_written_as_a_file(folder, monkeypatch):
-    described = load_game(BUILT_IN["orchard"]).describe({})
+    described = load_game(BUILT_IN["orchard"]).describe({"observation": "state"})
     described.name = "-rf"
     monkeypatch.setattr(starter, "describe_one", lambda address, game: described)
     said = starter.write_config("127.0.0.1:1", None, folder)

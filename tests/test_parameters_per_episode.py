@@ -83,7 +83,7 @@ GAMES: dict[str, tuple[type[BatchedGame], dict[str, str], str]] = {
     "shooting_birds": (ShootingBirds, choose_options(ShootingBirds.options, AXES, "shooting_birds"), "bird_speed"),
     "beastly_rivals": (BeastlyRivals, choose_options(BeastlyRivals.options, AXES, "beastly_rivals"), "beast_speed"),
     "beastly_rivals_full": (BeastlyRivalsFull, {**MATCH, "pauses": "short"}, "ball_speed"),
-    "archer": (batched(Archer), {}, "size"),
+    "archer": (batched(Archer), {"observation": "state"}, "size"),
 }
 
 
