@@ -139,7 +139,7 @@ def test_an_update_moves_nothing_of_a_part_that_never_counted(layout, autograd):
             policy.act(shown(), acts)
         acts[0].choices[:] = CHOICES[0]  # whatever they chose, this is what the device was given
         for policy in policies:
-            policy.note_choices(acts)
+            policy.note(acts)
             policy.store(shown())
     for policy in policies:
         before = policy.actor.state()

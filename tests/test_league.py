@@ -136,7 +136,10 @@ def test_results_count_every_meeting_of_the_learner_and_fade(simulator):
     assert league.row()["ahead"] < 0.01
 
 
-REMEMBERS = {"policy": {**SMALL.model_dump(), "memory": {"kind": "gru", "size": 4}}, "total_timesteps": 900}
+REMEMBERS = {
+    "policy": {**SMALL.model_dump(), "remember_acts": 2, "memory": {"kind": "gru", "size": 4}},
+    "total_timesteps": 900,
+}
 SCRIPTED = {"opponents": {**PAST.model_dump(), "shares": {"past": 1, "script:patient": 1, "script:flee": 1}}}
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import make_acts
 from joybridge.play.playing import PlaySpec, open_play
@@ -196,9 +196,8 @@ def test_demonstrations_are_cloned_with_what_the_network_remembers_of_their_epis
 
 
 def test_a_run_with_memory_that_is_cut_off_and_resumed_ends_in_the_same_bits(simulator, tmp_path):
-    config = remembering("gru", game="shooting_birds", frame_stack=1).model_copy(
-        update={"total_timesteps": 480, "log_interval": 160, "pipeline_groups": 2}
-    )
+    late = {"total_timesteps": 480, "log_interval": 160, "pipeline_groups": 2, "hand": HandConfig(delay=3)}
+    config = remembering("gru", game="shooting_birds", frame_stack=1, remember_acts=2).model_copy(update=late)
     once, twice = tmp_path / "once", tmp_path / "twice"
     train(config, once, [simulator], resume=False)
     train(config.model_copy(update={"stop_at": 160}), twice, [simulator], resume=False)

@@ -49,10 +49,21 @@ def test_a_configuration_of_ml_agents_becomes_one_of_ours(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("theirs", "size", "length"),
+    [("{memory_size: 256, sequence_length: 32}", 128, 32), ("{memory_size: 8}", 4, 64), ("{}", 64, 64)],
+)
+def test_a_memory_of_ml_agents_becomes_an_lstm_of_half_its_size(theirs, size, length, tmp_path):
+    memory = train_with(THEIRS.replace("memory: null", f"memory: {theirs}"), tmp_path).policy.memory
+    assert (memory.kind, memory.size, memory.length) == ("lstm", size, length)
+    assert train_with(THEIRS, tmp_path).policy.memory.kind == "none"
+
+
+@pytest.mark.parametrize(
     ("old", "new", "text"),
     [
         ("trainer_type: ppo", "trainer_type: sac", "behaviors.hunter.trainer_type: got 'sac'; Joybridge has PPO only"),
-        ("memory: null", "memory: {memory_size: 8}", "memory.memory_size: got 8; networks have no memory"),
+        ("memory: null", "memory: {memory_size: 9}", "memory.memory_size: got 9, expected an even number"),
+        ("memory: null", "memory: {size: 8}", "memory.size: got 8; PPO of ML-Agents 1.1.0 has no such key"),
         ("normalize: true", "normalize: maybe", "network_settings.normalize: got 'maybe', expected one of False, True"),
         ("memory: null", "vis_encode_type: match3", "vis_encode_type: got 'match3', expected one of None"),
         ("summary_freq", "sumary_freq", "sumary_freq: got 10000; PPO of ML-Agents 1.1.0 has no such key"),

@@ -47,7 +47,7 @@ def full_agents(game: str, options: dict[str, str], config: Config, accelerator:
         for policy in policies:
             policy.act(steps, acts)
         for policy in policies:
-            policy.note_choices(acts)
+            policy.note(acts)
         request = pb.PlayRequest(act=pb.Act(behaviors=[pack_act(act) for act in acts]))
         steps = unpack(session.answer(request).step)
         for policy in policies:

@@ -112,6 +112,9 @@ class PolicyConfig(Checked):
     )
     shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
     frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
+    remember_acts: int = Field(
+        0, ge=0, le=1000, description="last actions and rewards that it sees beside the sensors, oldest first"
+    )
     hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
     )

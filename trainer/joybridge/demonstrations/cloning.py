@@ -128,6 +128,7 @@ def _decisions(actor: Actor, numbered: Numbered, begun: Iterator[int]) -> Iterat
     numbers, sources = FrameStack(len(ends), actor.encoder.size, frames), FrameStack(len(ends), 1, frames, np.int64)
     numbers.begin(actor.see(stretch.steps[0][index].observations).numbers)
     sources.begin(numbered.numbers(0))
+    past = np.zeros((len(ends), actor.past.size), np.float32)
     episodes = np.array([next(begun) for _ in ends])
     for number, act in enumerate(stretch.acts):
         lanes = stretch.demonstrated(number, index) & (number <= ends)
@@ -135,8 +136,11 @@ def _decisions(actor: Actor, numbered: Numbered, begun: Iterator[int]) -> Iterat
             masks = stretch.steps[number][index].masks
             own = None if masks is None else [mask[lanes] for mask in masks]
             done = ActArrays(act[index].axes[lanes], act[index].choices[lanes])
-            yield _Shown(numbers.now[lanes], sources.now[lanes], episodes[lanes], done, own)
+            seen = np.concatenate([past[lanes], numbers.now[lanes]], axis=1)
+            yield _Shown(seen, sources.now[lanes], episodes[lanes], done, own)
+        past = actor.past.note(past, act[index], stretch.steps[number][index].deciding)
         after = stretch.steps[number + 1][index]
+        actor.past.settle(past, actor.encoder.rewards(after), after)
         numbers.push(actor.see(after.observations).numbers, after)
         sources.push(numbered.numbers(number + 1), after)
         episodes[after.ended] = [next(begun) for _ in after.ended]

@@ -49,7 +49,8 @@ BEHAVIOR = {
     "network_settings.hidden_units": Key(128, "policy.hidden_sizes"),
     "network_settings.num_layers": Key(2, "policy.hidden_sizes"),
     "network_settings.vis_encode_type": Key(None, "policy.image_encoder"),
-    "network_settings.memory": Key(None, instead="networks have no memory here; set policy.frame_stack"),
+    "network_settings.memory.memory_size": Key(None, "policy.memory.size"),
+    "network_settings.memory.sequence_length": Key(None, "policy.memory.length"),
     "network_settings.goal_conditioning_type": Key("hyper", instead="a goal is a sensor as any other here"),
     "network_settings.deterministic": Key(False, instead="use `joybridge evaluate RUN --deterministic`"),
     "reward_signals.extrinsic.gamma": Key(0.99, "policy.gamma"),
@@ -63,7 +64,9 @@ VALUES: dict[str, dict[Any, str]] = {  # ours, where they have other names
     "network_settings.normalize": {False: "none", True: "running"},
     "network_settings.vis_encode_type": {None: "none", "simple": "simple", "nature_cnn": "nature", "resnet": "impala"},
 }
+REMEMBERED = ("network_settings.memory.memory_size", "network_settings.memory.sequence_length")
 SCHEDULES = ("hyperparameters.beta_schedule", "hyperparameters.epsilon_schedule")  # by default that of learning_rate
+MEMORY = {"memory_size": 128, "sequence_length": 64}  # defaults of a memory, which the file has to ask for
 SIZES = ("network_settings.num_layers", "network_settings.hidden_units")
 RUN = {
     "env_settings.num_areas": Key(1, "arenas"),
@@ -95,6 +98,9 @@ def translate(data: Mapping[str, Any], behavior: str, arenas: Any) -> dict[str, 
         known = ", ".join(map(str, behaviors)) or "none"
         raise ConfigError(f"--behavior {behavior}: the file has no such behavior under `behaviors`; it has {known}")
     own = merge(shared, behaviors.get(behavior) or {})
+    remembers = isinstance(network := own.get("network_settings"), Mapping) and network.get("memory") is not None
+    if remembers:
+        own = merge({"network_settings": {"memory": MEMORY}}, own)
     parameters = data.pop("environment_parameters", None) or {}
     theirs = _read(own, BEHAVIOR, f"behaviors.{behavior}.")
     run = _read(data, RUN, "")
@@ -102,7 +108,7 @@ def translate(data: Mapping[str, Any], behavior: str, arenas: Any) -> dict[str, 
     if not isinstance(arenas, int) or arenas < 1:
         arenas = areas if areas > 1 else ARENAS
     ours: dict[str, Any] = {"arenas": arenas, **settings(parameters, behavior), "policy": {"frame_stack": 1}}
-    simple = {key: _value(key, value) for key, value in theirs.items() if key not in SIZES}
+    simple = {key: _value(key, value) for key, value in theirs.items() if key not in (*SIZES, *REMEMBERED)}
     for key in SCHEDULES:
         simple[key] = simple[key] or simple["hyperparameters.learning_rate_schedule"]
     simple |= {key: run[key] for key in ("env_settings.seed", "torch_settings.device") if run[key] not in (-1, None)}
@@ -110,6 +116,8 @@ def translate(data: Mapping[str, Any], behavior: str, arenas: Any) -> dict[str, 
     simple["hyperparameters.buffer_size"] = ceil(_number(theirs, "hyperparameters.buffer_size") / arenas)
     for key, value in simple.items():
         ours = merge(ours, _nested((BEHAVIOR | RUN)[key].ours, value))
+    if remembers:
+        ours = merge(ours, {"policy": {"memory": _memory(*(_number(theirs, key) for key in REMEMBERED))}})
     layers, units = (_number(theirs, key) for key in SIZES)
     return merge(ours, _nested("policy.hidden_sizes", [units] * layers))
 
@@ -160,6 +168,13 @@ def _value(key: str, value: Any) -> Any:
     if isinstance(value, list) or value not in VALUES[key]:
         raise ConfigError(f"{key}: got {value!r}, expected one of {', '.join(map(str, VALUES[key]))}")
     return VALUES[key][value]
+
+
+def _memory(size: int, length: int) -> dict[str, Any]:
+    """Return our memory. Half of their size is what an LSTM says, the other half its cells. Raises ConfigError."""
+    if size % 2:
+        raise ConfigError(f"{REMEMBERED[0]}: got {size}, expected an even number, as ML-Agents does")
+    return {"kind": "lstm", "size": size // 2, "length": length}
 
 
 def _nested(key: str, value: Any) -> dict[str, Any]:

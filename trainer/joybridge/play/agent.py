@@ -40,18 +40,24 @@ class Agent:
         self._new = True
 
     def act(
-        self, observation: Mapping[str, Any], masks: Mapping[str, Sequence[bool]] | None = None
+        self,
+        observation: Mapping[str, Any],
+        masks: Mapping[str, Sequence[bool]] | None = None,
+        rewards: Mapping[str, float] | None = None,
     ) -> dict[str, float | int]:
         """Return what to do now: a float for each axis and an int for each branch, by name, as `Game.step` takes them.
 
         observation: the value of each sensor, by name, in the shape of the spec. masks: the allowed choices of
-        branches, by name; those that are left out allow all. Call this for every decision of the agent, in order, since
-        policies remember what they saw. Raises TensorError for an observation or a mask that the spec does not have.
+        branches, by name; those that are left out allow all. rewards: what channels gave since the last decision, by
+        name; those that are left out gave 0; only policies with `remember_acts` use them. Call this for every decision
+        of the agent, in order, since policies remember what they saw. Raises TensorError for an observation, a mask or
+        a reward that the spec does not have.
         """
         device = self.behavior.device
         step = _zeros(self.behavior)
         step.observations = _observations(self.behavior, observation)
         step.masks = _masks(device, masks) if masks else None
+        step.rewards = _rewards(self.behavior, rewards or {})
         self._steps[self._index] = step
         if self._new:
             step.terminated[:], step.ended = True, np.zeros(1, np.int32)
@@ -114,6 +120,14 @@ def _masks(device: pb.Device, given: Mapping[str, Sequence[bool]]) -> list[Array
             raise TensorError(f"masks: {branch.name!r} allows none of its {count} choices, expected at least one")
         masks.append(mask)
     return masks
+
+
+def _rewards(behavior: pb.Behavior, given: Mapping[str, float]) -> Array:
+    """Return the rewards of all channels, float32 [1, channels]. Raises TensorError."""
+    names = [channel.name for channel in behavior.channels]
+    if unknown := [name for name in given if name not in names]:
+        raise TensorError(f"rewards: there is no channel {unknown[0]!r}, expected {', '.join(names)}")
+    return _array("rewards", [given.get(name, 0.0) for name in names], np.dtype(np.float32), [len(names)])
 
 
 def _array(what: str, value: Any, dtype: Any, shape: Sequence[int]) -> Array:

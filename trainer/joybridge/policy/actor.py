@@ -15,6 +15,7 @@ from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.policy.fit import misfits
+from joybridge.policy.past_acts import PastActs
 from joybridge.policy.scaling import make_scaling
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide
@@ -64,7 +65,8 @@ class Actor:
         self.branches, self.gaussians = role.layout.names(behavior.device)
         space = role.layout.space
         shared = config.shared_body if config.shared_body is not None else space.continuous == 0
-        self.observation_size = self.encoder.size * config.frame_stack
+        self.past = PastActs(behavior.device, config.remember_acts)
+        self.observation_size = self.past.size + self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
         check_maps(role.name, [form for _, form in space.maps], pictures)
@@ -72,6 +74,8 @@ class Actor:
         encoders: list[ImageEncoder | OwnEncoder] = []
         if config.network and space.maps:
             raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
+        if config.network and config.remember_acts:
+            raise ConfigError(f"network: {config.network} sees sensors alone; set remember_acts to 0")
         if config.network:
             encoders += [
                 OwnEncoder(config.network, self.encoder.numbers, self.encoder.images, config.frame_stack, seed + index)

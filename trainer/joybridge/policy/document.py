@@ -71,6 +71,11 @@ def _policy(actor: Actor) -> Document:
             f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
             "such as squashed, hybrid or bucket-11"
         )
+    if actor.past.size:
+        raise ExportError(
+            f"{actor.name}: policies that see their last actions cannot be exported; train it with "
+            "policy.remember_acts=0 and policy.memory, or play it with joybridge.play.agent"
+        )
     hidden = [
         {"weight": state[f"actor.hidden.{index}.weight"], "bias": state[f"actor.hidden.{index}.bias"]}
         for index in range(len(actor.config.hidden_sizes))

@@ -23,17 +23,22 @@ class Player:
         self.lanes = lanes
         self.rng = np.random.default_rng([seed, actor.seed])
         self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
+        self._past = np.zeros((lanes, actor.past.size), np.float32)
         size = actor.network.state_size
         self._memory = np.zeros((lanes, size), np.float32) if size else None
 
     @property
     def observations(self) -> Observation:
         """What the policy observes and remembers now."""
-        return self._stack.now._replace(memory=self._memory)
+        seen = self._stack.now
+        if not self.actor.past.size:
+            return seen._replace(memory=self._memory)
+        return seen._replace(numbers=np.concatenate([self._past, seen.numbers], axis=1), memory=self._memory)
 
     def begin(self, step: StepArrays) -> None:
         """Take the first observations of new episodes."""
         self._stack.begin(self.actor.see(step.observations))
+        self._past[:] = 0.0
         if self._memory is not None:
             self._memory[:] = 0.0
 
@@ -58,13 +63,25 @@ class Player:
         if self._memory is not None:
             self._memory[where] = acted.memory
 
+    def note(self, step: StepArrays, act: ActArrays, held: Array | None = None) -> None:
+        """Take what all who play chose for the devices, in some lanes or in all."""
+        where = slice(None) if held is None else held
+        chosen, deciding = ActArrays(act.axes[where], act.choices[where]), step.deciding
+        self._past[where] = self.actor.past.note(
+            self._past[where], chosen, None if deciding is None else deciding[where]
+        )
+
     def store(self, step: StepArrays, held: Array | None = None) -> Array:
         """Take what followed the action, in some lanes or in all; return the rewards of these lanes."""
         mine = step if held is None else rows_of(step, held)
         self._stack.push(self.actor.see(mine.observations), mine, held)
         if self._memory is not None:
             self._memory[mine.ended if held is None else held[mine.ended]] = 0.0
-        return self.actor.encoder.rewards(mine)
+        rewards, where = self.actor.encoder.rewards(mine), slice(None) if held is None else held
+        past = self._past[where]
+        self.actor.past.settle(past, rewards, mine)
+        self._past[where] = past
+        return rewards
 
     def state(self, held: Array) -> dict[str, Array]:
         """Return copies of what it remembers of some lanes, for a checkpoint."""
@@ -78,6 +95,7 @@ class Player:
         """Take back what `state` returned."""
         images = select(state, "images.")
         pictures = tuple(images[str(index)] for index in range(len(images)))
-        self._stack.load(Observation(state["numbers"], pictures), held)
+        self._past[held], numbers = np.split(state["numbers"], [self._past.shape[1]], axis=1)
+        self._stack.load(Observation(numbers, pictures), held)
         if self._memory is not None:
             self._memory[held] = state["memory"]

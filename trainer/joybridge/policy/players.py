@@ -51,6 +51,8 @@ class Players:
         for player in self.players:
             behavior = player.actor.behavior
             player.act(steps[behavior], self._acts[behavior])
+        for player in self.players:
+            player.note(steps[player.actor.behavior], self._acts[player.actor.behavior])
         if self._others:
             self._others.act(steps, self._acts)
         for hand, step, act in zip(self._hands, steps, self._acts, strict=False):  # there may be no hands

@@ -111,10 +111,15 @@ class Policy:
         self._acted[group] = acted
         actor.layout.write(acted.action.continuous, acted.action.discrete, acts[actor.behavior], step.masks)
 
-    def note_choices(self, acts: Sequence[ActArrays], group: int = 0) -> None:
-        """Store which parts of the action count with what all policies chose for the device, if not all always do."""
+    def note(self, acts: Sequence[ActArrays], group: int = 0) -> None:
+        """Take what all policies chose for the device: it becomes a past act, and says which parts of actions count."""
+        act, past, rollout = acts[self.actor.behavior], self.actor.past, self.rollout
+        if past.size:
+            t, lanes = rollout.rows[group], rollout.groups[group]
+            now, after = rollout.observations[t : t + 2, lanes, : past.size]
+            after[:] = past.note(now, act, rollout.deciding[t, lanes])
         if self.conditions is not None:
-            self.rollout.store_counts(self.conditions[group].counts(acts[self.actor.behavior].choices), group)
+            rollout.store_counts(self.conditions[group].counts(act.choices), group)
 
     def store(self, steps: Sequence[StepArrays], group: int = 0, played: Sequence[Array] | None = None) -> None:
         """Store what followed the action: in the rollout, and episodes that ended in `episodes`.
@@ -124,7 +129,8 @@ class Policy:
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
         seen, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
         t, lanes = rollout.rows[group], rollout.groups[group]
-        now, after = rollout.observations[t : t + 2, lanes]
+        remembered = actor.past.settle(rollout.observations[t + 1, lanes, : actor.past.size], rewards, step)
+        now, after = rollout.observations[t : t + 2, lanes, actor.past.size :]
         if step.truncated.any() and step.final_observations is not None:
             last, before = actor.see(step.final_observations), rollout.observation(t, lanes).images
             stacks = (
@@ -132,9 +138,9 @@ class Policy:
                 for stack, pictures in zip(before, last.images, strict=True)
             )
             memory = self._acted[group].memory
-            remembered = None if memory is None else memory[step.ended]
-            numbers = final_observations(now, last.numbers, step)
-            final_values = actor.values(Observation(numbers, tuple(stacks), remembered))
+            state = None if memory is None else memory[step.ended]
+            numbers = np.concatenate([remembered, final_observations(now, last.numbers, step)], axis=1)
+            final_values = actor.values(Observation(numbers, tuple(stacks), state))
         push_frames(now, seen.numbers, step, after)
         for history, pictures in zip(rollout.histories, seen.images, strict=True):
             sources, next_sources, new = history.push(t, lanes, pictures)

@@ -71,6 +71,7 @@ class Table:
         """Write what the players do into their lanes of `acts`. Samples depend on the seed and the decision alone."""
         for act in acts:
             act.scripts = None  # those who had them may have left their seats
+        acted: list[tuple[Player, Array]] = []
         for holder, player in self._seated():
             behavior, held = player.behavior, self._held(holder, player)
             if (deciding := steps[behavior].deciding) is not None:
@@ -79,6 +80,10 @@ class Table:
                 counter = [0, player.seed, holder, self._decisions]
                 player.rng = np.random.Generator(np.random.Philox(key=self._key, counter=counter))
                 player.act(steps[behavior], acts[behavior], held)
+                if isinstance(player, Player):
+                    acted.append((player, held))
+        for player, held in acted:  # when all parts of the device are chosen
+            player.note(steps[player.behavior], acts[player.behavior], held)
         self._decisions += 1
 
     def sit(self, steps: Sequence[StepArrays]) -> None:
