@@ -266,16 +266,7 @@ def bench_learner() -> Figures:
             )
             for name, network in zip(ways, networks, strict=True)
         }
-        batch = Batch(
-            Observations(torch.randn(rows, inputs)),
-            torch.zeros(rows, 0),
-            torch.zeros(rows, 3, dtype=torch.long),
-            None,
-            torch.full((rows,), -5.9),
-            torch.randn(rows),
-            torch.randn(rows),
-            torch.randn(rows),
-        )
+        batch = random_batch(Observations(torch.randn(rows, inputs)), rows)
 
         for name, learner in learners.items():
 
@@ -302,16 +293,10 @@ def bench_learner() -> Figures:
     return figures | _image_learner(layout.space)
 
 
-def _image_learner(space: ActionSpace) -> Figures:
-    """Sample passes per second of an update from two images of 32 x 32, and of the bare passes of its network."""
-    rows, minibatch, images, rng = 3072, 1024, [Image(32, 32, 1)] * 2, np.random.default_rng(0)
-    network = Network(0, space, Towers([128, 128], True, "relu"), 0, [ImageEncoder("auto", images, 0, 1, "relu")])
-    names = [str(branch) for branch in range(len(space.branches))]
-    learner = Learner("player", network, branches=names, gaussians=[], autograd=False)
-    bytes_of_all = [rng.integers(0, 256, (rows, 1, *image.shape), np.uint8) for image in images]
-    windows = tuple(Window(each, np.arange(rows)[:, None], np.zeros(rows, np.int64)) for each in bytes_of_all)
-    batch = Batch(
-        Observations(torch.zeros(rows, 0), windows),
+def random_batch(observations: Observations, rows: int) -> Batch:
+    """Return a minibatch of random advantages and values under three branches."""
+    return Batch(
+        observations,
         torch.zeros(rows, 0),
         torch.zeros(rows, 3, dtype=torch.long),
         None,
@@ -320,6 +305,17 @@ def _image_learner(space: ActionSpace) -> Figures:
         torch.randn(rows),
         torch.randn(rows),
     )
+
+
+def _image_learner(space: ActionSpace) -> Figures:
+    """Sample passes per second of an update from two images of 32 x 32, and of the bare passes of its network."""
+    rows, minibatch, images, rng = 3072, 1024, [Image(32, 32, 1)] * 2, np.random.default_rng(0)
+    network = Network(0, space, Towers([128, 128], True, "relu"), 0, [ImageEncoder("auto", images, 0, 1, "relu")])
+    names = [str(branch) for branch in range(len(space.branches))]
+    learner = Learner("player", network, branches=names, gaussians=[], autograd=False)
+    bytes_of_all = [rng.integers(0, 256, (rows, 1, *image.shape), np.uint8) for image in images]
+    windows = tuple(Window(each, np.arange(rows)[:, None], np.zeros(rows, np.int64)) for each in bytes_of_all)
+    batch = random_batch(Observations(torch.zeros(rows, 0), windows), rows)
     seen = batch.observations.index_select(0, torch.arange(minibatch))
 
     def update() -> float:
