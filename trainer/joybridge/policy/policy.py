@@ -81,6 +81,7 @@ class Policy:
             self.conditions = [lineup.conditions(actor.layout, kinds[lanes]) for lanes in groups]
         elif self.config.only_with and (conditions := Conditions(actor.layout, behavior.device)):
             self.conditions = [conditions] * len(groups)
+        self.notes_acts = self.conditions is not None or actor.past.size > 0
         self.returns = ReturnScale(self.lanes, self.config.gamma, kinds) if self.config.scale_rewards else None
         games = ([*lineup.games], kinds) if lineup and kinds is not None else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn, games)
@@ -129,7 +130,8 @@ class Policy:
         actor, step, rollout = self.actor, steps[self.actor.behavior], self.rollout
         seen, rewards, final_values = self._watch(step), actor.encoder.rewards(step), None
         t, lanes = rollout.rows[group], rollout.groups[group]
-        remembered = actor.past.settle(rollout.observations[t + 1, lanes, : actor.past.size], rewards, step)
+        past = rollout.observations[t + 1, lanes, : actor.past.size]
+        remembered = actor.past.settle(past, rewards, step) if actor.past.size else past[step.ended]
         now, after = rollout.observations[t : t + 2, lanes, actor.past.size :]
         if step.truncated.any() and step.final_observations is not None:
             last, before = actor.see(step.final_observations), rollout.observation(t, lanes).images

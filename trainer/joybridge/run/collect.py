@@ -85,7 +85,8 @@ def collect(groups: Sequence[Group], policies: Sequence[Policy], profiler: Profi
                     for policy in policies:
                         policy.act(group.steps, group.acts, group.index)
                     for policy in policies:
-                        policy.note(group.acts, group.index)
+                        if policy.notes_acts:
+                            policy.note(group.acts, group.index)
                     if group.opponents:
                         group.opponents.act(group.session.steps, group.acts)
                     for hand, now, act in zip(group.hands, group.session.steps, group.acts, strict=False):
