@@ -132,10 +132,10 @@ def test_names_that_mean_something_to_javascript_or_are_hard_to_tell_are_refused
 
 
 def test_a_client_that_needs_a_newer_revision_is_refused_with_both_versions_and_the_fix(address):
-    code, details = refused(address, start("meteors", version=pb.Version(product="joybridge 9.1", revision=2)))
+    code, details = refused(address, start("meteors", version=pb.Version(product="joybridge 9.1", revision=3)))
     assert code == grpc.StatusCode.FAILED_PRECONDITION
     assert details == (
-        "the client (joybridge 9.1) needs contract revision 2, the simulator (meteors 0.1.0) has revision 1; "
+        "the client (joybridge 9.1) needs contract revision 3, the simulator (meteors 0.1.0) has revision 2; "
         "update the simulator, or use a client of its version"
     )
 
