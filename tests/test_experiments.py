@@ -401,7 +401,7 @@ def test_finished_runs_of_a_folder_are_packed_into_the_table_of_a_study(whole, t
         }
     shutil.copytree(folder / "survive-s0", tmp_path / "runs" / "longer-s0")
     config = tmp_path / "runs/longer-s0/config.yaml"
-    config.write_text(config.read_text().replace("stop: 6000", "stop: 9000"))
+    config.write_text(config.read_text().replace("stop_at: 6000", "stop_at: 9000"))
     assert pack_results.main([str(tmp_path / "runs"), str(study)]) == 1
     assert "longer-s0: it has 6,000 of 9,000 timesteps; resume it first" in capsys.readouterr().err
 
