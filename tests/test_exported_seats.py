@@ -98,6 +98,8 @@ def test_an_exported_policy_is_an_opponent_and_the_checkpoint_keeps_it(run, simu
         (lambda text: text.replace('"own"', '"mine"'), "the sensor mine is not the same"),
         (lambda text: text.replace('"a1"', '"z9"'), "and other choices or ranges"),
         (lambda text: json.dumps(json.loads(text) | {"policies": []}), "policy"),
+        (lambda text: json.dumps(json.loads(text) | {"game": 5}), "is no exported policy: ValidationError"),
+        (lambda text: text.replace('"axes"', '"ax"'), "is no exported policy"),
     ],
 )
 def test_a_file_that_does_not_fit_is_refused_in_a_sentence(change, message, run, simulator, tmp_path):

@@ -97,11 +97,11 @@ def _file_at_play(options: argparse.Namespace) -> Iterator[tuple[str, pb.GameSpe
     from joybridge.policy.exported import load_exported, read_exported, read_policy_file
 
     about, _ = read_exported(read_policy_file(options.policy), str(options.policy))
-    held = device_settings(*([each["name"] for each in about[kind]] for kind in ("axes", "branches")))
-    with simulator_process([window_place(options.program, (), about["game"], held)]) as address:
-        session = Session(address, about["game"], arenas=1, seed=options.seed, options=about["options"])
+    held = device_settings([axis.name for axis in about.axes], [branch.name for branch in about.branches])
+    with simulator_process([window_place(options.program, (), about.game, held)]) as address:
+        session = Session(address, about.game, arenas=1, seed=options.seed, options=about.options)
         with closing(session):
-            words = f"{options.policy}, after {about['timesteps']:,} timesteps"
+            words = f"{options.policy}, after {about.timesteps:,} timesteps"
             policy = load_exported(options.policy, session.spec)
             yield words, session.spec, play_file(policy, session, options.seed)
 

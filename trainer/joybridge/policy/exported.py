@@ -4,11 +4,12 @@ It needs onnxruntime, which computes the graph of an ONNX model and runs no code
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import onnxruntime as ort
+from pydantic import BaseModel
 
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays
@@ -22,6 +23,41 @@ from joybridge.v1 import bridge_pb2 as pb
 
 LARGEST_FILE = 1 << 28  # bytes
 NOISE = ("normal", "uniform")
+
+
+class SensorAbout(BaseModel):
+    """A sensor that a policy sees."""
+
+    name: str
+    dtype: str
+    shape: list[int]
+
+
+class AxisAbout(BaseModel):
+    """An axis that a policy moves."""
+
+    name: str
+    low: float
+    high: float
+
+
+class BranchAbout(BaseModel):
+    """A branch that a policy chooses in."""
+
+    name: str
+    choices: list[str]
+
+
+class About(BaseModel):
+    """What an exported policy says of itself: the parts of its document that are compared with a game."""
+
+    game: str
+    options: dict[str, str]
+    timesteps: int = 0  # that it was trained for, a remark
+    behavior: str
+    sensors: list[SensorAbout]
+    axes: list[AxisAbout]
+    branches: list[BranchAbout]
 
 
 class Model:
@@ -88,7 +124,7 @@ class Exported:
         about, self._model = read_exported(content, where)
         if problem := _misfit(about, spec):
             raise ConfigError(f"{where} does not fit {spec.name}: {problem}")
-        self.name = str(about["behavior"])
+        self.name = about.behavior
         self.behavior = [behavior.name for behavior in spec.behaviors].index(self.name)
         self._behavior = spec.behaviors[self.behavior]
         try:
@@ -192,8 +228,8 @@ def read_policy_file(path: Path) -> bytes:
         raise ConfigError(f"{path} cannot be read: {printable(str(error))}") from error
 
 
-def read_exported(content: bytes, where: str) -> tuple[Document, bytes]:
-    """Return what an exported policy says of itself, which is its document without the networks, and its ONNX model.
+def read_exported(content: bytes, where: str) -> tuple[About, bytes]:
+    """Return what an exported policy says of itself, and its ONNX model.
 
     content: of a policy.json or a policy.onnx. where: names it in errors. Raises ConfigError.
     """
@@ -203,9 +239,9 @@ def read_exported(content: bytes, where: str) -> tuple[Document, bytes]:
             _check_format(document, where)
             content = build_model(document).SerializeToString()
         check_operators(content)
-        about = json.loads(Model(content, pb.Behavior(), 0).about["joybridge"])
-        _check_format(about, where)
-        _misfit(about, pb.GameSpec(behaviors=[pb.Behavior(name=about["behavior"])]))  # it has what is compared later
+        document = json.loads(Model(content, pb.Behavior(), 0).about["joybridge"])
+        _check_format(document, where)
+        return About.model_validate(document), content
     except ConfigError:
         raise
     except Exception as error:  # whatever is wrong with a file, it is one sentence
@@ -213,31 +249,35 @@ def read_exported(content: bytes, where: str) -> tuple[Document, bytes]:
         raise ConfigError(
             f"{where} is no exported policy: {reason}; write one with `joybridge export RUN policy.json`"
         ) from error
-    return about, content
 
 
-def _check_format(about: Document, where: str) -> None:
-    if about["format"] != FORMAT:
-        form = printable(str(about["format"]))[:100]
+def _check_format(document: Document, where: str) -> None:
+    if document["format"] != FORMAT:
+        form = printable(str(document["format"]))[:100]
         raise ConfigError(f"{where} does not fit: its format is {form}, expected {FORMAT}; export it anew")
 
 
-def _misfit(about: Document, spec: pb.GameSpec) -> str:
-    """Return what about a policy does not fit a game, "" if it fits. about: the document without `policies`."""
+def _misfit(about: About, spec: pb.GameSpec) -> str:
+    """Return what about a policy does not fit a game, "" if it fits."""
     behaviors = {behavior.name: behavior for behavior in spec.behaviors}
-    if (name := str(about["behavior"])) not in behaviors:
-        return f"it plays {printable(name)[:100]}, and the game has {', '.join(behaviors)}"
-    behavior = behaviors[name]
+    if about.behavior not in behaviors:
+        return f"it plays {printable(about.behavior)[:100]}, and the game has {', '.join(behaviors)}"
+    behavior = behaviors[about.behavior]
     sensors = {one.name: (NUMPY_TYPES[one.dtype].name, list(one.shape)) for one in behavior.sensors}
-    for sensor in about["sensors"]:
-        if sensors.get(sensor["name"]) != (sensor["dtype"], list(sensor["shape"])):
-            return f"the sensor {printable(str(sensor['name']))[:100]} is not the same"
-    axes = [{"name": axis.name, "low": axis.low, "high": axis.high} for axis in behavior.device.axes]
-    branches = [{"name": branch.name, "choices": list(branch.choices)} for branch in behavior.device.branches]
-    for kind, ours in (("axes", axes), ("branches", branches)):
-        if (wanted := about[kind]) != ours:
-            names, trained = ([str(each["name"]) for each in several] for several in (ours, wanted))
-            return printable(f"it has the {kind} {names}, the policy was trained with {trained}")[:400] + (
-                "" if names != trained else " and other choices or ranges"
-            )
-    return ""
+    for sensor in about.sensors:
+        if sensors.get(sensor.name) != (sensor.dtype, sensor.shape):
+            return f"the sensor {printable(sensor.name)[:100]} is not the same"
+    axes = [AxisAbout(name=axis.name, low=axis.low, high=axis.high) for axis in behavior.device.axes]
+    branches = [BranchAbout(name=branch.name, choices=list(branch.choices)) for branch in behavior.device.branches]
+    return _device_misfit("axes", axes, about.axes) or _device_misfit("branches", branches, about.branches)
+
+
+def _device_misfit(
+    kind: str, ours: Sequence[AxisAbout | BranchAbout], trained: Sequence[AxisAbout | BranchAbout]
+) -> str:
+    """Return how parts of the game's device differ from those that a policy was trained with, "" if they do not."""
+    if ours == trained:
+        return ""
+    names, others = [part.name for part in ours], [part.name for part in trained]
+    differ = "" if names != others else " and other choices or ranges"
+    return printable(f"it has the {kind} {names}, the policy was trained with {others}")[:400] + differ
