@@ -37,6 +37,18 @@ def test_a_pointer_and_buttons_are_found_by_what_the_games_call_them():
     assert common.games["chimp"].axes == [1, 0]
 
 
+def test_axes_that_point_left_or_down_are_turned_around():
+    below = device("cursor_x", "cursor_y")
+    below.axes[1].way = pb.WAY_DOWN
+    games = {"marble": MARBLE, "paint": below}
+    common = common_device(games, {})
+    assert list(common.lines(games)) == [
+        "x = marble: tilt_x, paint: cursor_x",
+        "y = marble: tilt_y, paint: -cursor_y",
+    ]
+    assert [placed.signs for placed in common.games.values()] == [[1, 1], [1, -1]]
+
+
 def test_what_is_written_by_hand_goes_before_the_names():
     games = {"shooter": SHOOTER, "other": device("turn", walk=["left", "right"], fire=BUTTON)}
     common = common_device(games, {"trigger": ["shoot", "other.fire"]})

@@ -7,24 +7,19 @@ Parts of different games that do the same become one part of the common device:
     button1, …    branches of two choices, in the order of the game: its main button first
     other names   an angle and a speed, and branches of more than two choices, with parts of the same name and choices
 
-What is written by hand goes before these rules. Axes of the common device reach from -1 to 1. A game that lacks a part
-does not use it. This module is pure: it knows devices, and no session.
+What is written by hand goes before these rules. Axes of the common device reach from -1 to 1, to the right and upwards:
+those that say that their way is left or down are turned around. A game that lacks a part does not use it. This module
+is pure: it knows devices, and no session.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from joybridge.config.errors import ConfigError
 from joybridge.layouts.device_names import pair_axes
 from joybridge.v1 import bridge_pb2 as pb
 
-
-class Part(Protocol):
-    """An axis or a branch."""
-
-    @property
-    def name(self) -> str:
-        """What it is called."""
+BACKWARDS = (pb.WAY_LEFT, pb.WAY_DOWN)
 
 
 class Placed(NamedTuple):
@@ -32,6 +27,7 @@ class Placed(NamedTuple):
 
     axes: list[int]
     branches: list[int]
+    signs: list[int]  # of each axis: -1 if its largest value is on the left or below
 
 
 class Common(NamedTuple):
@@ -56,18 +52,18 @@ class Common(NamedTuple):
     def lines(self, devices: Mapping[str, pb.Device]) -> Iterator[str]:
         """Yield a line for each part: what it is called in each game; games that do not use it are left out."""
         for index, axis in enumerate(self.device.axes):
-            uses = [(game, *self._of(self.games[game].axes, device.axes, index)) for game, device in devices.items()]
-            yield f"{axis.name} = {_in_words(uses)}"
+            yield f"{axis.name} = {self._uses(devices, 'axes', index)}"
         for index, branch in enumerate(self.device.branches):
-            uses = [
-                (game, *self._of(self.games[game].branches, device.branches, index)) for game, device in devices.items()
-            ]
-            yield f"{branch.name} ({' | '.join(branch.choices)}) = {_in_words(uses)}"
+            yield f"{branch.name} ({' | '.join(branch.choices)}) = {self._uses(devices, 'branches', index)}"
 
-    @staticmethod
-    def _of(places: Sequence[int], parts: Sequence[Part], index: int) -> list[str]:
-        """Return the name of the part that lies at this index, as a list; an empty one if there is none."""
-        return [part.name for place, part in zip(places, parts, strict=True) if place == index]
+    def _uses(self, devices: Mapping[str, pb.Device], kind: str, index: int) -> str:
+        """Return which part of each game a part is; games without one are left out, a minus is before what turns."""
+        uses = []
+        for game, device in devices.items():
+            for place, part in zip(getattr(self.games[game], kind), getattr(device, kind), strict=True):
+                if place == index:
+                    uses.append(f"{game}: {'-' if kind == 'axes' and part.way in BACKWARDS else ''}{part.name}")
+        return ", ".join(uses)
 
 
 def common_device(devices: Mapping[str, pb.Device], by_hand: Mapping[str, Sequence[str]]) -> Common:
@@ -91,7 +87,11 @@ def common_device(devices: Mapping[str, pb.Device], by_hand: Mapping[str, Sequen
     if both := axes.keys() & branches.keys():
         raise ConfigError(f"common_device.{min(both)}: it stands for axes and for branches; name one kind of parts")
     places = {
-        game: Placed([[*axes].index(role) for role in of_axes], [[*branches].index(role) for role in of_branches])
+        game: Placed(
+            [[*axes].index(role) for role in of_axes],
+            [[*branches].index(role) for role in of_branches],
+            [-1 if axis.way in BACKWARDS else 1 for axis in devices[game].axes],
+        )
         for game, (of_axes, of_branches) in games.items()
     }
     return Common(pb.Device(axes=axes.values(), branches=branches.values()), places)
@@ -150,8 +150,3 @@ def _branch_roles(device: pb.Device, game: str, chosen: Mapping[tuple[str, str],
         else:
             roles.append(branch.name)
     return roles
-
-
-def _in_words(uses: Sequence[tuple[str, ...]]) -> str:
-    """Return which part of each game it is; games without one are left out."""
-    return ", ".join(f"{use[0]}: {use[1]}" for use in uses if len(use) > 1)

@@ -38,9 +38,10 @@ class GameTranslation:
         weights: of its reward channels. columns: of its metrics among the common ones.
         """
         self._view, self._weights = view, weights
-        self._axes, self._branches = placed
+        self._axes, self._branches, signs = placed
         low, high = (np.array([getattr(axis, end) for axis in own.device.axes], np.float32) for end in ("low", "high"))
-        self._middle, self._half, self._low, self._high = (low + high) / 2, (high - low) / 2, low, high
+        self._middle, self._half = (low + high) / 2, np.array(signs, np.float32) * (high - low) / 2
+        self._low, self._high = low, high
         self._first = [np.arange(len(branch.choices)) == 0 for branch in common.device.branches]  # all that is allowed
         self._sizes = [len(branch.choices) for branch in own.device.branches]
         used = dict(zip(self._branches, self._sizes, strict=True))
