@@ -158,14 +158,16 @@ def test_rewards_are_scaled_and_episodes_summed_up_for_each_game():
     assert "reward" not in episodes.summarize()  # which would be that of one game alone
 
 
-@pytest.mark.parametrize("layout", ["hybrid", "bucket-5"])
-def test_a_policy_plays_the_games_that_stay_as_before_when_others_join_and_leave(layout, simulator):
-    shared = {"layout": layout, "policy": {"frame_stack": 2, "hidden_sizes": [8]}, "tell_game": True}
+@pytest.mark.parametrize(("layout", "acts"), [("hybrid", 0), ("hybrid", 2), ("bucket-5", 0)])
+def test_a_policy_plays_the_games_that_stay_as_before_when_others_join_and_leave(layout, acts, simulator):
+    policy = {"frame_stack": 2, "hidden_sizes": [8], "remember_acts": acts}
+    shared = {"layout": layout, "policy": policy, "tell_game": True}
     marble: dict[str, dict[str, str]] = {"marble": {}}
     more = {"birds": {"game": "shooting_birds"}, "archer": {}, "other": {"game": "orchard"}} | marble
     played: list[tuple[np.ndarray, np.ndarray]] = []
     before: Actor | None = None
-    for games in (marble | {"archer": {}}, more, marble):
+    some = marble | {"archer": {}}
+    for games in (some, more) if acts else (some, more, marble):  # of past acts, parts that leave were seen, too
         lineup = make_lineup(simulator, make_config(shared | {"games": games}))
         (actor,) = make_actors(make_config(shared | {"games": games}), lineup.spec)
         if before:
@@ -176,12 +178,14 @@ def test_a_policy_plays_the_games_that_stay_as_before_when_others_join_and_leave
         rng = np.random.default_rng(2)
         numbers = [rng.normal(size=(5, 2)).astype(np.float32) for _ in range(6)]
         frames = [actor.see(lineup.views["marble"].see(numbers[i : i + 3])).numbers for i in (0, 3)]
-        seen = Observation(np.concatenate(frames, axis=1), ())
-        noise = Noise(np.zeros((5, actor.layout.space.continuous), np.float32), np.zeros((5, 9), np.float32))
         (act,) = make_acts(lineup.spec, 5)
+        axes = [axis.name for axis in lineup.common.device.axes]
+        act.axes[:, [axes.index("x"), axes.index("y")]] = rng.uniform(-1, 1, (5, 2))
+        past = actor.past.note(np.zeros((5, actor.past.size), np.float32), act, None)
+        seen = Observation(np.concatenate([past, *frames], axis=1), ())
+        noise = Noise(np.zeros((5, actor.layout.space.continuous), np.float32), np.zeros((5, 9), np.float32))
         acted = actor.act(seen, None, noise, deterministic=True)
         actor.layout.write(acted.action.continuous, acted.action.discrete, act)
-        axes = [axis.name for axis in lineup.common.device.axes]
         played.append((act.axes[:, [axes.index("x"), axes.index("y")]], acted.values))
         before = actor
     assert np.ptp(played[0][0]) > 0.1

@@ -14,14 +14,19 @@ from joybridge.v1 import bridge_pb2 as pb
 
 
 class PastActs:
-    """How the last acts of a lane are written down. size: numbers of all of them, 0 if none is remembered."""
+    """How the last acts of a lane are written down.
+
+    keys: what each number is: of which act, 1 the last, and of which part. size: their count, 0 if none is remembered.
+    """
 
     def __init__(self, device: pb.Device, count: int) -> None:
         """Remember so many acts of a device."""
         self._low, self._high = (np.array([getattr(axis, end) for axis in device.axes]) for end in ("low", "high"))
         self._choices = [np.eye(len(branch.choices), dtype=np.float32) for branch in device.branches]
-        self._width = 1 + len(device.axes) + sum(len(branch.choices) for branch in device.branches) + 1
-        self.size = count * self._width
+        choices = [(branch.name, choice) for branch in device.branches for choice in branch.choices]
+        parts = ["there", *(("axis", axis.name) for axis in device.axes), *choices, "reward"]
+        self.keys = [(act, part) for act in range(count, 0, -1) for part in parts]
+        self._width, self.size = len(parts), len(self.keys)
 
     def note(self, past: Array, act: ActArrays, deciding: Array | None) -> Array:
         """Return what lanes remember after an act whose reward is not known yet, [lanes, size].

@@ -1,7 +1,8 @@
 """The network of one set of games as that of another: what both see and control keeps its weights, by name.
 
 So a game can join a policy or leave it. What is new among the numbers that a policy sees has no weight at first, so it
-plays the games that stay as before; what is new among the parts of the device begins untrained.
+plays the games that stay as before; what is new among the parts of the device begins untrained. With `remember_acts`,
+it saw the parts that leave, too, so only joining changes nothing.
 """
 
 from collections.abc import Hashable, Sequence
@@ -45,13 +46,14 @@ def _placed(array: Array, into: Array, before: Sequence[Hashable], now: Sequence
 
 
 def _inputs(actor: Actor, columns: int) -> list[Hashable]:
-    """Return a key for each input of the first dense layer: numbers of each frame, then the features of images."""
+    """Return a key for each input of the first dense layer: past acts, numbers of each frame, features of images."""
     frame = [
         (sensor.name, sensor.elements[index] if sensor.elements else index)
         for sensor in actor.encoder.numbers
         for index in range(element_count(sensor))
     ]
-    keys: list[Hashable] = [(number, *key) for number in range(actor.config.frame_stack) for key in frame]
+    keys: list[Hashable] = [*actor.past.keys]
+    keys += [(number, *key) for number in range(actor.config.frame_stack) for key in frame]
     return [*keys, *range(columns - len(keys))]
 
 
