@@ -10,6 +10,7 @@ from joybridge.play.input_overlay import Inputs
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
+from joybridge.v1 import bridge_pb2 as pb
 
 FASTEST = 30.0  # frames per second; faster games are recorded every few decisions, at their own pace
 SLOWEST = 5.0  # for turn-based games
@@ -24,13 +25,10 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
     video_format(output)  # a wrong one is refused before anything is played
     with open_play(plays) as play:
         say(play.heading())
-        spec = play.spec
-        if not spec.HasField("picture"):
-            raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
-        pace = 1.0 / (spec.tick_seconds * spec.decision_interval) if spec.tick_seconds else SLOWEST
+        pace = pace_of(play.spec)
         every = math.ceil(pace / FASTEST)
         frames = round(seconds * pace / every)
-        view, overlay = play.view(), Inputs(spec) if inputs else None
+        view, overlay = play.view(), Inputs(play.spec) if inputs else None
         height = view.height + (overlay.height if overlay else 0)
         with VideoFile(output, view.width, height, pace / every) as video:
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
@@ -40,3 +38,10 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
                 if number % (100 * every) == 0:
                     say(f"{number // every} of {frames} frames")
     return frames
+
+
+def pace_of(spec: pb.GameSpec) -> float:
+    """Return how many decisions a second of a video shows. Raises ConfigError if the game cannot be drawn."""
+    if not spec.HasField("picture"):
+        raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
+    return 1.0 / (spec.tick_seconds * spec.decision_interval) if spec.tick_seconds else SLOWEST

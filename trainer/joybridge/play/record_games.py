@@ -9,10 +9,9 @@ from pathlib import Path
 import av
 import numpy as np
 
-from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import Array
 from joybridge.play.playing import Play, PlaySpec, open_play
-from joybridge.play.record import FASTEST, SLOWEST
+from joybridge.play.record import FASTEST, pace_of
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
 
@@ -45,11 +44,8 @@ def record_games(plays: PlaySpec, output: Path, *, games: Sequence[str], seconds
 
 def _pictures(play: Play) -> Iterator[Array]:
     """Yield the picture of a game for each frame of a video: that of its last decision until then."""
-    spec = play.spec
-    if not spec.HasField("picture"):
-        raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
-    pace = 1.0 / (spec.tick_seconds * spec.decision_interval) if spec.tick_seconds else SLOWEST
-    due, picture = 0.0, np.zeros((spec.picture.height, spec.picture.width, 3), np.uint8)
+    pace, size = pace_of(play.spec), play.spec.picture
+    due, picture = 0.0, np.zeros((size.height, size.width, 3), np.uint8)
     for decision in play.decisions(draw_every=1):
         picture = decision.pictures[0]
         due += FASTEST / pace  # frames until the next decision
