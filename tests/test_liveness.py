@@ -167,8 +167,8 @@ def test_a_signal_ends_a_server_whose_game_has_closed_standard_error():
         with Stream(process.address) as stream:
             stream.ask(start("hangs", options={"how": "stderr"}))
             stream.ask(press())
-        process.terminate()
-        assert process.wait(SECONDS) == 0
+            process.terminate()  # with an open session, so that the server logs what it ends
+            assert process.wait(SECONDS) == 0
 
 
 def test_a_signal_ends_a_server_even_if_its_event_loop_hangs():

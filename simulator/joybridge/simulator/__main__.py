@@ -43,6 +43,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
+    logging.raiseExceptions = False  # a game may have closed standard error, and then a log must not end the server
     try:
         if options.command == "new" and options.server:
             credentials = load_credentials(options.tls_ca, options.token_file)
