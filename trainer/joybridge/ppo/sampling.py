@@ -26,7 +26,8 @@ def sample_actions(
     if not network.distributions:
         means, log_variance = network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True)
     head = Head(means, log_variance, sizes)
-    action = sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic)
+    action = Action.empty(len(outputs), len(means), len(sizes))
+    sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic, action)
     if not network.distributions:
         return action
     normal = torch.from_numpy(np.zeros_like(noise.normal) if deterministic else noise.normal)
