@@ -114,11 +114,7 @@ class Actor:
         """
         if self._compiled is not None and not self.layout.space.distributions:
             allowed = NO_MASKS if masks is None else masks
-            rows, space = len(observations.numbers), self.layout.space
-            action = Action.empty(rows, space.continuous, len(space.branches))
-            values = np.empty(rows, np.float32)
-            decide(*self._compiled, observations.numbers, allowed, noise, deterministic, action, values)
-            return Acted(action, values)
+            return Acted(*decide(*self._compiled, observations.numbers, allowed, noise, deterministic))
         with torch.inference_mode():
             outputs, estimates, memory = self._heads(observations)
             action = sample_actions(self.network, outputs, masks, noise, deterministic=deterministic)

@@ -68,12 +68,6 @@ class Action(NamedTuple):
     discrete: Array  # int64 [n, branches]
     log_probs: Array  # [n]
 
-    @staticmethod
-    def empty(rows: int, continuous: int, branches: int) -> "Action":
-        """Return arrays for `sample` to write into."""
-        choices = np.empty((rows, branches), np.int64)
-        return Action(np.empty((rows, continuous), np.float32), choices, np.empty(rows, np.float32))
-
 
 class Rows(NamedTuple):
     """Timesteps to learn from; see `Batch` in `ppo/loss.py`."""
