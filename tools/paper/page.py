@@ -25,8 +25,9 @@ INTRODUCTION = """\
 that differ in rounding errors, for example by the number of `pipeline_groups` (a setting of the trainer), the mean.
 
 The original's numbers are from its logs of ten runs per experiment. Two of those of Beastly Rivals bucket-11 are the
-same run, which counts once here. Its click accuracies are printed in the paper only. Reward is the mean over the episodes of the last 300 000 timesteps (20 000 steps of the original), as in its logs. The
-reward of the two agents (`multiagent`) is that of the agent that clicks, as in the paper."""
+same run, which counts once here. Its click accuracies are printed in the paper only. Reward is the mean over the
+episodes of the last 300 000 timesteps (20 000 steps of the original), as in its logs. The reward of the two agents
+(`multiagent`) is that of the agent that clicks, as in the paper."""
 COMPLETE_RUNS = """\
 A complete run has 30 million (30 M) timesteps. Reward is the mean of our runs, with the lowest and the highest run in
 brackets, and the original's mean ± two standard deviations (sd) of its ten runs. *Inside* counts our runs within those
