@@ -18,7 +18,7 @@ PROMISES = {
     "L4": "A simulator that is not there yet is waited for, and each second it is said what is in the way",
     "F1": "A run whose simulator is killed goes on by itself and ends in the same bits",
     "F2": "Killed trainers and grids lose little, and nothing is half-written",
-    "F3": "A game that fails costs its own session, and is named with step and arena",
+    "F3": "A game that fails costs its arena after long play, else its own session, and is named with step and arena",
     "F5": "An interrupted run saves, ends its simulator and resumes exactly",
     "F6": "A full or read-only disk is said, and the older files stay whole",
     "F7": "Connections and sessions that end leave nothing behind",
