@@ -19,6 +19,7 @@ PROMISES = {
     "F1": "A run whose simulator is killed goes on by itself and ends in the same bits",
     "F2": "Killed trainers and grids lose little, and nothing is half-written",
     "F3": "A game that fails costs its arena after long play, else its own session, and is named with step and arena",
+    "F4": "A simulator that holds up the others is named, and its arenas move where the game has snapshots",
     "F5": "An interrupted run saves, ends its simulator and resumes exactly",
     "F6": "A full or read-only disk is said, and the older files stay whole",
     "F7": "Connections and sessions that end leave nothing behind",

@@ -130,6 +130,7 @@ class Session:
         self.arenas = arenas
         self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
+        self.waited = 0.0  # seconds in `receive`
         self._failure: SimulatorError | None = None  # why the session has ended
         self._log: FaultLog | DemonstrationLog | None = None
         self._reader = Reader(address, self.spec, arenas, first_arena, timeout)
@@ -166,7 +167,10 @@ class Session:
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
-        return self._run(self._receive, self._stream.receive).steps
+        begin = time.perf_counter()
+        steps = self._run(self._receive, self._stream.receive).steps
+        self.waited += time.perf_counter() - begin
+        return steps
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one timestep and return the step. Raises SimulatorError."""
