@@ -31,7 +31,7 @@ from tests.support.measured import measured
 from tests.support.servers import ROOT, end, games, refuses_to_start, server
 from tests.support.wire import SAVE, SECONDS, Player, Stream, act, describe, refused, reset, start
 
-OWN = ["hybrid", "duel", "ends", "kick", "gallery", "raises", "faulty", "batch"]
+OWN = ["hybrid", "duel", "ends", "kick", "gallery", "raises", "brittle", "faulty", "batch"]
 PAPER = ["beastly_rivals", "beastly_rivals_full", "shooting_birds"]  # built-in games that draw and save themselves
 LISTED = [*OWN, *BUILT_IN]
 GOOD = ["hybrid", "duel", "ends", "kick", "gallery", *BUILT_IN]

@@ -928,6 +928,23 @@ class EndsInAnotherOrder(Honest):
                 change(part.ended.lanes, np.frombuffer(part.ended.lanes.data, "<i4")[::-1] + 1)
 
 
+@broken("interrupted_has_a_flag_per_ended_lane")
+class InterruptsWhatIsNotTruncated(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            if part.HasField("ended"):
+                part.ended.interrupted.CopyFrom(pack(np.ones(len(of_ended_lanes(part)), bool)))
+
+
+@broken("interrupted_has_a_flag_per_ended_lane")
+class FailsWithinTheKit(Honest):
+    def later(self, step):
+        for part in step.behaviors:
+            if part.HasField("ended"):
+                truncated = np.frombuffer(part.truncated.data, bool)[of_ended_lanes(part)]
+                part.ended.interrupted.CopyFrom(pack(truncated))
+
+
 @broken("metrics_have_a_row_per_ended_lane")
 class NoMetrics(Honest):
     def later(self, step):

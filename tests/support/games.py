@@ -255,6 +255,46 @@ class Raises(Game):
         return transition({"left": [1 / self.left]})
 
 
+class Brittle(Game):
+    """Plays for more than a thousand decisions, and then fails in one that its random numbers choose."""
+
+    name = "brittle"
+    description = "Go deeper for as long as the roof holds."
+    options = (option("roof", ["weak", "strong"]),)
+
+    @classmethod
+    def describe(cls, options):
+        player = behavior("player", sensors=[sensor("place", [2])], branches=[button("press")], metrics=["depth"])
+        return spec(cls, [player])
+
+    def __init__(self):
+        self.place, self.lasts = np.zeros(2), 0
+
+    def reset(self):
+        self.lasts = self.lasts or self.decisions()
+        self.clock = 0
+        return transition({"place": self.look()})
+
+    def decisions(self):
+        """Return after how many decisions it fails, counted from when it was made."""
+        return int(self.rng.integers(1001, 1100))
+
+    def step(self, action):
+        self.clock += 1
+        self.lasts -= 1
+        place = self.look()
+        if self.lasts == 0 and self.option["roof"] == "weak":
+            place[:] = np.nan  # a game that fails may leave anything behind
+            raise RuntimeError("the roof fell in")
+        if self.clock == 60:
+            return termination({"place": place}, {"reward": 1.0}, {"depth": 60.0})
+        return transition({"place": place}, {"reward": 1.0})
+
+    def look(self):
+        self.place[:] = self.clock, self.rng.random()
+        return self.place
+
+
 # What a faulty game can do wrong in its first step, and a word that the error must hold.
 FAULTS = {
     "NaN observation": "sight",
@@ -431,4 +471,6 @@ class BrokenChoice(Unnamed):
         return spec(cls, [player])
 
 
-PLACES = [f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Kick, Gallery, Raises, Faulty, Batch)]
+PLACES = [
+    f"{game.__module__}:{game.__name__}" for game in (Hybrid, Duel, Ends, Kick, Gallery, Raises, Brittle, Faulty, Batch)
+]

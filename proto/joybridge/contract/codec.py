@@ -61,6 +61,7 @@ class StepArrays:
     final_observations: list[Array] | None = None  # per sensor [ended, *shape]; None if nothing ended
     metrics: Array | None = None  # float32 [ended, metrics]; None if nothing ended or there are none
     parameters: Array | None = None  # float32 [ended, parameters]; None if nothing ended or none is drawn per episode
+    interrupted: Array | None = None  # bool [ended]: the game failed, see Ended in bridge.proto; None: in none of them
 
 
 def lane_count(behavior: pb.Behavior, arenas: int) -> int:
@@ -104,6 +105,8 @@ def fill_step(message: pb.BehaviorStep, step: StepArrays) -> None:
             fill(message.ended.metrics, step.metrics)
         if step.parameters is not None:
             fill(message.ended.parameters, step.parameters)
+        if step.interrupted is not None:
+            fill(message.ended.interrupted, step.interrupted)
 
 
 def dtype_of(array: Array) -> "pb.Dtype":
@@ -298,6 +301,10 @@ class Codec:
         if message.HasField("parameters"):
             form = Format(pb.DTYPE_FLOAT32, (len(ended), self.parameters), f"{where}.parameters")
             step.parameters = form.unpack(message.parameters)
+        if message.HasField("interrupted"):
+            step.interrupted = Format(pb.DTYPE_BOOL, (len(ended),), f"{where}.interrupted").unpack(message.interrupted)
+            for lane in ended[step.interrupted & ~step.truncated[ended]]:
+                raise TensorError(f"{where}.interrupted: lane {lane} is interrupted, but not truncated")
 
     def _unpack_sensors(self, tensors: Sequence[pb.Tensor], formats: list[Format], field: str) -> list[Array]:
         if len(tensors) != len(formats):

@@ -36,6 +36,7 @@ def rows_of(step: StepArrays, lanes: Array) -> StepArrays:
         part.final_observations = None if finals is None else [sensor[rows] for sensor in finals]
         part.metrics = None if step.metrics is None else step.metrics[rows]
         part.parameters = None if step.parameters is None else step.parameters[rows]
+        part.interrupted = None if step.interrupted is None else step.interrupted[rows]
     return part
 
 
@@ -63,6 +64,10 @@ def _join_lanes(parts: list[StepArrays]) -> StepArrays:
         joined.metrics = np.concatenate(metrics) if metrics else None
         parameters = [part.parameters for part in ending if part.parameters is not None]
         joined.parameters = np.concatenate(parameters) if parameters else None
+        if any(part.interrupted is not None for part in ending):
+            joined.interrupted = np.concatenate(
+                [np.zeros(len(part.ended), bool) if part.interrupted is None else part.interrupted for part in ending]
+            )
     return joined
 
 

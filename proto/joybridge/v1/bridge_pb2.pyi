@@ -556,16 +556,18 @@ class BehaviorStep(_message.Message):
     def __init__(self, observations: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., rewards: _Optional[_Union[Tensor, _Mapping]] = ..., terminated: _Optional[_Union[Tensor, _Mapping]] = ..., truncated: _Optional[_Union[Tensor, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., deciding: _Optional[_Union[Tensor, _Mapping]] = ..., ended: _Optional[_Union[Ended, _Mapping]] = ...) -> None: ...
 
 class Ended(_message.Message):
-    __slots__ = ("lanes", "final_observations", "metrics", "parameters")
+    __slots__ = ("lanes", "final_observations", "metrics", "parameters", "interrupted")
     LANES_FIELD_NUMBER: _ClassVar[int]
     FINAL_OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
     METRICS_FIELD_NUMBER: _ClassVar[int]
     PARAMETERS_FIELD_NUMBER: _ClassVar[int]
+    INTERRUPTED_FIELD_NUMBER: _ClassVar[int]
     lanes: Tensor
     final_observations: _containers.RepeatedCompositeFieldContainer[Tensor]
     metrics: Tensor
     parameters: Tensor
-    def __init__(self, lanes: _Optional[_Union[Tensor, _Mapping]] = ..., final_observations: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., metrics: _Optional[_Union[Tensor, _Mapping]] = ..., parameters: _Optional[_Union[Tensor, _Mapping]] = ...) -> None: ...
+    interrupted: Tensor
+    def __init__(self, lanes: _Optional[_Union[Tensor, _Mapping]] = ..., final_observations: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., metrics: _Optional[_Union[Tensor, _Mapping]] = ..., parameters: _Optional[_Union[Tensor, _Mapping]] = ..., interrupted: _Optional[_Union[Tensor, _Mapping]] = ...) -> None: ...
 
 class Tensor(_message.Message):
     __slots__ = ("dtype", "shape", "data")

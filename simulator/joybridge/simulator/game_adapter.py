@@ -1,8 +1,10 @@
 """Turn an author's one-arena `Game` into the `BatchedGame` that the server runs.
 
-Everything that an author returns is checked here: a mistake raises an ArenaError.
+Everything that an author returns is checked here: a mistake raises an ArenaError. A game that raises an error after it
+has played for long loses its episode, and is made anew.
 """
 
+import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
 from math import inf, isfinite
@@ -26,6 +28,11 @@ def batched(game: type[Game]) -> type["GameAdapter"]:
     return type(game.__name__, (GameAdapter,), members)
 
 
+log = logging.getLogger("simulator")
+
+# Decisions of an arena, since it began or its game last failed, after which a failure costs the episode alone. So a
+# mistake that an author looks for, and one that comes again and again, end the session.
+TRUSTED = 1000
 Rows = list[tuple[int, TimeStep]]  # timesteps, each with the number of its arena
 
 
@@ -34,6 +41,7 @@ class End(NamedTuple):
 
     timesteps: list[TimeStep]  # one per agent
     parameters: list[float]  # with which it was played
+    interrupted: bool = False  # by an error of the game
 
 
 class SensorFormat(NamedTuple):
@@ -94,6 +102,7 @@ class GameAdapter(BatchedGame):
         self.parameters = [{p.name: p.default_value for p in self.spec.parameters} for _ in range(arenas)]
         self.arenas, self.option = arenas, options
         self.games: list[Game] = []
+        self.shown: list[list[Array]] = [[] for _ in self.behaviors]  # the last observations, as they were sent
         try:
             self.reset(seed, parameters)
         except BaseException:
@@ -106,14 +115,12 @@ class GameAdapter(BatchedGame):
             own.update(parameters)
         if seed is not None:  # create the games anew: they may keep state between episodes
             self.close()
-            for _ in range(self.arenas):
-                self.games.append(self.game())  # one by one, because those before one that fails must be closed
             self.episodes = [0] * self.arenas  # that have begun
+            self.played = [0] * self.arenas  # decisions since the arena began or its game last failed
             # With the dtype, because NumPy would make floats of a list with a large seed.
             self.keys = [np.array([seed, self.first_arena + arena], np.uint64) for arena in range(self.arenas)]
-            for game, parameter, key in zip(self.games, self.parameters, self.keys, strict=True):
-                game.option, game.parameter = self.option, parameter
-                game.rng = np.random.Generator(np.random.Philox(key=key))
+            for arena, key in enumerate(self.keys):  # one by one: those before one that fails must be closed
+                self.games.append(self._make(arena, np.random.Generator(np.random.Philox(key=key))))
         self.timesteps = [self._reset(arena) for arena in range(len(self.games))]
         # Per behavior [lanes, channels]: rewards since the lane's last decision, for lanes that wait.
         self.earned = [
@@ -134,11 +141,15 @@ class GameAdapter(BatchedGame):
                 self._play_scripts(act.scripts, behavior, chosen)
         by_agent = [actions[b][agent :: self.behaviors[b].agents] for b, agent in self.agents]
         by_arena = by_agent[0] if len(by_agent) == 1 else map(list, zip(*by_agent, strict=True))
-        for arena, (game, own) in enumerate(zip(self.games, by_arena, strict=True)):
-            timesteps = self._timesteps(arena, game.step, own)
+        for arena, own in enumerate(by_arena):
+            try:
+                timesteps, interrupted = self._timesteps(arena, self.games[arena].step, own), False
+                self.played[arena] += 1
+            except ArenaError as error:
+                timesteps, interrupted = self._renew(arena, error), True
             self._earn(arena, timesteps)
             if timesteps[0].terminated or timesteps[0].truncated:
-                ended[arena] = End(timesteps, list(self.parameters[arena].values()))
+                ended[arena] = End(timesteps, list(self.parameters[arena].values()), interrupted)
                 timesteps = self._reset(arena)
             self.timesteps[arena] = timesteps
         return [self._behavior_step(b, ended) for b in range(len(self.behaviors))]
@@ -155,6 +166,44 @@ class GameAdapter(BatchedGame):
         with ExitStack() as stack:
             while self.games:
                 stack.callback(self.games.pop().close)
+
+    def _make(self, arena: int, rng: np.random.Generator) -> Game:
+        """Return a new game for an arena. rng: its random numbers."""
+        game = self.game()
+        game.option, game.parameter, game.rng = self.option, self.parameters[arena], rng
+        return game
+
+    def _renew(self, arena: int, error: ArenaError) -> list[TimeStep]:
+        """Make the game of an arena anew after it has failed, and return how its episode ends.
+
+        Raises the error itself if the arena has not played for long since it began or last failed, or if the error is a
+        mistake in what the game returned. The random numbers go on, so that the same error need not come again.
+        """
+        if self.played[arena] < TRUSTED or not isinstance(error.__cause__, Exception | SystemExit):
+            raise error
+        number = self.first_arena + arena
+        text = "%s: the game of arena %d failed after %d decisions; its episode is cut, and the arena begins anew"
+        log.error(text, self.spec.name, number, self.played[arena], exc_info=error.__cause__)
+        self.played[arena] = 0
+        old = self.games[arena]
+        try:
+            old.close()
+        except Exception:  # it has failed already
+            log.exception("%s: the failed game of arena %d could not be closed", self.spec.name, number)
+        try:
+            self.games[arena] = self._make(arena, old.rng)
+        except BaseException as another:
+            raise _named(arena, another) from another
+        return [
+            TimeStep(
+                {
+                    sensor.name: column[arena * self.behaviors[b].agents + agent]
+                    for sensor, column in zip(self.behaviors[b].sensors, self.shown[b], strict=True)
+                },
+                truncated=True,
+            )
+            for b, agent in self.agents
+        ]
 
     def _reset(self, arena: int) -> list[TimeStep]:
         drawn = draw_parameters(self.distributions, self.spec.parameters, self.keys[arena], self.episodes[arena])
@@ -229,6 +278,7 @@ class GameAdapter(BatchedGame):
             np.zeros(len(timesteps), bool),
             _masks(behavior, timesteps),
         )
+        self.shown[b] = step.observations
         if ends:
             lanes = np.arange(len(timesteps), dtype=np.int32).reshape(len(self.games), behavior.agents)
             step.ended = lanes[list(ended)].reshape(-1)
@@ -236,6 +286,8 @@ class GameAdapter(BatchedGame):
             step.truncated[step.ended] = [timestep.truncated for _, timestep in ends]
             step.final_observations = _observations(behavior, ends)
             step.metrics = _metrics(behavior, ends)
+            if any(end.interrupted for end in ended.values()):
+                step.interrupted = np.repeat([end.interrupted for end in ended.values()], behavior.agents)
             if self.distributions:
                 rows = [end.parameters for end in ended.values() for _ in behavior.slots]
                 step.parameters = np.array(rows, np.float32)

@@ -5,6 +5,7 @@ simulator that demands TLS or a token is a ProtectedAddress.
 """
 
 import asyncio
+import logging
 import math
 import socket
 import time
@@ -16,6 +17,7 @@ from types import TracebackType
 from typing import Literal, Self, TypeAlias, TypeVar, TypeVarTuple
 
 import grpc
+import numpy as np
 from google.protobuf.message import Message
 
 from joybridge.client.demonstration_log import DemonstrationLog
@@ -37,6 +39,8 @@ from joybridge.contract.versions import client_version, mismatch
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
+
+log = logging.getLogger("joybridge.trainer")
 
 _OFTEN = [("grpc.max_reconnect_backoff_ms", 1000)]  # tries to connect; by default the pauses grow to two minutes
 CALL_SECONDS = 30.0  # to wait for an answer, by default
@@ -126,6 +130,7 @@ class Session:
         self.arenas = arenas
         self.spec = describe(address, game, options or {})
         self.simulate_seconds = 0.0
+        self.waited = 0.0  # seconds in `receive`
         self._failure: SimulatorError | None = None  # why the session has ended
         self._log: FaultLog | DemonstrationLog | None = None
         self._reader = Reader(address, self.spec, arenas, first_arena, timeout)
@@ -162,7 +167,10 @@ class Session:
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
-        return self._run(self._receive, self._stream.receive).steps
+        begin = time.perf_counter()
+        steps = self._run(self._receive, self._stream.receive).steps
+        self.waited += time.perf_counter() - begin
+        return steps
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one timestep and return the step. Raises SimulatorError."""
@@ -180,6 +188,15 @@ class Session:
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes in all arenas and return their first observations. Raises SimulatorError."""
         return self._run(self._ask, pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))).steps
+
+    def failed_arenas(self) -> list[int]:
+        """Return the arenas of this session whose game failed in the last step, and that the simulator made anew."""
+        lanes = [
+            step.ended[step.interrupted] // behavior.agents_per_arena
+            for behavior, step in zip(self.spec.behaviors, self.steps, strict=True)
+            if step.interrupted is not None
+        ]
+        return np.unique(np.concatenate(lanes)).tolist() if lanes else []
 
     def save(self) -> dict[str, bytes]:
         """Return a snapshot of all arenas. Raises SimulatorError if the game does not support snapshots."""
@@ -288,6 +305,11 @@ class Session:
             self._reader.refuse("ended.parameters is missing, though parameters have distributions")
         if self._log is not None:
             self._log.came(self.steps)
+        if any(step.interrupted is not None for step in self.steps):
+            failed = self.failed_arenas()
+            text = f"{self.spec.name} failed at {self.address} in arenas {failed}, whose episodes are cut"
+            log.warning("%s and count as no results; see the simulator's log", text)
+            self.write_fault(text)
         return outcome
 
     def _run(self, function: Callable[[*Arguments], T], *args: *Arguments) -> T:

@@ -113,6 +113,7 @@ class ShardedSession:
         self.spec = self.sessions[0].spec
         self.bounds = [[lane_count(behavior, arena) for arena in bounds] for behavior in self.spec.behaviors]
         self.steps = join([session.steps for session in self.sessions])
+        self._first = 0  # who is waited for first
 
     @property
     def simulate_seconds(self) -> float:
@@ -131,7 +132,11 @@ class ShardedSession:
 
     def receive(self) -> list[StepArrays]:
         """Wait for the step after the last `send` and return it. Raises SimulatorError."""
-        self.steps = join([session.receive() for session in self.sessions])
+        count = len(self.sessions)
+        self._first = (self._first + 1) % count  # in turns: whoever is first is waited for while all others work, too
+        turns = [(self._first + turn) % count for turn in range(count)]
+        received = {index: self.sessions[index].receive() for index in turns}
+        self.steps = join([received[index] for index in range(count)])
         return self.steps
 
     def step(self, acts: Sequence[ActArrays]) -> list[StepArrays]:

@@ -109,6 +109,10 @@ def replay(
                 if not exchange.request.HasField("start"):
                     step += exchange.request.HasField("act")
                     session.repeat(exchange.request)
+                    if recording.error and (failed := session.failed_arenas()):
+                        raise FaultFound(
+                            f"step {step} fails: the game failed in arenas {failed}; see the simulator's log"
+                        )
                 if options and exchange.step and _earned(session.steps) != _recorded(exchange.step):
                     raise FaultFound(
                         f"step {step} has other rewards or ends than were recorded, so {_named(options)} changes more "

@@ -19,7 +19,7 @@ ACTIVITIES = ("simulate", "wire", "act", "learn")  # fractions of the time
 # What the loss reports of a minibatch; the entropy of each branch follows.
 STATISTICS = ("policy_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
 _COLUMNS = {
-    "timesteps", "seconds", "lesson", "episodes", "reward", "reward_std", "length", *STATISTICS, "value",
+    "timesteps", "seconds", "lesson", "episodes", "interrupted", "reward", "reward_std", "length", *STATISTICS, "value",
     "explained_variance", "grad_norm", "epochs", "cloning_loss", "learning_rate", "ahead",
     "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip

@@ -29,6 +29,7 @@ class Episodes:
         self._drawn = drawn or {}
         self.metrics = [*map(column_name, metrics), *(f"parameters.{name}" for name in self._drawn.values())]
         self.count = 0  # episodes that have finished since this was made
+        self.interrupted = 0  # episodes that an error of the game has cut, and that are no results, since the last row
         self.reward = np.zeros(lanes)
         self.length = np.zeros(lanes, np.int64)
         self.finished = np.zeros((0, 3 + len(self.metrics)))  # lane, reward, length, metrics of each episode
@@ -53,8 +54,11 @@ class Episodes:
             if self._drawn and step.parameters is not None:
                 columns.append(step.parameters[:, list(self._drawn)])
             rows = np.concatenate(columns, axis=1)
-            if played is not None:
-                rows = rows[played[step.ended]]
+            counts = np.ones(len(rows), bool) if played is None else played[step.ended]
+            if step.interrupted is not None:
+                self.interrupted += int((counts & step.interrupted).sum())
+                counts = counts & ~step.interrupted
+            rows = rows[counts]
             self.count += len(rows)
             self.finished = np.concatenate([self.finished, rows])
             self.reward[ended] = 0.0
@@ -89,9 +93,11 @@ class Episodes:
         Of several games, reward and length are means over the games' own means, once all have finished episodes.
         """
         finished, self.finished = self.finished, self.finished[:0]
-        if self._games is not None:
-            return self._summarize_games(finished)
         row: Row = {"episodes": len(finished)}
+        if self.interrupted:
+            row["interrupted"], self.interrupted = self.interrupted, 0
+        if self._games is not None:
+            return row | self._summarize_games(finished)
         if len(finished):
             means = finished.mean(axis=0)
             row |= {"reward": means[1], "reward_std": finished[:, 1].std(), "length": means[2]}
@@ -99,11 +105,11 @@ class Episodes:
         return row
 
     def _summarize_games(self, finished: Array) -> Row:
-        """Return the row of several games, with columns for each."""
+        """Return the columns of several games."""
         assert self._games is not None
         names, kinds = self._games
         kind = kinds[finished[:, 0].astype(int)]
-        row: Row = {"episodes": len(finished)}
+        row: Row = {}
         for number, name in enumerate(names):
             own = finished[kind == number]
             if len(own):
@@ -119,11 +125,13 @@ class Episodes:
 
     def state(self) -> dict[str, Array]:
         """Return everything for a checkpoint."""
-        return {"reward": self.reward.copy(), "length": self.length.copy(), "finished": self.finished.copy()}
+        arrays = {"reward": self.reward.copy(), "length": self.length.copy(), "finished": self.finished.copy()}
+        return arrays | ({"interrupted": np.array(self.interrupted)} if self.interrupted else {})
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""
         self.reward, self.length, self.finished = (state[name].copy() for name in ("reward", "length", "finished"))
+        self.interrupted = int(state.get("interrupted", 0))
 
 
 def equal_shares(episodes: int, arenas: int, choices: int = 1) -> Array:

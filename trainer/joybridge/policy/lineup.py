@@ -59,6 +59,7 @@ class GameTranslation:
             self._masks(step.masks, len(step.rewards)),
             step.deciding,
             step.ended,
+            interrupted=step.interrupted,
         )
         if step.final_observations is not None:
             seen.final_observations = self._view.see(step.final_observations)

@@ -69,8 +69,11 @@ class Seats:
         self._dealt[arena] = holders
 
     def finish(self, steps: Sequence[StepArrays]) -> list[Result]:
-        """Count the rewards and the ends in a step; return the matches that are over in it."""
-        over = False
+        """Count the rewards and the ends in a step; return the matches that are over in it.
+
+        One that an error of the game has cut has no result: the same players begin anew.
+        """
+        over, cut = False, np.zeros(len(self._holders), bool)
         for step, columns, weights, place in zip(steps, self._columns, self._weights, self._place, strict=True):
             shape = self._holders[:, columns].shape
             self._rewards[:, columns] += (step.rewards @ np.array(weights, np.float32)).reshape(shape)
@@ -83,9 +86,11 @@ class Seats:
             self._scores[:, columns][ends & ~self._ended[:, columns]] = scores[ends & ~self._ended[:, columns]]
             self._ended[:, columns] |= ends
             self._rewards[:, columns][ends] = 0.0
+            if step.interrupted is not None:
+                cut[step.ended[step.interrupted] // shape[1]] = True
             over = True
         arenas = np.flatnonzero(self._ended.all(axis=1)) if over else ()
-        results = [Result(int(a), self._holders[a].copy(), self._scores[a].copy()) for a in arenas]
+        results = [Result(int(a), self._holders[a].copy(), self._scores[a].copy()) for a in arenas if not cut[a]]
         self._ended[arenas] = False
         return results
 

@@ -68,6 +68,8 @@ class Display:
 def row_text(row: Row) -> str:
     """Return what a row of metrics of a policy says: how it plays, and whether it learns."""
     parts = [f"reward {row['reward']:.1f}  length {row['length']:.0f}" if "reward" in row else "no episode ended"]
+    if "interrupted" in row:
+        parts.append(f"{row['interrupted']:.0f} episodes cut by errors of the game")
     if f"{HELD_OUT}reward" in row:
         parts.append(f"held out {row[f'{HELD_OUT}reward']:.1f}")
     parts.append("  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name)))

@@ -20,6 +20,7 @@ from joybridge.run.folder import run_config, run_spec
 from joybridge.run.league import League
 from joybridge.run.logger import Logger
 from joybridge.run.origin import own_origin
+from joybridge.run.waits import Slow
 
 OF_THE_NETWORK = (
     "activation",
@@ -37,6 +38,7 @@ class RunState:
     arrays: dict[str, Array] = field(default_factory=dict)
     snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
     score: float | None = None  # of the row of metrics that was just written; None: there was none
+    slow: Slow | None = None  # a simulator whose arenas another one should play; None: each plays its own
 
     def save(self, run: Path, keep: int) -> None:
         """Write a checkpoint, and keep so many. Raises StorageError."""

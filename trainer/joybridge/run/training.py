@@ -29,6 +29,7 @@ from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
 from joybridge.run.progress import row_text
 from joybridge.run.run_state import RunState, capture, take_weights
+from joybridge.run.waits import LEFT, Slow, Waits
 from joybridge.v1 import bridge_pb2 as pb
 
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
@@ -67,6 +68,8 @@ class Training:
         self._metric, self._sign = best_metric(self.config, self.policies[0])
         self._score: float | None = None  # of the rows since the last state
         self._logged = 0  # timesteps
+        self._waits = Waits([session for group in self.groups for session in single_sessions(group.session)])
+        self._slow = ""  # the simulator that was last said to be slow
 
     def begin(self, state: RunState) -> None:
         """Begin, or continue from a state. Raises CheckpointError."""
@@ -151,7 +154,17 @@ class Training:
         state = capture(self.timesteps, self.policies, self.loggers, self.groups, self.curriculum, self.league)
         self.audience.report(self.timesteps, self.profiler.live(), None)
         score, self._score = self._score, None
-        return replace(state, score=score)
+        return replace(state, score=score, slow=self._look_at_waits())
+
+    def _look_at_waits(self) -> Slow | None:
+        """Name a slow simulator, once; return it if another one should play its arenas from here on."""
+        slow = None if self.config.games else self._waits.look()  # games differ in what they take
+        if slow is None:
+            return None
+        if slow.address != self._slow:
+            self._slow = slow.address
+            self.audience.say(slow.text)
+        return slow if slow.far and slow.share >= LEFT and self.timesteps < self.config.end else None
 
     def _say_lesson(self) -> None:
         if heading := self.curriculum.heading():

@@ -53,6 +53,20 @@ def _expect_finite_metrics(view: StepView) -> None:
     expect(np.isfinite(values).all(), f"metrics {values.tolist()} of {view.where}", "finite numbers")
 
 
+def _expect_interrupted(view: StepView) -> None:
+    message = view.message.ended
+    if message.HasField("interrupted"):
+        lanes = np.flatnonzero(view.ended)
+        what = f"ended.interrupted of {view.where}"
+        expect_tensor(message.interrupted, pb.DTYPE_BOOL, lanes.shape, what)
+        cut = lanes[np.frombuffer(message.interrupted.data, bool)]
+        if view.truncated is not None:
+            wrong = cut[~view.truncated[cut]]
+            expect(not wrong.size, f"{what} in lanes {wrong.tolist()} that are not truncated", "truncated lanes only")
+        got = f"a game that failed in lanes {cut.tolist()} of {view.where}"
+        expect(not cut.size, got, "no failure; the server's log should say more")
+
+
 VIEWS = (  # name, section, rule, what each behavior of each step satisfies
     (
         "terminated_and_truncated_have_a_flag_per_lane",
@@ -85,6 +99,12 @@ ENDS = (  # name, section, rule, what each behavior of each step in which an epi
         "Ended",
         "Final observations are one tensor per sensor, [ended, *shape].",
         partial(expect_observations, final=True),
+    ),
+    (
+        "interrupted_has_a_flag_per_ended_lane",
+        "Ended",
+        "Interrupted is BOOL [ended], only for truncated lanes; in a game that does not fail it is absent or 0.",
+        _expect_interrupted,
     ),
     ("final_observations_are_finite", "Tensor", "FLOAT32 values must be finite.", partial(expect_finite, final=True)),
     (
