@@ -1,4 +1,4 @@
-"""How well policies play levels that they have not seen: trains on sets of levels, writes results/generalization.md.
+"""How well policies play levels that they have not seen: trains on sets of levels, writes results/generalization.
 
 python -m tools.generalization FOLDER [--levels 7 50 200 1000 1000000] [--seeds 3] [--timesteps 18000000]
 
@@ -25,7 +25,7 @@ from joybridge.games.shooting_birds.game import ShootingBirds
 
 UNSEEN = 1000  # levels of the test set
 EPISODES = 600  # of an evaluation, and of the scripted player
-PAGE = Path(__file__).parents[1] / "results" / "generalization.md"
+PAGE = Path(__file__).parents[1] / "results" / "generalization" / "README.md"
 CONFIG = "shooting_birds/fast"
 GENERATED = ["stratify_by=null", "options.levels=generated"]
 PAPER = ["options.levels=original"]
@@ -139,7 +139,7 @@ def main() -> None:
         f"player earns on the same levels ({study.unseen:.0f} on the unseen ones). The gap is what is lost of the\n"
         f"first share. Each policy samples its actions in {EPISODES} episodes of each set. Runs per row:\n"
         f"{arguments.seeds}; the interquartile mean with its 95 % bootstrap interval. Written by\n"
-        "`python -m tools.generalization`.\n\n"
+        "`python -m tools.generalization` in a checkout.\n\n"
         + table(["levels trained on", *head, "reward on the paper's seven"], rows)
         + f"\n\nPolicies that were trained on the paper's seven levels for as long earn {specialists} there.\n\n"
         f"## Changes, on {CHANGED} levels\n\n" + table(["change", *head], changed) + "\n",

@@ -99,10 +99,12 @@ def foes(folder: Path) -> str:
     compared = [[world, order, agreement(worlds[world])] for world, order in zip(names, orders, strict=True)]
     return (
         "# Which layout hits birds that dodge?\n\n"
-        f"Five layouts with {SETTINGS.format(timesteps=timesteps)}. Reward of the last 600,000 timesteps: the\n"
+        f"Five layouts with {SETTINGS.format(timesteps=timesteps)}.\n"
+        "Reward of the last 600,000 timesteps: the\n"
         "interquartile mean of the runs with its 95 % bootstrap interval, and each run, seed by seed. The settings\n"
         "were chosen for `bucket-7` and birds that fly straight; nothing was chosen for a layout or a bird. Written\n"
-        "by `python -m tools.worlds foes`, which also names the command of the runs; runs.csv.xz has the metrics.\n\n"
+        "by `python -m tools.worlds foes` in a checkout, which also names the command of the runs; runs.csv.xz has\n"
+        "the metrics.\n\n"
         + table(["layout", *names], rows)
         + "\n\nKendall's rank correlation τ between these rewards and the paper's after 30 million timesteps ("
         + ", ".join(f"`{name}` {value}" for name, value in PAPER.items())
@@ -129,13 +131,13 @@ def cameras(folder: Path) -> str:
             rows.append([camera, f"{scripted:.1f}", f"`{name}`", share, f"{scores.mean('empty_screen'):.1%}"])
     return (
         "# Which camera can be learned?\n\n"
-        f"A field three screens wide, with {SETTINGS.format(timesteps=timesteps)}. The share is the reward of\n"
+        f"A field three screens wide, with {SETTINGS.format(timesteps=timesteps)}.\n"
+        "The share is the reward of\n"
         "the last 600,000 timesteps, divided by that of a scripted player that knows where all birds are and travels\n"
         f"with the same camera ({EPISODES} episodes): interquartile mean of the runs with its 95 % bootstrap\n"
         "interval, and each run. The empty screen is the part of the time without a bird on the screen. Written by\n"
-        "`python -m tools.worlds cameras`, which also names the command of the runs; runs.csv.xz has the metrics.\n\n"
-        + table(["camera", "scripted player", "layout", "share of it", "empty screen"], rows)
-        + "\n"
+        "`python -m tools.worlds cameras` in a checkout, which also names the command of the runs; runs.csv.xz has\n"
+        "the metrics.\n\n" + table(["camera", "scripted player", "layout", "share of it", "empty screen"], rows) + "\n"
     )
 
 
