@@ -73,7 +73,7 @@ class ClosedFormGradient:
         )
         statistics: Array = np.empty((parts, COUNT + len(self.form.choices)))
         if self.threads == 1:
-            write_gradient(*given, terms, self.workspaces[0, :size], statistics[0])
+            part_gradient(*given, terms, self.workspaces[0, :size], statistics[0])
         else:
             numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))
             gradient_in_parts(*given, terms, self.parts[:parts], self.workspaces, statistics)
@@ -88,9 +88,16 @@ def workspace_size(form: Form, rows: int) -> int:
 
 @compiled
 def part_gradient(
-    weights: Array, gradient: Array, form: Form, batch: Rows, index: Array, terms: Terms, workspace: Array
-) -> Array:
-    """Write the gradients of the loss on the rows at `index`, by all parameters; return the statistics.
+    weights: Array,
+    gradient: Array,
+    form: Form,
+    batch: Rows,
+    index: Array,
+    terms: Terms,
+    workspace: Array,
+    statistics: Array,
+) -> None:
+    """Write the gradients of the loss on the rows at `index`, by all parameters, and the statistics.
 
     workspace: overwritten. The system may take as long to map new memory each time as the
     products take.
@@ -111,7 +118,7 @@ def part_gradient(
 
     d_outputs, d_values = np.empty_like(outputs), np.empty(n, np.float32)
     free = gaussians(gradient, form)
-    statistics = loss_gradient(
+    statistics[:] = loss_gradient(
         outputs,
         estimates,
         gaussians(weights, form),
@@ -129,22 +136,6 @@ def part_gradient(
     if len(form.sums):
         d_outputs = np.dot(d_outputs, form.sums.T)
     backward(weights, gradient, form, actor_begin(form), rows.observations, kept, d_outputs, spare)
-    return statistics
-
-
-@compiled
-def write_gradient(
-    weights: Array,
-    gradient: Array,
-    form: Form,
-    batch: Rows,
-    index: Array,
-    terms: Terms,
-    workspace: Array,
-    statistics: Array,
-) -> None:
-    """Do what `part_gradient` does, and write the statistics."""
-    statistics[:] = part_gradient(weights, gradient, form, batch, index, terms, workspace)
 
 
 @compiled
@@ -177,6 +168,6 @@ def gradient_in_parts(
     for part in numba.prange(count):
         own = index[total * part // count : total * (part + 1) // count]
         space = workspaces[part, : workspace_size(form, len(own))]
-        statistics[part] = part_gradient(weights, parts[part], form, batch, own, terms, space)
+        part_gradient(weights, parts[part], form, batch, own, terms, space, statistics[part])
     add_up(parts, gradient)
     add_up(statistics, statistics[0])
