@@ -73,7 +73,7 @@ class Seats:
 
         One that an error of the game has cut has no result: the same players begin anew.
         """
-        over, cut = False, np.zeros(len(self._holders), bool)
+        over, cut = False, set[int]()
         for step, columns, weights, place in zip(steps, self._columns, self._weights, self._place, strict=True):
             shape = self._holders[:, columns].shape
             self._rewards[:, columns] += (step.rewards @ np.array(weights, np.float32)).reshape(shape)
@@ -87,10 +87,10 @@ class Seats:
             self._ended[:, columns] |= ends
             self._rewards[:, columns][ends] = 0.0
             if step.interrupted is not None:
-                cut[step.ended[step.interrupted] // shape[1]] = True
+                cut.update((step.ended[step.interrupted] // shape[1]).tolist())
             over = True
         arenas = np.flatnonzero(self._ended.all(axis=1)) if over else ()
-        results = [Result(int(a), self._holders[a].copy(), self._scores[a].copy()) for a in arenas if not cut[a]]
+        results = [Result(int(a), self._holders[a].copy(), self._scores[a].copy()) for a in arenas if a not in cut]
         self._ended[arenas] = False
         return results
 
