@@ -15,7 +15,7 @@ PROMISES = {
     "P7": "Health and other sessions are answered while a game hangs",
     "L1": "No call to a server is without a deadline",
     "L2": "A simulator that does not answer is named with what was waited for",
-    "L3": "A client that is frozen or gone loses its place within 15 seconds, and notices a server that is",
+    "L3": "A client that is frozen or gone loses its place within 15 seconds",
     "L4": "A simulator that is not there yet is waited for, and each second it is said what is in the way",
     "F1": "A run whose simulator is killed goes on by itself and ends in the same bits",
     "F2": "Killed trainers and grids lose little, and nothing is half-written",
