@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.compare.estimators import estimate, interquartile_mean
+from joybridge.compare.page import table
 from joybridge.contract.spec import choose_options
 from joybridge.games.level_sets import SETS
 from joybridge.games.shooting_birds import script
@@ -105,11 +106,6 @@ class Study:
         """Return the cell of the rewards of runs on the seven levels of the paper."""
         found = estimate(interquartile_mean, np.array([[reward(run, "paper", PAPER)] for run in runs]))
         return f"{found.value:.0f}" + (f" [{found.low:.0f}, {found.high:.0f}]" if len(runs) > 1 else "")
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in Markdown."""
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ["---", *["---:"] * (len(head) - 1)], *rows))
 
 
 def main() -> None:
