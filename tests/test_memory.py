@@ -12,7 +12,7 @@ from joybridge.contract.codec import StepArrays
 from joybridge.layouts import make_acts
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.actor import make_actors
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.ppo.cloning import refresh
 from joybridge.ppo.loss import autograd_gradient
 from joybridge.ppo.networks import flatten_parameters
@@ -128,7 +128,7 @@ def test_an_update_learns_in_whole_sequences_and_leaves_finite_weights(game):
 def test_who_plays_remembers_what_a_walk_through_its_episodes_gives():
     spec = load_games(PLACES)["recall"].describe({"task": "echo"})
     (actor,) = make_actors(remembering("gru", game="recall", frame_stack=1), spec)
-    player, rng, acts = Player(actor, 3, 0, deterministic=True), np.random.default_rng(1), make_acts(spec, 3)
+    player, rng, acts = PolicyPlayer(actor, 3, 0, deterministic=True), np.random.default_rng(1), make_acts(spec, 3)
     state = torch.zeros(3, actor.network.state_size)
     for t in range(40):
         over = rng.random(3) < (0.2 if t else 0.0)

@@ -29,9 +29,9 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer import web
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
-from joybridge.viewer.rival import load_others, open_rival, run_settings
+from joybridge.viewer.page_session import PageGame, play
+from joybridge.viewer.run_opponent import load_others, open_rival, run_settings
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.games import PICTURE
 from tests.support.wire import SECONDS

@@ -27,7 +27,7 @@ from joybridge.client.interruptible_loop import EVENT_LOOP
 from joybridge.client.local_stream import LocalStream
 from joybridge.client.reachability import why_unreachable
 from joybridge.client.responses import Outcome, Reader, parse
-from joybridge.client.stream import SERVICE, Stream
+from joybridge.client.stream import SERVICE, ClientStream
 from joybridge.contract.address import is_local
 from joybridge.contract.codec import ActArrays, StepArrays, fill_act
 from joybridge.contract.credentials import credentials_of
@@ -137,7 +137,7 @@ class Session:
         self._coming: Distributions = {}  # for the next Act
         self._drawn = bool(distributions)  # whether parameters are
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
-        stream = Stream(self._reader, self._largest)
+        stream = ClientStream(self._reader, self._largest)
         self._use(stream)
         self._start = pb.Start(
             game=game,
@@ -245,7 +245,7 @@ class Session:
     ) -> None:
         self.close()
 
-    def _open(self, stream: Stream, start: pb.Start, transport: Transport) -> pb.PlayResponse:
+    def _open(self, stream: ClientStream, start: pb.Start, transport: Transport) -> pb.PlayResponse:
         """Open the session and return its first response. Raises SimulatorError."""
         start.local_transport = transport != "grpc" and is_local(self.address) and hasattr(socket, "AF_UNIX")
         response = stream.open(start)
@@ -265,12 +265,12 @@ class Session:
             raise SimulatorError(f"no local transport to {self.address}: {problem}; leave it to transport=auto")
         if path:
             self._end_stream()
-            stream = Stream(self._reader, self._largest)
+            stream = ClientStream(self._reader, self._largest)
             self._use(stream)
             return self._open(stream, start, "grpc")
         return response
 
-    def _use(self, stream: Stream | LocalStream) -> None:
+    def _use(self, stream: ClientStream | LocalStream) -> None:
         """Send requests over this stream. The event loop keeps it, so a session that nobody refers to must end it."""
         self._stream = stream
         self._end_stream = weakref.finalize(self, stream.close)
@@ -328,7 +328,7 @@ class Session:
             raise
 
 
-async def _open_local(stream: Stream, reader: Reader, path: str, largest: int) -> LocalStream:
+async def _open_local(stream: ClientStream, reader: Reader, path: str, largest: int) -> LocalStream:
     return LocalStream(stream, reader, path, largest)
 
 

@@ -1,10 +1,13 @@
-"""The rest of a session over a Unix socket, with the interface of `Stream`. See LOCAL TRANSPORT in bridge.proto."""
+"""The rest of a session over a Unix socket, with the interface of `ClientStream`.
+
+See LOCAL TRANSPORT in bridge.proto.
+"""
 
 from contextlib import suppress
 
 from joybridge.client.errors import SimulatorError
 from joybridge.client.responses import Reader, parse
-from joybridge.client.stream import Stream
+from joybridge.client.stream import ClientStream
 from joybridge.contract.local_socket import FrameError, LocalSocket
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -12,7 +15,7 @@ from joybridge.v1 import bridge_pb2 as pb
 class LocalStream:
     """The messages of a session that a Play stream has started. All methods block. An interrupt loses a message."""
 
-    def __init__(self, stream: Stream, reader: Reader, path: str, largest: int) -> None:
+    def __init__(self, stream: ClientStream, reader: Reader, path: str, largest: int) -> None:
         """Connect to the socket of the session. largest: bytes of a response. Raises OSError."""
         self._stream, self._reader = stream, reader
         self._socket = LocalSocket(path, largest)

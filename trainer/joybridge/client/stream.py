@@ -28,7 +28,7 @@ KEEPALIVE = [
 T = TypeVar("T")
 
 
-class Stream:
+class ClientStream:
     """A Play stream to a simulator. Its public methods block; the others run on the event loop."""
 
     def __init__(self, reader: Reader, largest: int) -> None:

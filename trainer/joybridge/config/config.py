@@ -30,7 +30,8 @@ MAY_CHANGE = (  # in a resumed run
 )
 OF_THE_GAME = ("options", "parameters")
 OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_during")  # not of several
-MAY_DIFFER = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")  # from the training, when a policy plays
+# What a configuration may change when a policy plays.
+PLAYABLE_KEYS = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
