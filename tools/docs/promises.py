@@ -49,6 +49,7 @@ PROMISES = {
     "M2": "Each small game is learned as it is configured",
     "O1": "Errors have codes that stay, and a next move",
     "O2": "A recorded fault fails again in the same step",
+    "T1": "Tests notice small changes of what trains and of what travels (`python -m tools.mutants`)",
     "T2": "This table is generated from the tests",
 }
 
