@@ -8,7 +8,7 @@ import numpy as np
 import pygame
 import pytest
 
-from joybridge.commands.__main__ import main
+from joybridge.cli import main
 from joybridge.contract.codec import ActArrays
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game, load_games

@@ -250,7 +250,7 @@ def test_drawing_is_loaded_when_a_picture_is_asked_for():
 
 
 def test_training_loads_no_game():
-    modules = loaded("import joybridge.run.train, joybridge.commands.__main__")
+    modules = loaded("import joybridge.run.train, joybridge.commands.train")
     assert {"joybridge.run", "torch", "joybridge.contract"} <= modules
     assert modules.isdisjoint({"joybridge.simulator", "joybridge.games", "pygame"})
 

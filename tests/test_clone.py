@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from joybridge.cli import main as trainer
 from joybridge.client.client import Session
-from joybridge.commands.__main__ import main as trainer
 from joybridge.commands.clone import main
 from joybridge.layouts import make_acts
 from joybridge.play.agent import load

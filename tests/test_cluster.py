@@ -13,6 +13,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from joybridge.cli import main as trainer
 from joybridge.client.client import list_games
 from joybridge.client.errors import SimulatorError, SimulatorLost
 from joybridge.client.simulator_source import (
@@ -23,7 +24,6 @@ from joybridge.client.simulator_source import (
     open_simulators,
     remember,
 )
-from joybridge.commands.__main__ import main as trainer
 from joybridge.compare import run_grid
 from joybridge.contract.credentials import Credentials, ProtectedAddress
 from joybridge.ray_cluster import program as ray_program

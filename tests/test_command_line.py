@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.commands.__main__ import main
+from joybridge.cli import main
 from joybridge.run.checkpoint import Manifest, save_checkpoint
 
 pytestmark = pytest.mark.usefixtures("signals")

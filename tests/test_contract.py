@@ -1,7 +1,7 @@
 """Generated code is up to date, bridge.proto keeps the lint rules, and within v1 fields are only added.
 
-data/bridge_v1.binpb is the first contract of v1. Generating the code does not change it. Replacing it breaks
-clients that were released.
+data/bridge_v1.binpb is the first contract of v1, and data/VERSION/bridge.binpb that of each version. Generating the
+code does not change them. Replacing them breaks clients that were released.
 """
 
 import re
@@ -18,7 +18,9 @@ from joybridge.v1 import bridge_pb2 as pb
 from tools.generate_proto import MLAGENTS, PROTO, SOURCE, generate
 
 GENERATED = PROTO / Path(SOURCE).parent
-BASELINE = Path(__file__).parent / "data" / "bridge_v1.binpb"
+DATA = Path(__file__).parent / "data"
+BASELINE = DATA / "bridge_v1.binpb"
+EARLIER = [BASELINE, *sorted(DATA.glob("*/bridge.binpb"))]
 
 
 def read(path: Path) -> FileDescriptorSet:
@@ -134,8 +136,9 @@ def breaks(before: FileDescriptorSet, after: FileDescriptorSet) -> list[str]:
 
 
 @pytest.mark.promise("P4")
-def test_the_contract_keeps_what_v1_began_with():
-    assert breaks(read(BASELINE), read(GENERATED / "bridge.binpb")) == []
+@pytest.mark.parametrize("earlier", EARLIER, ids=lambda path: path.parent.name)
+def test_the_contract_keeps_what_earlier_ones_had(earlier):
+    assert breaks(read(earlier), read(GENERATED / "bridge.binpb")) == []
 
 
 def test_the_check_sees_every_name_of_the_proto_file():

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import joybridge.commands.__main__ as trainer
+import joybridge.commands.train as trainer
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import torch
 
+from joybridge.cli import main
 from joybridge.client import recording
 from joybridge.client.client import Session
 from joybridge.client.recording import Kind, Record, RecordingError, Writer, load_recording
-from joybridge.commands.__main__ import main
 from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.commands.replay import FaultFound, replay
 from joybridge.commands.replay import main as replay_main

@@ -13,6 +13,7 @@ from joybridge.ppo.distributions import (
     fill_masks,
     gaussian_log_probs,
 )
+from joybridge.ppo.fast.acting import empty_action
 from joybridge.ppo.fast.kernels import NO_MASKS, Head, Noise, sample
 from joybridge.ppo.networks import Network, Towers
 from joybridge.ppo.observation_tensors import Observations
@@ -60,7 +61,9 @@ def sampled(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=Fa
         np.array(sizes, np.int64),
     )
     masks = NO_MASKS if masks is None else masks.numpy()
-    action = sample(outputs.numpy(), head, masks, Noise(normal, uniform), likeliest)
+    noise = Noise(normal, uniform)
+    action = empty_action(noise)
+    sample(outputs.numpy(), head, masks, noise, likeliest, action)
     return torch.from_numpy(action.discrete), torch.from_numpy(action.continuous), torch.from_numpy(action.log_probs)
 
 

@@ -18,8 +18,8 @@ from grpc_health.v1 import health_pb2
 from hypothesis import given
 from hypothesis import strategies as st
 
+from joybridge.cli import main as trainer
 from joybridge.client.errors import from_grpc
-from joybridge.commands.__main__ import main as trainer
 from joybridge.commands.look import main as look
 from joybridge.conformance.__main__ import main as check
 from joybridge.conformance.doctor import main as doctor

@@ -16,8 +16,8 @@ import pytest
 import torch
 
 from joybridge import cli
+from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.play import export as exporting
 from joybridge.play.export import compare

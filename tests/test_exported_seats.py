@@ -9,8 +9,8 @@ import onnx
 import pytest
 from onnx import helper
 
+from joybridge.cli import main
 from joybridge.client.client import Session, describe
-from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, OpponentsConfig, PolicyConfig
 from joybridge.config.errors import ConfigError
 from joybridge.layouts import make_acts

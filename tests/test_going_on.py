@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import joybridge.run.train as training
-from joybridge.commands.__main__ import main
+from joybridge.cli import main
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import run_config

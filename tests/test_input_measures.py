@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from joybridge.commands.__main__ import main
+from joybridge.cli import main
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.layouts.device_names import rest_choice

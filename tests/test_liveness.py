@@ -163,12 +163,12 @@ def test_a_signal_ends_a_server_whose_games_hang_and_the_log_says_where():
 
 
 def test_a_signal_ends_a_server_whose_game_has_closed_standard_error():
-    with server("--address", "127.0.0.1:0", *games(*PLACES), stderr=subprocess.PIPE) as process:
-        with Stream(process.address) as stream:
-            stream.ask(start("hangs", options={"how": "stderr"}))
-            stream.ask(press())
-            process.terminate()  # with an open session, so that the server logs what it ends
-            assert process.wait(SECONDS) == 0
+    arguments = ["--address", "127.0.0.1:0", *games(*PLACES)]
+    with server(*arguments, stderr=subprocess.PIPE) as process, Stream(process.address) as stream:
+        stream.ask(start("hangs", options={"how": "stderr"}))
+        stream.ask(press())
+        process.terminate()  # with an open session, so that the server logs what it ends
+        assert process.wait(SECONDS) == 0
 
 
 def test_a_signal_ends_a_server_even_if_its_event_loop_hangs():

@@ -5,7 +5,7 @@ from itertools import product
 
 import pytest
 
-import joybridge.commands.__main__ as trainer
+import joybridge.commands.train as trainer
 from joybridge.client.client import Session
 from joybridge.client.errors import SimulatorError
 from joybridge.layouts import make_acts

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.commands.__main__ import main
+from joybridge.cli import main
 from joybridge.commands.runs import main as runs_main
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import ConfigError

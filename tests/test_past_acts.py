@@ -5,8 +5,8 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, HandConfig, PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import TensorError

@@ -8,8 +8,8 @@ import av
 import numpy as np
 import pytest
 
+from joybridge.cli import main
 from joybridge.client.simulator_source import FILE, Simulators, last_simulators, remember
-from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.run.train import train
 from tests.support.games import PLACES

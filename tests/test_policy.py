@@ -1,10 +1,13 @@
-"""An policy acts and learns alike with either gradient and on any accelerator."""
+"""A policy acts and learns alike with either gradient and on any accelerator."""
 
+import sys
 from functools import partial
+from types import FrameType
 
 import numpy as np
 import pytest
 import torch
+from numba.core.serialize import _numba_unpickle
 
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.errors import ConfigError
@@ -14,6 +17,7 @@ from joybridge.layouts import make_acts
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
 from joybridge.ppo.fast.gradient import ClosedFormGradient
+from joybridge.ppo.fast.kernels import draw_noise
 from joybridge.ppo.loss import autograd_gradient, joint_log_probs
 from joybridge.ppo.schedule import Coefficients
 from joybridge.run.train import learn
@@ -68,6 +72,33 @@ def weights_after_an_update(layout: str, accelerator: str, *, autograd: bool) ->
     for policy in policies:
         learn(policy, 0.1)
     return {f"{policy.actor.name} {name}": array for policy in policies for name, array in policy.actor.state().items()}
+
+
+@pytest.mark.parametrize("layout", ["hybrid", "ordinal-5", "beta"])
+def test_compiled_code_calls_no_python_code_in_which_an_interrupt_would_end_the_process(layout):
+    """What Numba returns as an array or a NamedTuple is made with this function, whose failure it does not notice."""
+    calls = []
+
+    def note(frame: FrameType, event: str, argument: object) -> None:
+        if event == "call" and frame.f_code is _numba_unpickle.__code__:
+            calls.append(event)
+
+    for policy in full_agents("hybrid", {}, small(layout, autograd=False, game="hybrid")):
+        actor, rollout = policy.actor, policy.rollout
+        seen, space = rollout.observation(0, slice(None)), actor.layout.space
+        noise = draw_noise(np.random.default_rng(0), (ARENAS, space.continuous), (ARENAS, len(space.branches)))
+        batch = rollout.batch(np.ones_like(rollout.rewards), rollout.decided())
+        gradients = [] if layout == "beta" else [ClosedFormGradient(actor.network, threads) for threads in (1, 2)]
+        for profile in (None, note):  # compiled in the first round
+            sys.setprofile(profile)
+            try:
+                actor.act(seen, None, noise)
+                actor.values(seen)
+                for gradient in gradients:
+                    gradient(batch, torch.arange(len(batch)), Coefficients(1e-3, 0.2, 0.01))
+            finally:
+                sys.setprofile(None)
+    assert not calls
 
 
 @pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "ordinal-5", "threshold-0.0", "multiagent"])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.play.memory_strip import ABOVE, BELOW, DARK, GAP, ROW

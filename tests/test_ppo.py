@@ -166,6 +166,20 @@ def test_adam_divides_by_no_less_than_its_epsilon(autograd):
     assert steps == pytest.approx([0.1, 0.1 * 0.5 / 1.5], rel=1e-4)
 
 
+@pytest.mark.parametrize("autograd", [False, True])
+def test_weight_decay_is_that_of_adamw(autograd):
+    network, flat, _ = make(*SPACES["hybrid"], rows=1)
+    learner = Learner("x", network, branches=["a", "b"], gaussians=["x", "y"], autograd=autograd)
+    theirs = learner.weights.detach().clone().requires_grad_()
+    optimizer = torch.optim.AdamW([theirs], lr=0.1, weight_decay=0.3)
+    for size in (0.5, -0.2):
+        flat.grad.fill_(size)
+        theirs.grad = flat.grad.clone()
+        learner.step(0.1, 0.3)
+        optimizer.step()
+    torch.testing.assert_close(learner.weights.detach(), theirs.detach())
+
+
 def compare_gradients(name, seed, activation, threads=1, coefficients=SAME):
     network, flat, batch = make(*SPACES[name], rows=200, seed=seed, activation=activation)
     if name == CONDITIONAL:

@@ -149,6 +149,24 @@ def test_sounds_variables_and_text_pay_each_in_its_own_channel(tmp_path):
     assert first.rewards.tolist() == second.rewards.tolist() == [[2.0, 4.0, 8.0]]
 
 
+def test_two_scores_that_look_alike_are_told_apart_by_their_place_in_the_frame(tmp_path):
+    body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
+    body += "    n += 1\n    for score in (n, 10 * n): font.render(f'{score:>4}', True, 'white')\n"
+    rewards = r"""'reward=text1:^ *(\d+)$' 'reward=text2:^ *(\d+)$'"""
+    game = program(tmp_path, HEAD + body + SHOW, rewards)
+    assert [step.rewards.tolist() for step in steps(game, 2)] == [[[4.0, 40.0]]] * 2
+    assert game.look.channels == ["reward", "reward_2"]
+    unasked = program(tmp_path, HEAD + body + SHOW)
+    for reward in rewards.strip("'").split("' '"):
+        assert f"'{reward}' (" in unasked.description
+
+
+def test_buttons_are_found_where_the_program_passes_them_on(tmp_path):
+    body = "def pressed(pos, button):\n    return button == 1 or button == 3\n" + LOOP
+    body += "    for e in events:\n        if e.type == pygame.MOUSEBUTTONDOWN: pressed(e.pos, e.button)\n"
+    assert program(tmp_path, HEAD + body + SHOW, "snapshots=false").look.buttons == ["left", "right"]
+
+
 def test_a_rendered_text_or_the_end_of_the_program_ends_the_episode(tmp_path):
     body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
     for line, settings in (
@@ -377,6 +395,7 @@ def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypa
     options = Namespace(game=[], simulator=[], overrides=[])
     add_own_game(options, ["game.yaml"])
     load_config(tmp_path / "game.yaml", options.overrides)
+    assert '  # reward: "^Score: (\\\\d+)"  # 0 to ' in (tmp_path / "game.yaml").read_text()
     (place,) = options.game
     assert place == "pygame:game.py keys=LEFT buttons=left hook=game_hook.py -- easy"
     game: Any = load_game(place)

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from joybridge.commands.__main__ import main
+from joybridge.cli import main
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.metrics import read_rows
 from joybridge.run.sinks import SINKS

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.commands.__main__ import main
 from joybridge.compare import rate as rating_command
 from joybridge.compare import rating_page
 from joybridge.compare.rating import rate

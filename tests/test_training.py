@@ -15,7 +15,7 @@ import av
 import numpy as np
 import pytest
 
-import joybridge.commands.__main__ as trainer
+import joybridge.commands.train as trainer
 from joybridge.client.launch import simulator_process
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import load_checkpoint

@@ -30,7 +30,7 @@ REQUIRED = ("3.11", "3.12", "3.13")  # the classifiers
 NEWER = ("3.14",)
 HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
 TRAPS = ("trainer.py", "simulator.py", "tools.py", "configs.py", "tests/__init__.py")
-DEADLINE = 300.0  # seconds of one command
+DEADLINE = 600.0  # seconds of one command, on a busy machine
 
 PLAY = """
 import numpy as np
@@ -92,45 +92,18 @@ class NoWheel(Exception):
     """A dependency without a wheel for a Python."""
 
 
-class Environment:
-    """A virtual environment with the wheel and one of its extras, and an empty folder to work in."""
+class Programs:
+    """The programs of an environment, and an empty folder to work in."""
 
-    def __init__(self, python: Path, wheel: Path, extra: str, folder: Path) -> None:
-        """Make the environment in `folder` and install `extra` ("": none). Raises NoWheel and Failed."""
-        self.bin, self.work = folder / "venv/bin", folder / "work"
+    def __init__(self, programs: Path, work: Path) -> None:
+        """Run what is in the folder `programs`, in the folder `work`, which is made."""
+        self.bin, self.work = programs, work
         self.work.mkdir(parents=True)
         for trap in TRAPS:
             (self.work / trap).parent.mkdir(exist_ok=True)
             (self.work / trap).write_text(f"raise RuntimeError('{trap} of the working folder was imported')\n")
         hidden = {"PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "NUMBA_CACHE_DIR"}
         self.variables = {name: value for name, value in os.environ.items() if name not in hidden}
-        self.run(str(python), "-m", "venv", "--without-pip", str(folder / "venv"))
-        self.install(wheel, extra)
-
-    def install(self, wheel: Path, extra: str) -> None:
-        """Install the wheel with an extra. Raises NoWheel and Failed."""
-        command = (
-            sys.executable,
-            "-m",
-            "pip",
-            "--python",
-            str(self.bin / "python"),
-            "install",
-            "--quiet",
-            "--no-compile",
-            "--only-binary",
-            ":all:",
-            "--constraint",
-            str(ROOT / "constraints.txt"),
-            f"{wheel}[{extra}]" if extra else str(wheel),
-        )
-        try:
-            self.run(*command)
-        except Failed as failure:
-            missing = [line for line in str(failure).splitlines() if "No matching distribution found" in line]
-            if missing:
-                raise NoWheel(missing[0].removeprefix("ERROR: ")) from failure
-            raise
 
     def run(self, program: str, *arguments: str, status: int = 0) -> str:
         """Run a program, of the environment if it is there, and return its output. Raises Failed."""
@@ -190,6 +163,41 @@ class Environment:
                 yield line.removeprefix(READY).strip()
             finally:
                 process.kill()
+
+
+class Environment(Programs):
+    """A virtual environment with the wheel and one of its extras, and an empty folder to work in."""
+
+    def __init__(self, python: Path, wheel: Path, extra: str, folder: Path) -> None:
+        """Make the environment in `folder` and install `extra` ("": none). Raises NoWheel and Failed."""
+        super().__init__(folder / "venv/bin", folder / "work")
+        self.run(str(python), "-m", "venv", "--without-pip", str(folder / "venv"))
+        self.install(wheel, extra)
+
+    def install(self, wheel: Path, extra: str) -> None:
+        """Install the wheel with an extra. Raises NoWheel and Failed."""
+        command = (
+            sys.executable,
+            "-m",
+            "pip",
+            "--python",
+            str(self.bin / "python"),
+            "install",
+            "--quiet",
+            "--no-compile",
+            "--only-binary",
+            ":all:",
+            "--constraint",
+            str(ROOT / "constraints.txt"),
+            f"{wheel}[{extra}]" if extra else str(wheel),
+        )
+        try:
+            self.run(*command)
+        except Failed as failure:
+            missing = [line for line in str(failure).splitlines() if "No matching distribution found" in line]
+            if missing:
+                raise NoWheel(missing[0].removeprefix("ERROR: ")) from failure
+            raise
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

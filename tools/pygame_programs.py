@@ -1,10 +1,12 @@
-"""Play pygame programs of other packages twice, and go on from snapshots: is every frame the same? A row for each.
+r"""Play pygame programs of other packages twice, and go on from snapshots: is every frame the same? A row for each.
 
     python -m tools.pygame_programs pygame.examples.chimp "xboing keys=LEFT,RIGHT,SPACE" --frames 10000
+    python -m tools.pygame_programs "pygame.examples.aliens 'reward=Score: (\d+)'" --paid 1000
     python -m tools.pygame_programs --names NAMES --seed 46 --count 20
 
-The programs are installed by hand, beside this project. The second form draws names from a file by a seed, so that
-nobody has chosen them. Exit status: 1 if a program was not the same twice or did not go on from a snapshot as before.
+The programs are installed by hand, beside this project. The second form shows what rewards pay in random play. The
+third draws names from a file by a seed, so that nobody has chosen them. Exit status: 1 if a program was not the same
+twice or did not go on from a snapshot as before.
 """
 
 import argparse
@@ -17,10 +19,13 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from joybridge.adapters.pygame_programs.first_play import branch_off, playing
+import numpy as np
+
+from joybridge.adapters.pygame_programs.first_play import branch_off, playing, random_acts
 from joybridge.adapters.pygame_programs.game import PygameGame
-from joybridge.adapters.pygame_programs.rerun import opened, random_acts
+from joybridge.adapters.pygame_programs.rerun import opened
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.tensors import Array
 
 FRAMES = 10_000
 EPISODES = 1000  # at most: some programs end at once
@@ -50,12 +55,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--snapshots", type=int, default=AFTER_SNAPSHOTS, help="frames after snapshots, 0: none; default %(default)s"
     )
+    parser.add_argument("--paid", type=int, metavar="DECISIONS", help="say what rewards have paid after so many")
     parser.add_argument("--names", type=Path, help="draw names from the lines of this file, and print them")
     parser.add_argument("--count", type=int, default=20, help="how many are drawn; default %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="of the draw and of what is played; default %(default)s")
     options = parser.parse_args(arguments)
     if options.names:
         print("\n".join(draw(options.names.read_text(encoding="utf-8").split(), options.count, options.seed)))
+        return 0
+    if options.paid:
+        print(f"| program | paid in {options.paid:,} decisions |\n| --- | --- |")
+        for program in options.programs:
+            print(f"| `{program}` | {paid(program, options.paid, options.seed)} |", flush=True)
         return 0
     print(f"| program | {options.frames:,} frames twice | after snapshots | seconds |\n| --- | --- | --- | --- |")
     rows = []
@@ -86,6 +97,22 @@ def look_at(program: str, frames: int, after_snapshots: int, seed: int) -> Row:
     note = "" if game.exact else ", which are not served"
     same = first == second and (not different or not game.exact)
     return Row(program, f"{text}; served after {started:.1f} s", snapshots + note, time.monotonic() - begin, same)
+
+
+def paid(program: str, decisions: int, seed: int) -> str:
+    """Play a program at random and return how often each reward channel was paid, and how much."""
+    with opened(program, {}) as (_, game), playing(game.processes, game.look, interval=4) as (players, form):
+        rewards: list[Array] = []
+        for episode in range(seed, seed + EPISODES):
+            players.begin([0], [episode])
+            rewards += [one.rewards for one in players.play(0, random_acts(form, episode, decisions - len(rewards)))]
+            if len(rewards) >= decisions:
+                break
+        table = np.array(rewards)
+    return "; ".join(
+        f"{name} in {np.count_nonzero(column)}, {column[column > 0].sum():+g} and {column[column < 0].sum():+g}"
+        for name, column in zip(game.look.channels, table.T, strict=True)
+    )
 
 
 def _continued(game: type[PygameGame], frames: int, seed: int) -> tuple[int, int]:

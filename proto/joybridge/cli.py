@@ -41,7 +41,7 @@ CORE = {
     "tape": Command(
         "joybridge.adapters.tape_command", "simulator", "regression tests of a pygame program: input tapes"
     ),
-    "train": Command("joybridge.commands.__main__", "train", "train a configuration"),
+    "train": Command("joybridge.commands.train", "train", "train a configuration"),
     "clone": Command("joybridge.commands.clone", "train", "learn from demonstrations alone, without playing the game"),
     "replay": Command("joybridge.commands.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(
@@ -49,13 +49,13 @@ CORE = {
     ),
     "rate": Command("joybridge.compare.rate", "compare", "let policies of runs play each other, and rate them"),
     "keys": Command("joybridge.config.keys", "train", "list the keys of configurations: default, meaning and range"),
-    "evaluate": Command("joybridge.commands.__main__", "train", "measure how well the policy of a run plays"),
-    "record": Command("joybridge.commands.__main__", "train", "record a video of the policy of a run"),
+    "evaluate": Command("joybridge.commands.evaluate", "train", "measure how well the policy of a run plays"),
+    "record": Command("joybridge.commands.record", "train", "record a video of the policy of a run"),
     "drive": Command(
         "joybridge.commands.drive", "train", "let the policy of a run play a pygame program in its window"
     ),
     "runs": Command("joybridge.commands.runs", "train", "list the runs in a folder"),
-    "export": Command("joybridge.commands.__main__", "export", "write the policy of a run as a file for your product"),
+    "export": Command("joybridge.commands.export", "export", "write the policy of a run as a file for your product"),
 }
 
 

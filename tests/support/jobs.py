@@ -2,7 +2,7 @@
 
 import signal
 
-from joybridge.commands.__main__ import main as trainer
+from joybridge.cli import main as trainer
 from joybridge.compare.job import Job
 
 

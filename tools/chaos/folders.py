@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from joybridge.commands.__main__ import main as trainer
+from joybridge.cli import main as trainer
 from joybridge.config.config import Config
 from joybridge.run.checkpoint import ARRAYS, MANIFEST, SUMS, Manifest, _sums, save_checkpoint
 from joybridge.run.folder import keep_config

@@ -15,7 +15,6 @@ from tools.paper.statistics import Sample
 
 DATA = Path(__file__).with_name("data")
 TIMESTEPS_PER_STEP = 15
-RUNS = 10  # of each experiment
 
 
 @dataclass(frozen=True)
@@ -27,16 +26,17 @@ class Point:
     reward_std: float
     length: float
     length_std: float
+    runs: int  # which differ
 
     @property
     def sample(self) -> Sample:
-        """Return the rewards of the ten runs."""
-        return Sample(self.reward, self.reward_std, RUNS, RUNS - 1)
+        """Return the rewards of the runs."""
+        return Sample(self.reward, self.reward_std, self.runs, self.runs - 1)
 
 
 @dataclass(frozen=True)
 class Ends:
-    """How the original's ten runs of an experiment ended, one figure per run."""
+    """How the original's runs of an experiment ended, one figure per run; a run that is in its logs twice is one."""
 
     reward: tuple[float, ...]  # of the last row
     last_ten: tuple[float, ...]  # mean reward of the last ten rows
@@ -50,10 +50,16 @@ def original_curve(game: str, layout: str, policy: str = "") -> tuple[Point, ...
 
     policy: "axes" or "buttons" of multiagent, whose rewards differ; else "".
     """
+    ends = original_ends(game, layout, policy)
+    runs = len(ends.reward) if ends else 0
     return tuple(
         Point(
             int(row["step"]) * TIMESTEPS_PER_STEP,
-            *(float(row[name]) for name in ("reward", "reward_std", "length", "length_std")),
+            float(row["reward"]),
+            float(row["reward_std"]),
+            float(row["length"]),
+            float(row["length_std"]),
+            runs,
         )
         for row in _table("curves.csv", game, layout, policy)
     )
@@ -68,8 +74,8 @@ def original_point(game: str, layout: str, policy: str, timesteps: int) -> Point
 @cache
 def original_ends(game: str, layout: str, policy: str = "") -> Ends | None:
     """Return how the original's runs of an experiment ended, or None where it has none; policy as above."""
-    rows = _table("ends.csv", game, layout, policy)
-    columns = [tuple(float(row[name]) for row in rows) for name in ("reward", "last_ten", "length", "hours")]
+    rows = {row["reward"] + row["last_ten"] + row["length"]: row for row in _table("ends.csv", game, layout, policy)}
+    columns = [tuple(float(row[name]) for row in rows.values()) for name in ("reward", "last_ten", "length", "hours")]
     return Ends(*columns) if rows else None
 
 

@@ -21,13 +21,13 @@ INTRODUCTION = """\
 # The paper's experiments: our runs and the original's
 
 `python -m tools.paper report` computes this page from the metrics in this folder, in the table `runs.csv.xz`, which
-`pandas.read_csv` reads. If there are several lengths of a run, the longest is used. Two runs of the same seed are
-different runs if their first rows differ. For example, the number of `pipeline_groups` (a setting of the trainer)
-changes rounding errors.
+`pandas.read_csv` reads. If there are several lengths of a run, the longest is used. A seed counts as one run: of two
+that differ in rounding errors, for example by the number of `pipeline_groups` (a setting of the trainer), the mean.
 
-The original's numbers are from its logs of ten runs per experiment. Its click accuracies are printed in the paper only.
-Reward is the mean over the episodes of the last 300 000 timesteps (20 000 steps of the original), as in its logs. The
-reward of the two agents (`multiagent`) is that of the agent that clicks, as in the paper."""
+The original's numbers are from its logs of ten runs per experiment. Two of those of Beastly Rivals bucket-11 are the
+same run, which counts once here. Its click accuracies are printed in the paper only. Reward is the mean over the
+episodes of the last 300 000 timesteps (20 000 steps of the original), as in its logs. The reward of the two agents
+(`multiagent`) is that of the agent that clicks, as in the paper."""
 COMPLETE_RUNS = """\
 A complete run has 30 million (30 M) timesteps. Reward is the mean of our runs, with the lowest and the highest run in
 brackets, and the original's mean ± two standard deviations (sd) of its ten runs. *Inside* counts our runs within those

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
+from statistics import mean
 
 from joybridge.compare import read_table
 from joybridge.config.metrics import Row, numbers
@@ -82,15 +84,16 @@ Results = dict[Key, Experiment]
 def read_results(folder: Path) -> Results:
     """Return the runs of the paper's games in a folder of results; of several lengths of a run the longest.
 
-    Runs of the same seed with the same first reward are lengths of one run. Others differ in a setting that changes
-    rounding errors, for example `pipeline_groups`. Runs in the folder `alone` count for speed only.
+    A seed counts as one run, however often it was started: runs of the same seed with the same first reward are lengths
+    of one run, and of others, which differ in rounding errors, the mean counts. Runs in the folder `alone` count for
+    speed only.
     """
     alone = _read_runs(folder / "alone")
     return {key: Experiment(*key, runs, alone.get(key, ())) for key, runs in _read_runs(folder).items()}
 
 
 def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
-    """Return the longest length of each run, by experiment in the order of LAYOUTS."""
+    """Return a run per seed, by experiment in the order of LAYOUTS."""
     longest: dict[Key, dict[tuple[int, float], Run]] = {}  # within an experiment, by seed and first reward
     for name, cells in read_table(folder).items():
         game, _, layout = name.run.experiment.partition("/")
@@ -100,9 +103,23 @@ def _read_runs(folder: Path) -> dict[Key, tuple[Run, ...]]:
             run, beginning = Run(name.run.seed, rows), (name.run.seed, rows[min(rows)]["reward"])
             runs[beginning] = max(run, runs.get(beginning, run), key=lambda each: each.end)
     return {
-        key: tuple(runs[beginning] for beginning in sorted(runs))
+        key: tuple(_mean(list(same)) for _, same in groupby(sorted(runs.values(), key=_seed), _seed))
         for key, runs in sorted(longest.items(), key=lambda item: _place(*item[0]))
     }
+
+
+def _seed(run: Run) -> int:
+    return run.seed
+
+
+def _mean(runs: list[Run]) -> Run:
+    """Return the means of some runs of one seed, at every mark of those that have reached it."""
+    marks = sorted({mark for run in runs for mark in run.rows})
+    at = {mark: [run.rows[mark] for run in runs if mark in run.rows] for mark in marks}
+    return Run(
+        runs[0].seed,
+        {mark: {key: mean(row[key] for row in rows if key in row) for key in rows[0]} for mark, rows in at.items()},
+    )
 
 
 def _place(game: str, layout: str, policy: str) -> tuple[int, int, str, str]:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from joybridge.adapters.pygame_programs.rerun import opened, random_acts
+from joybridge.adapters.pygame_programs.first_play import random_acts
+from joybridge.adapters.pygame_programs.rerun import opened
 from joybridge.adapters.pygame_programs.tape import Difference, TapeError, compare, read_tape, write_tape
 
 __all__ = ["TapeError", "record", "replay"]

@@ -20,6 +20,7 @@ from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.places import PYGAME, program_place
 
+LAST_SIMULATORS = "the simulators of the run's last training, if they answer; otherwise "
 ENVIRONMENTS = {"gym": "ID", "pettingzoo": "MODULE", "pygame": "PROGRAM", "unity": "BUILD", "unity-port": "PORT"}
 
 

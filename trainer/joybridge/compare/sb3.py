@@ -21,6 +21,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch import nn
+from torch.optim import AdamW
 
 from joybridge.client.command_line import run_command
 from joybridge.config.config import Config, dump_config, load_config
@@ -96,6 +97,11 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         "ortho_init": policy.ortho_init,
         "optimizer_kwargs": {"eps": policy.adam_eps},
     }
+    if policy.weight_decay:
+        kwargs |= {
+            "optimizer_class": AdamW,
+            "optimizer_kwargs": {"eps": policy.adam_eps, "weight_decay": policy.weight_decay},
+        }
     entropy_coef = policy.entropy_coef
     if isinstance(env.action_space, gymnasium.spaces.Box):
         assert isinstance(policy.log_std_init, float)

@@ -139,6 +139,9 @@ class PolicyConfig(Checked):
     epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")
     learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam")
     adam_eps: float = Field(1e-8, gt=0, description="what Adam adds to its denominators")
+    weight_decay: float = Field(
+        0.0, ge=0, description="share of every parameter that a step of the size 1 takes from it, as AdamW does"
+    )
     learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
     entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
     entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")

@@ -87,7 +87,7 @@ def fit(actor: Actor, shown: Shown, passes: int) -> Iterator[Fit]:
         for _ in range(len(shown.learned) // size):
             gradient.zero_()
             losses.append(add_cloning_gradient(actor.network, next(chosen), 1.0))
-            learner.step(actor.config.learning_rate)
+            learner.step(actor.config.learning_rate, actor.config.weight_decay)
         loss = float(np.mean(losses))
         held_out = np.nan if shown.held_out is None else _loss(actor, shown.held_out)
         judged = loss if shown.held_out is None else held_out

@@ -18,9 +18,9 @@ from joybridge.policy.fit import misfits
 from joybridge.policy.past_acts import PastActs
 from joybridge.policy.scaling import make_scaling
 from joybridge.ppo.convolutions import ImageEncoder
-from joybridge.ppo.fast.acting import decide
+from joybridge.ppo.fast.acting import decide, write_heads
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
-from joybridge.ppo.fast.towers import Form, form, heads
+from joybridge.ppo.fast.towers import Form, form
 from joybridge.ppo.images import check_maps
 from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, Towers, flatten_parameters
@@ -116,9 +116,9 @@ class Actor:
             allowed = NO_MASKS if masks is None else masks
             return Acted(*decide(*self._compiled, observations.numbers, allowed, noise, deterministic))
         with torch.inference_mode():
-            outputs, values, memory = self._heads(observations)
+            outputs, estimates, memory = self._heads(observations)
             action = sample_actions(self.network, outputs, masks, noise, deterministic=deterministic)
-            return Acted(action, values.numpy(force=True), None if memory is None else memory.numpy(force=True))
+            return Acted(action, estimates.numpy(force=True), None if memory is None else memory.numpy(force=True))
 
     def values(self, observations: Observation) -> Array:
         """Return the values, float32 [rows], of observations."""
@@ -129,7 +129,10 @@ class Actor:
         """Return what `Network.heads` does."""
         if self._compiled is None:
             return self.network.heads(to_tensors(observations, self.accelerator))
-        outputs, values = heads(*self._compiled, observations.numbers)
+        weights, shape = self._compiled
+        rows, columns = len(observations.numbers), len(shape.sums.T) or shape.columns
+        outputs, values = np.empty((rows, columns), np.float32), np.empty(rows, np.float32)
+        write_heads(weights, shape, observations.numbers, outputs, values)
         return Heads(torch.from_numpy(outputs), torch.from_numpy(values), None)
 
     @cached_property

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.continuous import log_probs_of_each, sample_each
+from joybridge.ppo.fast.acting import empty_action
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Head, Noise, sample
 from joybridge.ppo.networks import Network
 
@@ -26,7 +27,8 @@ def sample_actions(
     if not network.distributions:
         means, log_variance = network.mean_bias.numpy(force=True), network.log_variance.numpy(force=True)
     head = Head(means, log_variance, sizes)
-    action = sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic)
+    action = empty_action(noise)
+    sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic, action)
     if not network.distributions:
         return action
     normal = torch.from_numpy(np.zeros_like(noise.normal) if deterministic else noise.normal)

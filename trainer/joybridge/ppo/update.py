@@ -78,8 +78,13 @@ class Learner:
             self.moments[name].copy_(torch.from_numpy(array))
 
     @torch.no_grad()
-    def step(self, learning_rate: float) -> None:
-        """Move the weights against their gradient with Adam (Kingma and Ba, 2015), whose epsilon is `adam_eps`."""
+    def step(self, learning_rate: float, weight_decay: float = 0.0) -> None:
+        """Move the weights against their gradient with Adam (Kingma and Ba, 2015), whose epsilon is `adam_eps`.
+
+        weight_decay: of AdamW (Loshchilov and Hutter, 2019), times the learning rate: what the weights lose before.
+        """
+        if weight_decay:
+            self.weights *= 1.0 - learning_rate * weight_decay
         weights, gradient = self.weights, self.weights.grad
         step, mean, square = self.moments["step"], self.moments["exp_avg"], self.moments["exp_avg_sq"]
         assert gradient is not None
@@ -149,7 +154,7 @@ def ppo_update(
                 losses.append(add_cloning_gradient(learner.network, next(cloning.minibatches), cloning.coef))
             if max_grad_norm is not None:
                 norm = torch.nn.utils.clip_grad_norm_(learner.weights, max_grad_norm)
-            learner.step(coefficients.learning_rate)
+            learner.step(coefficients.learning_rate, config.weight_decay)
         done += 1
         divergence = float(np.mean([row[KL] for row in rows[-(batch.units // size) :]]))
     statistics = dict(zip(learner.statistics, np.mean(rows, axis=0).tolist(), strict=True))

@@ -1,11 +1,12 @@
 """A first look at a pygame program becomes the spec of a game."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from joybridge.adapters.pygame_programs.first_play import Number
 from joybridge.adapters.pygame_programs.form import make_look, options_of
 from joybridge.adapters.pygame_programs.game import PygameGame
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses, WindowProcess
@@ -32,6 +33,7 @@ def adapt(text: str) -> type[BatchedGame]:
     except BaseException:
         processes.end()
         raise
+    note += _numbers(found.numbers)
     if not found.exact:
         note += " Without snapshots, as it does not go on from them with the same pictures."
     if settings.window:
@@ -46,6 +48,7 @@ def adapt(text: str) -> type[BatchedGame]:
         "processes": processes,
         "frame_seconds": found.frame_seconds,
         "exact": found.exact and not settings.window,
+        "numbers": found.numbers,
     }
     game: Any = type("AdaptedGame", (PygameGame,), members)
     return game  # type: ignore[no-any-return]
@@ -53,3 +56,11 @@ def adapt(text: str) -> type[BatchedGame]:
 
 def _list(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
+
+
+def _numbers(numbers: Sequence[Number]) -> str:
+    """Say what may be a reward."""
+    changed = [str(number) for number in numbers if number.low != number.high]
+    others = [str(number) for number in numbers if number.low == number.high]
+    changing = f" Numbers in its texts that may be rewards: {_list(changed)}." if changed else ""
+    return changing + (f" Numbers that have not changed yet: {_list(others)}." if others else "")

@@ -1,7 +1,9 @@
 """What is found out about a program by playing it for some seconds before it is served."""
 
+import shlex
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from statistics import median
 from typing import Any, NamedTuple
@@ -13,10 +15,29 @@ from joybridge.adapters.pygame_programs.players import Played, Players
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses
 from joybridge.adapters.pygame_programs.wire import ENDING
 from joybridge.contract.spec import choose_options
+from joybridge.simulator.batched_game import GameError
 
 QUIET_FRAMES = 32  # that are played without input to measure their length, if nothing else is played
 WATCHED_FRAMES = 160  # in which one key after the other is pressed
 SAME_FRAMES = (20, 40)  # before and after a snapshot, with random acts
+TEXT_DECISIONS = 200  # in which numbers in texts are looked for, at most
+TEXT_SECONDS = 3.0  # the same
+TEXT_EPISODES = 20  # the same
+MAX_NUMBERS = 8  # that are shown
+HOLD = 0.8  # probability with which random play goes on with what it does
+
+
+class Number(NamedTuple):
+    """A number in the texts of a program, and between which values it was."""
+
+    reward: str  # that it would be, as in the setting
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """Return it for a person."""
+        values = f"{self.low:g}" if self.low == self.high else f"{self.low:g} to {self.high:g}"
+        return f"{shlex.quote(f'reward={self.reward}')} ({values})"
 
 
 class FirstPlay(NamedTuple):
@@ -25,6 +46,7 @@ class FirstPlay(NamedTuple):
     read: list[str]  # keys that the program was seen to read, without those that end it
     frame_seconds: float  # how long a frame usually is, in the program's own time
     exact: bool  # whether it goes on from snapshots with the same pictures
+    numbers: list[Number]  # in its texts, unless it is said what pays
 
 
 def first_play(processes: ProgramProcesses, shown: Mapping[str, Any]) -> FirstPlay:
@@ -32,8 +54,8 @@ def first_play(processes: ProgramProcesses, shown: Mapping[str, Any]) -> FirstPl
     settings = processes.settings
     look, times, read = make_look(settings, shown), [0], list[str]()
     if "keys" not in settings.names:
-        numbers, times = keys_read(processes, look)
-        read = sorted(name for name, number in shown["numbers"].items() if number in numbers and name not in ENDING)
+        keys, times = keys_read(processes, look)
+        read = sorted(name for name, number in shown["numbers"].items() if number in keys and name not in ENDING)
         look = make_look(settings, shown, read)
     elif settings.window or "snapshots" in settings.flags:
         times = quiet_times(processes, look)
@@ -42,8 +64,9 @@ def first_play(processes: ProgramProcesses, shown: Mapping[str, Any]) -> FirstPl
     else:
         exact, same_times = plays_the_same(processes, look)
         times = max(times, same_times, key=len)
+    numbers = [] if settings.rewards or "hook" in settings.texts else numbers_shown(processes, look)
     usual = median([after - before for before, after in pairwise(times)] or [0])
-    return FirstPlay(read, usual / 1e9 or 1 / settings.number("fps"), exact)
+    return FirstPlay(read, usual / 1e9 or 1 / settings.number("fps"), exact, numbers)
 
 
 def quiet_times(processes: ProgramProcesses, look: Look) -> list[int]:
@@ -55,10 +78,33 @@ def quiet_times(processes: ProgramProcesses, look: Look) -> list[int]:
 
 def keys_read(processes: ProgramProcesses, look: Look) -> tuple[set[int], list[int]]:
     """Return the numbers of the keys that the program is seen to read, and the times of frames. Raises GameError."""
-    with playing(processes, look, watch=True) as (players, form):
+    with playing(processes, look, watch="keys") as (players, form):
         first = players.begin([0], [0])
-        times = _times([*first, *players.play(0, _random_acts(form, WATCHED_FRAMES, press=False))])
+        times = _times([*first, *players.play(0, _fresh_acts(form, WATCHED_FRAMES, press=False))])
         return set(players.watched(0)), times
+
+
+def numbers_shown(processes: ProgramProcesses, look: Look) -> list[Number]:
+    """Return which numbers the texts of the program show in random play, first those that change.
+
+    A program that fails meanwhile shows no more.
+    """
+    end, left = time.monotonic() + TEXT_SECONDS, TEXT_DECISIONS
+    found: dict[str, Number] = {}
+    with suppress(GameError), playing(processes, look, interval=4, watch="texts") as (players, form):
+        for seed in range(TEXT_EPISODES):
+            players.begin([0], [seed])
+            for _ in players.play(0, random_acts(form, seed, left)):
+                left -= 1
+                if time.monotonic() > end:
+                    left = 0
+                    break
+            for reward, low, high in players.watched(0):
+                known = found.get(reward, Number(reward, low, high))
+                found[reward] = Number(reward, min(low, known.low), max(high, known.high))
+            if left <= 0:
+                break
+    return sorted(found.values(), key=lambda number: number.low == number.high)[:MAX_NUMBERS]
 
 
 def plays_the_same(processes: ProgramProcesses, look: Look) -> tuple[bool, list[int]]:
@@ -67,7 +113,7 @@ def plays_the_same(processes: ProgramProcesses, look: Look) -> tuple[bool, list[
     Raises GameError.
     """
     with playing(processes, look, hashes=True) as (players, form):
-        acts = _random_acts(form, sum(SAME_FRAMES))
+        acts = _fresh_acts(form, sum(SAME_FRAMES))
         trial = branch_off(players, 0, acts[: SAME_FRAMES[0]], acts[SAME_FRAMES[0] :])
         processes.forget_branches()
         again = [*players.begin([0], [0]), *players.play(0, acts)]
@@ -107,20 +153,33 @@ def _times(frames: Iterable[Played]) -> list[int]:
     return [played.nanoseconds for played in frames]
 
 
-def _random_acts(form: Form, count: int, *, press: bool = True) -> list[bytes]:
-    """Return random acts. press: what is pressed, too, not only where the axes are."""
+def _fresh_acts(form: Form, count: int, *, press: bool = True) -> list[bytes]:
+    """Return random acts, each for itself. press: what is pressed, too, not only where the axes are."""
     rng, counts = np.random.default_rng(0), [len(branch.choices) for branch in form.branches()]
     axes = rng.uniform(-1, 1, (count, len(form.axes()))).astype(np.float32)
     choices = (rng.integers(counts, size=(count, len(counts))) * press).astype(np.int32)
     return [bytes(one) + bytes(other) for one, other in zip(axes, choices, strict=True)]
 
 
+def random_acts(form: Form, seed: int, decisions: int) -> Iterator[bytes]:
+    """Yield random acts that go on for a while, as those of a person do."""
+    rng = np.random.default_rng(seed)
+    axes, counts = len(form.axes()), [len(branch.choices) for branch in form.branches()]
+    places, choices = np.zeros(axes, np.float32), np.zeros(len(counts), np.int32)
+    for _ in range(decisions):
+        fresh = rng.random(axes + len(counts)) > HOLD
+        places = np.where(fresh[:axes], rng.uniform(-1, 1, axes), places).astype(np.float32)
+        choices = np.where(fresh[axes:], rng.integers(counts), choices).astype(np.int32)
+        yield places.tobytes() + choices.tobytes()
+
+
 @contextmanager
 def playing(
-    processes: ProgramProcesses, look: Look, *, hashes: bool = False, watch: bool = False
+    processes: ProgramProcesses, look: Look, *, interval: int = 1, hashes: bool = False, watch: str = ""
 ) -> Iterator[tuple[Players, Form]]:
-    """Yield a player that decides in every frame."""
-    form = make_form(look, choose_options(options_of(look), {"decision_interval": "1"}, processes.settings.name))
+    """Yield a player. interval: frames per decision."""
+    options = {"decision_interval": str(interval)}
+    form = make_form(look, choose_options(options_of(look), options, processes.settings.name))
     told = form.inside(processes.settings.number("seconds"), hashes=hashes, watch=watch)
     players = Players(processes, form, told, 1)
     try:

@@ -177,10 +177,11 @@ class Form(NamedTuple):
             metrics=self.look.metrics,
         )
 
-    def inside(self, seconds: float, *, hashes: bool = False, watch: bool = False) -> dict[str, Any]:
+    def inside(self, seconds: float, *, hashes: bool = False, watch: str = "") -> dict[str, Any]:
         """Return what the program's process needs to know. seconds: for a decision.
 
-        hashes: of frames are wanted. watch: keys are pressed to find out which of them the program reads.
+        hashes: of frames are wanted. watch: "keys" are pressed to find out which of them the program reads, "texts" are
+        searched for numbers.
         """
         return {
             "interval": self.interval,

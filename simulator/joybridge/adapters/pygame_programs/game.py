@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from joybridge.adapters.pygame_programs.first_play import Number
 from joybridge.adapters.pygame_programs.form import Look, make_form
 from joybridge.adapters.pygame_programs.players import Played, Players
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses
@@ -30,6 +31,7 @@ class PygameGame(BatchedGame):
     processes: ClassVar[ProgramProcesses]
     frame_seconds: ClassVar[float]
     exact: ClassVar[bool]  # whether its snapshots are
+    numbers: ClassVar[list[Number]]  # in its texts: what may be a reward
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:

@@ -60,11 +60,10 @@ class Players:
             if played.over:
                 return
 
-    def watched(self, arena: int) -> list[int]:
-        """Return the numbers of the keys that the program has been seen to read."""
+    def watched(self, arena: int) -> Any:
+        """Return what was seen: the numbers of the keys that the program reads, or what its texts show."""
         self._send(arena, WATCHED, b"")
-        read: list[int] = json.loads(self._receive(arena))
-        return read
+        return json.loads(self._receive(arena))
 
     def replay(self, arena: int, acts: bytes, decisions: int) -> Played:
         """Play many decisions, and return what comes of the last."""

@@ -10,7 +10,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-from joybridge.adapters.pygame_programs.first_play import FirstPlay, first_play
+from joybridge.adapters.pygame_programs.first_play import FirstPlay, Number, first_play
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses
 from joybridge.adapters.pygame_programs.settings import PygameSettings
 
@@ -47,7 +47,10 @@ def _path(settings: PygameSettings, sources: str) -> Path | None:
 def _read(path: Path | None) -> FirstPlay | None:
     try:
         found = json.loads(path.read_bytes()) if path else None
-        return FirstPlay(list(found["read"]), float(found["frame_seconds"]), bool(found["exact"])) if found else None
+        if not found:
+            return None
+        numbers = [Number(*number) for number in found["numbers"]]
+        return FirstPlay(list(found["read"]), float(found["frame_seconds"]), bool(found["exact"]), numbers)
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

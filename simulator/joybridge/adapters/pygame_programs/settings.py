@@ -8,6 +8,7 @@ import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from joybridge.adapters.pygame_programs.wire import nth_text
 from joybridge.adapters.settings import AdapterError
 from joybridge.contract.places import program_name
 
@@ -117,6 +118,6 @@ def _channel(source: str, known: dict[str, str]) -> str:
     elif kind == "attr":
         name = place.rpartition(".")[2]
     else:
-        name = next(iter(re.findall(r"[A-Za-z]{2,}", source)), "reward").lower()
+        name = next(iter(re.findall(r"[A-Za-z]{2,}", nth_text(source)[1])), "reward").lower()
     number = sum(re.fullmatch(rf"{re.escape(name)}(_\d+)?", one) is not None for one in known)
     return f"{name}_{number + 1}" if number else name

@@ -5,6 +5,7 @@ that was asked for, or 0 for the process that was started.
 """
 
 import json
+import re
 import socket
 import struct
 from typing import Any
@@ -36,3 +37,9 @@ def knock(folder: str, number: int) -> Link:
 def as_json(value: Any) -> bytes:
     """Return a message in JSON."""
     return json.dumps(value).encode()
+
+
+def nth_text(source: str) -> tuple[int, str]:
+    """Return which text of a frame a reward is meant for, and the pattern: 0, if it is any text that matches."""
+    found = re.fullmatch(r"text([1-9]\d*):(.+)", source)
+    return (int(found[1]), found[2]) if found else (0, source)

@@ -4,7 +4,9 @@ import json
 import os
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from joybridge.contract.places import PYGAME, program_name
 from joybridge.simulator.catalog import load_game, specs
@@ -52,8 +54,8 @@ def write_program(text: str, folder: Path) -> str:
         texts[hook] = (WITHOUT_REWARD if "reward" in keys else HOOK).format(name=name)
         keys["hook"] = [hook.name]
     check_new([config, *texts])
-    game = load_game(PYGAME + text)
-    write_new({**texts, config: _config(next(specs(game)), keys)})
+    game: Any = load_game(PYGAME + text)
+    write_new({**texts, config: _config(next(specs(game)), keys, [] if "reward" in keys else game.numbers)})
     joybridge = shlex.quote(command(folder))
     go = "" if folder.resolve() == Path.cwd() else f"  {shlex.join(['cd', str(folder)])}\n"
     return f"""Created {" and ".join(map(str, [*texts, config]))}.
@@ -77,10 +79,16 @@ def _keys(text: str, folder: Path) -> dict[str, list[str]]:
     return keys | ({"arguments": own} if own else {})
 
 
-def _config(spec: pb.GameSpec, keys: dict[str, list[str]]) -> str:
-    """Return the text of a configuration; what is written as JSON is YAML, too."""
+def _config(spec: pb.GameSpec, keys: dict[str, list[str]], numbers: Sequence[Any]) -> str:
+    """Return the text of a configuration; what is written as JSON is YAML, too.
+
+    numbers: that the program's texts show, see `first_play`.
+    """
     shown = {key: values[0] if len(values) == 1 and key != "arguments" else values for key, values in keys.items()}
     game = "\n".join(f"  {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in shown.items())
+    for number in numbers:
+        seen = f"{number.low:g} to {number.high:g} in some seconds of random play"
+        game += f"\n  # reward: {json.dumps(number.reward, ensure_ascii=False)}  # {seen}"
     return f"""\
 # A start for {json.dumps(spec.name, ensure_ascii=False)}. `joybridge keys` lists all keys.
 game:

@@ -1,14 +1,44 @@
-"""Acting in one compiled call: a pass through the network, and an action per row."""
+"""What an actor computes in one compiled call: a pass through the network, and an action per row."""
+
+import numpy as np
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.fast.kernels import Action, Noise, compiled, sample
 from joybridge.ppo.fast.towers import Form, gaussians, heads
 
 
-@compiled
+def empty_action(noise: Noise) -> Action:
+    """Return arrays for the actions that some noise gives."""
+    normal, uniform = noise
+    return Action(np.empty_like(normal), np.empty(uniform.shape, np.int64), np.empty(len(normal), np.float32))
+
+
 def decide(
     weights: Array, form: Form, observations: Array, masks: Array, noise: Noise, likeliest: bool
 ) -> tuple[Action, Array]:
     """Return an action and a value per row of `observations`; see `heads` and `sample`."""
-    outputs, values = heads(weights, form, observations)
-    return sample(outputs, gaussians(weights, form), masks, noise, likeliest), values
+    action, values = empty_action(noise), np.empty(len(observations), np.float32)
+    write_actions(weights, form, observations, masks, noise, likeliest, action, values)
+    return action, values
+
+
+@compiled
+def write_actions(
+    weights: Array,
+    form: Form,
+    observations: Array,
+    masks: Array,
+    noise: Noise,
+    likeliest: bool,
+    action: Action,
+    values: Array,
+) -> None:
+    """Write what `decide` returns."""
+    outputs, values[:] = heads(weights, form, observations)
+    sample(outputs, gaussians(weights, form), masks, noise, likeliest, action)
+
+
+@compiled
+def write_heads(weights: Array, form: Form, observations: Array, outputs: Array, values: Array) -> None:
+    """Write what `heads` returns."""
+    outputs[:], values[:] = heads(weights, form, observations)

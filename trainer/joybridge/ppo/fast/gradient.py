@@ -71,10 +71,13 @@ class ClosedFormGradient:
             1.0 / float(deviation),
             coefficients.sum_entropy,
         )
+        statistics: Array = np.empty((parts, COUNT + len(self.form.choices)))
         if self.threads == 1:
-            return part_gradient(*given, terms, self.workspaces[0, :size])
-        numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))
-        return gradient_in_parts(*given, terms, self.parts[:parts], self.workspaces)
+            write_gradient(*given, terms, self.workspaces[0, :size], statistics[0])
+        else:
+            numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))
+            gradient_in_parts(*given, terms, self.parts[:parts], self.workspaces, statistics)
+        return statistics[0]  # type: ignore[no-any-return]
 
 
 @compiled
@@ -130,13 +133,27 @@ def part_gradient(
 
 
 @compiled
-def add_up(parts: Array, total: Array) -> Array:
-    """Write the sum of the rows of `parts` into `total`; return it."""
+def write_gradient(
+    weights: Array,
+    gradient: Array,
+    form: Form,
+    batch: Rows,
+    index: Array,
+    terms: Terms,
+    workspace: Array,
+    statistics: Array,
+) -> None:
+    """Do what `part_gradient` does, and write the statistics."""
+    statistics[:] = part_gradient(weights, gradient, form, batch, index, terms, workspace)
+
+
+@compiled
+def add_up(parts: Array, total: Array) -> None:
+    """Write the sum of the rows of `parts` into `total`, which may be the first of them."""
     total[:] = parts[0]
     for part in range(1, len(parts)):
         for i in range(len(total)):
             total[i] += parts[part, i]
-    return total
 
 
 @partial(compiled, parallel=True)
@@ -149,16 +166,17 @@ def gradient_in_parts(
     terms: Terms,
     parts: Array,
     workspaces: Array,
-) -> Array:
+    statistics: Array,
+) -> None:
     """Do what `part_gradient` does for a whole minibatch, in threads.
 
     parts [parts, parameters]: where the gradient of each part is written. workspaces [parts, .]: see `part_gradient`.
+    statistics [parts, .]: the first row becomes those of the whole minibatch.
     """
     total, count = len(index), len(parts)
-    statistics = np.empty((count, COUNT + len(form.choices)))
     for part in numba.prange(count):
         own = index[total * part // count : total * (part + 1) // count]
         space = workspaces[part, : workspace_size(form, len(own))]
         statistics[part] = part_gradient(weights, parts[part], form, batch, own, terms, space)
     add_up(parts, gradient)
-    return add_up(statistics, np.empty_like(statistics[0]))
+    add_up(statistics, statistics[0])

@@ -28,6 +28,10 @@ F = TypeVar("F", bound=Callable[..., object])
 def compiled(function: F, *, parallel: bool = False) -> F:
     """Compile a function at its first call and keep the machine code in a cache on disk, where that can be written.
 
+    What Python calls writes its results into arrays that it is given, and returns a number or nothing. For each array
+    that is returned, Numba's machine code calls a Python function and does not look whether it failed, so an interrupt
+    (KeyboardInterrupt) that comes there would end the process with a segmentation fault.
+
     parallel: iterations of numba.prange run in threads.
     """
     try:
@@ -184,13 +188,11 @@ def shares_of_entropy(counts: Array, rows: int, dimensions: int, summed: bool) -
 
 
 @compiled
-def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bool) -> Action:
-    """Return an action per row, sampled, or the likeliest one. masks: see `softmax`."""
+def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bool, action: Action) -> None:
+    """Write an action per row into `action`, sampled, or the likeliest one. masks: see `softmax`."""
     mean_bias, log_variance, sizes = head
+    continuous, discrete, log_probs = action
     branches, dimensions = len(sizes), len(mean_bias)
-    continuous = np.empty((len(outputs), dimensions), np.float32)
-    discrete = np.empty((len(outputs), branches), np.int64)
-    log_probs = np.empty(len(outputs), np.float32)
     widest = sizes.max() if branches else 0
     p, log_p = np.empty(widest), np.empty(widest)
     for i in range(len(outputs)):
@@ -215,7 +217,6 @@ def sample(outputs: Array, head: Head, masks: Array, noise: Noise, likeliest: bo
             continuous[i, k] = mean + math.exp(0.5 * log_variance[k]) * deviation
             log_prob -= 0.5 * (deviation * deviation + log_variance[k] + LOG_2_PI)
         log_probs[i] = log_prob
-    return Action(continuous, discrete, log_probs)
 
 
 @compiled

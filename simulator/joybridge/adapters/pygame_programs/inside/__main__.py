@@ -39,7 +39,7 @@ def main() -> None:
     folders.enter(folders.own)
     if not settings["window"]:
         os.chdir(folders.own / "work")
-    player.stage = Stage(settings, folders, player.on_frame)
+    player.enter(Stage(settings, folders, player.on_frame))
     _run(player, settings)
 
 

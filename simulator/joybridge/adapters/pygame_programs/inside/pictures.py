@@ -22,13 +22,13 @@ def scale(pixels: Pixels, height: int, width: int) -> Array:
     """Return 0x00RRGGBB pixels as a picture of a size, uint8 [height, width, 3]."""
     rows, samples_y = _samples(pixels.shape[0], height)
     columns, samples_x = _samples(pixels.shape[1], width)
-    samples = pixels[rows].take(columns, axis=1)  # twice as fast as both at once
-    red_blue = _sums(samples & np.uint32(0xFF00FF), samples_y, samples_x)
-    green = _sums((samples >> np.uint32(8)) & np.uint32(0xFF), samples_y, samples_x)
+    samples = pixels.take(rows, axis=0).take(columns, axis=1)  # twice as fast as both at once
+    blocks = samples.reshape(samples_y, height, samples_x, width)
+    red_blue, green = _sums(blocks & np.uint32(0xFF00FF)), _sums(blocks & np.uint32(0xFF00))
     count = np.uint32(samples_y * samples_x)
     picture = np.empty((height, width, 3), np.uint8)
     picture[..., 0] = (red_blue >> np.uint32(16)) // count
-    picture[..., 1] = green // count
+    picture[..., 1] = (green >> np.uint32(8)) // count
     picture[..., 2] = (red_blue & np.uint32(0xFFFF)) // count
     return picture
 
@@ -58,17 +58,16 @@ def hash_of(pixels: Pixels) -> bytes:
 
 @lru_cache
 def _samples(pixels: int, wanted: int) -> tuple[npt.NDArray[np.intp], int]:
-    """Return the indices of the samples along a side, and how many there are for each wanted pixel."""
+    """Return the indices of the samples along a side, and how many there are for each wanted pixel.
+
+    The first samples of all wanted pixels come first, then their second ones: rows that lie together are summed faster.
+    """
     each = min(max(pixels // wanted, 1), MOST_SAMPLES)
-    return (2 * np.arange(wanted * each) + 1) * pixels // (2 * wanted * each), each
+    indices = (2 * np.arange(wanted * each) + 1) * pixels // (2 * wanted * each)
+    return indices.reshape(wanted, each).T.ravel(), each
 
 
-def _sums(samples: Pixels, height: int, width: int) -> Pixels:
-    """Return the sums of blocks of samples."""
-    rows = samples[::height]
-    for row in range(1, height):
-        rows = rows + samples[row::height]
-    sums = rows[:, ::width]
-    for column in range(1, width):
-        sums = sums + rows[:, column::width]
-    return sums
+def _sums(blocks: Pixels) -> Pixels:
+    """Return the sums of samples [samples_y, height, samples_x, width], by pixel."""
+    rows: Pixels = sum(blocks[1:], start=blocks[0])
+    return sum((rows[:, column] for column in range(1, rows.shape[1])), start=rows[:, 0])

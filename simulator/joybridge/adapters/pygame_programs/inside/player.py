@@ -11,6 +11,7 @@ import numpy as np
 import pygame
 
 from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
+from joybridge.adapters.pygame_programs.inside.numbers import Numbers
 from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, hash_of, scale
 from joybridge.adapters.pygame_programs.inside.scan import hash_of_sources, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage
@@ -55,10 +56,17 @@ class Player:
         self._speed = np.zeros(2)  # the same, per frame
         self._seen = b""  # the last observation
         self._watch: Watch | None = None
+        self._numbers = Numbers()  # which sees texts up to the first frame, and then if the program is watched
         self._hashes = bytearray()  # of the frames of the decision, if they are wanted
+
+    def enter(self, stage: Stage) -> None:
+        """Play on a stage."""
+        self.stage = stage
+        stage.texts.readers.append(self._numbers)
 
     def on_frame(self) -> None:
         """Go on with the decision, or answer and wait for the next one."""
+        self.stage.texts.end_frame()
         if not self.playing:
             if self.stage.frames.ready:
                 self._become_stem(FIRST, as_json(self._first_look()))
@@ -124,7 +132,9 @@ class Player:
         if not self.playing:
             self.playing, self._form = True, told["form"]
             stage.begin(told["seed"])
-            self._watch = Watch(stage.hands) if self._form["watch"] else None
+            self._watch = Watch(stage.hands) if self._form["watch"] == "keys" else None
+            if self._form["watch"] != "texts":
+                stage.texts.readers.remove(self._numbers)
             self._place = np.full(2, 0.5)
         self._answer(over=False)
 
@@ -166,7 +176,7 @@ class Player:
         elif kind == DRAW:
             self.link.send(PICTURE, scale(self.stage.display.pixels(), *json.loads(message)).tobytes())
         elif kind == WATCHED:
-            self.link.send(DONE, as_json(self._watch.read() if self._watch else []))
+            self.link.send(DONE, as_json(self._watch.read() if self._watch else self._numbers.found()))
         elif kind == BRANCH:
             own = fork(self.stage.folders, self.stage.fences, json.loads(message))
             if own is not None:

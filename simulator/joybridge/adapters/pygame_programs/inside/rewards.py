@@ -1,6 +1,7 @@
 r"""Rewards and ends of episodes without code: from the text that the program renders, its sounds, and its variables.
 
 Score: (\d+)         the difference of a number in rendered text
+text2:^(\d+)$        the same, of the second text of each frame that matches
 sound:punch.wav      1 for each time that this sound begins
 attr:main.score      the difference of a variable of a module, an object in it, or of a function that runs
 """
@@ -13,15 +14,27 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Protocol
 
 import pygame
 import pygame.freetype
 import pygame.ftfont
 
+from joybridge.adapters.pygame_programs.wire import nth_text
+
 DEFAULT_SIZE = 20  # of pygame's fonts
 DEFAULT_SCALE = 0.6875  # by which pygame makes its own font smaller
 MAX_CHARS = 1000  # of a rendered text that is searched
+
+
+class Reader(Protocol):
+    """Is shown all text that the program renders."""
+
+    def read(self, text: str) -> None:
+        """Look at a text."""
+
+    def end_frame(self) -> None:
+        """Note that a frame ends."""
 
 
 class Texts:
@@ -29,7 +42,7 @@ class Texts:
 
     def __init__(self) -> None:
         """Take the place of the classes that render text."""
-        self._readers: list[Callable[[str], None]] = []
+        self.readers: list[Reader] = []
         texts = self
 
         class Font(pygame.font.Font):
@@ -57,21 +70,37 @@ class Texts:
         pygame.font.Font = pygame.font.FontType = pygame.sysfont.Font = Font
         pygame.freetype.Font = FreetypeFont
 
-    def search(self, pattern: str, found: Callable[["re.Match[str]"], None]) -> None:
-        """Call `found` for every rendered text with a match. Raises ValueError."""
-        search = lru_cache(maxsize=1024)(_compiled(pattern).search)
+    def search(self, pattern: str, found: Callable[["re.Match[str]"], None], nth: int = 0) -> None:
+        """Call `found` for every rendered text with a match, or for the nth of each frame. Raises ValueError."""
+        self.readers.append(_Search(pattern, found, nth))
 
-        def read(text: str) -> None:
-            if (match := search(text)) is not None:
-                found(match)
-
-        self._readers.append(read)
+    def end_frame(self) -> None:
+        """Note that a frame ends."""
+        for reader in self.readers:
+            reader.end_frame()
 
     def _read(self, text: Any) -> None:
-        if self._readers and text:
+        if self.readers and text:
             text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
-            for read in self._readers:
-                read(text[:MAX_CHARS])
+            for reader in self.readers:
+                reader.read(text[:MAX_CHARS])
+
+
+class _Search:
+    """Finds a pattern in all texts, or in the nth of a frame that has it."""
+
+    def __init__(self, pattern: str, found: Callable[["re.Match[str]"], None], nth: int) -> None:
+        self._search = lru_cache(maxsize=1024)(_compiled(pattern).search)
+        self._found, self._nth, self._count = found, nth, 0
+
+    def read(self, text: str) -> None:
+        if (match := self._search(text)) is not None:
+            self._count += 1
+            if self._nth in (0, self._count):
+                self._found(match)
+
+    def end_frame(self) -> None:
+        self._count = 0
 
 
 def _in_memory(font: Any, module: Any) -> Any:
@@ -108,10 +137,11 @@ def reward_of(source: str, texts: Texts, played: Counter[str]) -> Callable[[], f
         return lambda: _take(difference, float(sum(n for file, n in played.items() if _is_sound(file, name))))
     if kind == "attr" and name:
         return lambda: _take(difference, look_up(name))
-    pattern = _compiled(source)
+    nth, text = nth_text(source)
+    pattern = _compiled(text)
     if pattern.groups != 1:
         raise ValueError(f"reward {source!r} has {pattern.groups} groups, expected one for the number: Score: (\\d+)")
-    texts.search(source, lambda match: _see(difference, match[1]))
+    texts.search(text, lambda match: _see(difference, match[1]), nth)
     return difference.take
 
 

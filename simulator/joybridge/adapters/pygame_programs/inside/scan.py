@@ -75,10 +75,10 @@ def _names(node: ast.AST) -> set[str]:
 
 
 def _buttons(node: ast.AST) -> set[int]:
-    """Return the numbers of buttons in `event.button == 3`, `event.button in (4, 5)` or `get_pressed()[2]`."""
+    """Return the numbers of buttons in `event.button == 3`, `button in (4, 5)` or `get_pressed()[2]`."""
     if isinstance(node, ast.Compare):
         parts = [node.left, *node.comparators]
-        if any(isinstance(part, ast.Attribute) and part.attr == "button" for part in parts):
+        if any("button" in (getattr(part, "attr", ""), getattr(part, "id", "")) for part in parts):
             return {number for part in parts for one in ast.walk(part) for number in _numbers(one)}
     if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Call):
         called = node.value.func

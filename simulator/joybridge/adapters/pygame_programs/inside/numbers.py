@@ -1,0 +1,100 @@
+"""Notes the numbers in the texts that a program renders while it is watched: each of them may be a reward."""
+
+import re
+from collections import Counter
+
+NUMBER = re.compile(r"(?:(?<!\S)-)?\d+(?:[,'_]\d{3})*(?:\.\d+)?")
+MAX_NUMBERS = 4  # in a text; one with more is a table
+MAX_TEXTS = 500  # that are kept apart
+MAX_FOUND = 8  # proposals
+MAX_CHARS = 24  # of a text whose numbers do not change: a longer one tells something else
+
+
+class Numbers:
+    """Reads rendered texts. Those with the same words are one text, whose numbers change."""
+
+    def __init__(self) -> None:
+        self._texts: dict[tuple[int, tuple[str, ...]], _Text] = {}  # by which of its words in a frame it is
+        self._counts: Counter[tuple[str, ...]] = Counter()  # in this frame
+
+    def read(self, text: str) -> None:
+        """Note a text."""
+        numbers, words = NUMBER.findall(text), NUMBER.split(text)
+        if not 0 < len(numbers) <= MAX_NUMBERS:
+            return
+        plain = tuple(word.strip() for word in words)
+        self._counts[plain] += 1
+        key = (self._counts[plain], plain)
+        if key not in self._texts and len(self._texts) < MAX_TEXTS:
+            self._texts[key] = _Text(words, numbers)
+        if key in self._texts:
+            self._texts[key].see(words, numbers)
+
+    def end_frame(self) -> None:
+        """Begin the next frame."""
+        self._counts.clear()
+
+    def found(self) -> list[tuple[str, float, float]]:
+        """Return rewards that would be possible, and the lowest and the highest number.
+
+        Numbers that have changed come first, and among them what was shown most often.
+        """
+        shown = [(key, text) for key, text in self._texts.items() if text.changed or len(text) <= MAX_CHARS]
+        best = sorted(shown, key=lambda item: (not item[1].changed, -item[1].shown))
+        rewards = [(nth, text, at, text.pattern(at)) for (nth, _), text in best for at in text.places()]
+        often = Counter(pattern for *_, pattern in rewards)
+        return [
+            (f"text{nth}:{pattern}" if often[pattern] > 1 else pattern, min(text.values[at]), max(text.values[at]))
+            for nth, text, at, pattern in rewards[:MAX_FOUND]
+        ]
+
+
+class _Text:
+    """A text with numbers in it."""
+
+    def __init__(self, words: list[str], numbers: list[str]) -> None:
+        self._words, self._numbers = words, numbers  # as they were first
+        self._signs = [set[str]() for _ in numbers]  # that stand in each number beside digits
+        self._padded = False  # with changing space
+        self.values = [set[float]() for _ in numbers]
+        self.shown = 0
+
+    def __len__(self) -> int:
+        return len("".join([*self._words, *self._numbers]))
+
+    @property
+    def changed(self) -> bool:
+        return any(len(values) > 1 for values in self.values)
+
+    def see(self, words: list[str], numbers: list[str]) -> None:
+        self.shown += 1
+        self._padded = self._padded or words != self._words
+        for number, signs, values in zip(numbers, self._signs, self.values, strict=True):
+            signs.update(re.sub(r"\d", "", number))
+            values.add(float(re.sub(r"[,'_]", "", number)))
+
+    def places(self) -> list[int]:
+        """Return which of its numbers have changed, the first if none has."""
+        return [at for at, values in enumerate(self.values) if len(values) > 1] or [0]
+
+    def pattern(self, place: int) -> str:
+        """Return a pattern with a group for one of the numbers, as short as words before it allow."""
+        parts = ["^"]
+        for at, word in enumerate(self._words):
+            parts.append(self._literal(word))
+            if at == place:
+                parts.append(f"({self._digits(at)})")
+                if re.search("[A-Za-z]", "".join(self._words[: at + 1])):
+                    return "".join(parts)
+            elif at < len(self._numbers):
+                parts.append(self._digits(at) if len(self.values[at]) > 1 else re.escape(self._numbers[at]))
+        return "".join([*parts, "$"])
+
+    def _literal(self, word: str) -> str:
+        word = re.sub(r"([\\.^$*+?{}\[\]|()])", r"\\\1", word)
+        return re.sub(r"\s+" if self._padded else r"\s{2,}", " *", word)
+
+    def _digits(self, place: int) -> str:
+        signs = self._signs[place]
+        inner = "".join(sorted(signs - {"-"}))
+        return ("-?" if "-" in signs else "") + (rf"[\d{inner}]+" if inner else r"\d+")

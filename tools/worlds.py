@@ -1,0 +1,159 @@
+r"""Pages about foes and cameras, from the runs of two comparisons.
+
+python -m tools.worlds foes FOLDER       writes results/foes, from runs of
+    joybridge compare shooting_birds/fast --layouts bucket-11 bucket-3 hybrid multiagent threshold-0.0 \
+        --set options.birds=straight,dodging,blinking --seeds 3 --output FOLDER total_timesteps=3000000
+python -m tools.worlds cameras FOLDER    writes results/cameras, from runs of
+    joybridge compare shooting_birds/fast --layouts bucket-11 hybrid multiagent \
+        --set options.camera=edge,axis,drag --seeds 3 --output FOLDER total_timesteps=3000000 stratify_by=null
+
+Without FOLDER, the page is written again from the metrics in its folder.
+"""
+
+import argparse
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import kendalltau
+
+from joybridge.compare.estimators import estimate, interquartile_mean
+from joybridge.compare.table import TABLE, read_table
+from joybridge.config.metrics import Row, numbers
+from joybridge.contract.spec import choose_options
+from joybridge.contract.tensors import Array
+from joybridge.games.shooting_birds import script
+from joybridge.games.shooting_birds.game import ShootingBirds
+
+RESULTS = Path(__file__).parents[1] / "results"
+SETTINGS = "the settings of `shooting_birds/fast`, the original levels and {timesteps:,} timesteps"
+PAPER = {"bucket-11": 137.6, "multiagent": 122.3, "bucket-3": 115.3, "threshold-0.0": 114.3}  # after 30 M timesteps
+DRAWS = 10_000  # of the bootstrap of a rank correlation
+EPISODES = 210  # of the scripted player
+
+
+class Scores(NamedTuple):
+    """The last rows of the runs of one layout in one world."""
+
+    rewards: Array  # [seeds]
+    rows: list[Row]  # of metrics
+
+    def text(self, scale: float = 1.0, digits: int = 1) -> str:
+        """Return the interquartile mean of the rewards, divided by `scale`, with its 95 % interval and the runs."""
+        rewards = self.rewards / scale
+        found = estimate(interquartile_mean, rewards[:, None])
+        each = ", ".join(f"{reward:.{digits}f}" for reward in rewards)
+        return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}] ({each})"
+
+    def mean(self, metric: str) -> float:
+        """Return the mean of a metric over the runs."""
+        return float(np.mean([row[metric] for row in self.rows]))
+
+
+Worlds = dict[str, dict[str, Scores]]  # by world and layout
+
+
+def read_scores(folder: Path) -> tuple[Worlds, int]:
+    """Return the scores of the runs in a table, and their timesteps. multiagent: of the agent that clicks."""
+    found: dict[str, dict[str, list[Row]]] = {}
+    lengths = set()
+    for name, rows in read_table(folder).items():
+        if name.policy == "axes":
+            continue
+        layout, _, setting = name.run.experiment.partition("-options.")
+        found.setdefault(setting.partition("=")[2], {}).setdefault(layout, []).append(numbers(rows)[-1])
+        lengths.add(name.timesteps)
+    (timesteps,) = lengths
+    worlds = {
+        world: {name: Scores(np.array([row["reward"] for row in rows], float), rows) for name, rows in layouts.items()}
+        for world, layouts in found.items()
+    }
+    return worlds, timesteps
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows))
+
+
+def agreement(layouts: Mapping[str, Scores]) -> str:
+    """Return the rank correlation with the paper's rewards, and its 95 % interval over the choice of the runs."""
+    rewards, paper = [layouts[name].rewards for name in PAPER], list(PAPER.values())
+    rng = np.random.default_rng(0)
+    drawn = [
+        kendalltau([rng.choice(each, len(each)).mean() for each in rewards], paper).statistic for _ in range(DRAWS)
+    ]
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return f"{kendalltau([each.mean() for each in rewards], paper).statistic:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def foes(folder: Path) -> str:
+    """Return the page about foes."""
+    worlds, timesteps = read_scores(folder)
+    names = ["straight", "dodging", "blinking"]
+    layouts = sorted(worlds["straight"], key=lambda name: -worlds["straight"][name].rewards.mean())
+    rows = [[f"`{name}`", *(worlds[world][name].text() for world in names)] for name in layouts]
+    orders = [", ".join(sorted(worlds[w], key=lambda name: -worlds[w][name].rewards.mean())) for w in names]
+    compared = [[world, order, agreement(worlds[world])] for world, order in zip(names, orders, strict=True)]
+    return (
+        "# Which layout hits birds that dodge?\n\n"
+        f"Five layouts with {SETTINGS.format(timesteps=timesteps)}. Reward of the last 600,000 timesteps: the\n"
+        "interquartile mean of the runs with its 95 % bootstrap interval, and each run, seed by seed. The settings\n"
+        "were chosen for `bucket-7` and birds that fly straight; nothing was chosen for a layout or a bird. Written\n"
+        "by `python -m tools.worlds foes`, which also names the command of the runs; runs.csv.xz has the metrics.\n\n"
+        + table(["layout", *names], rows)
+        + "\n\nKendall's rank correlation τ between these rewards and the paper's after 30 million timesteps ("
+        + ", ".join(f"`{name}` {value}" for name, value in PAPER.items())
+        + "; `hybrid` is not in the paper). Its interval is that of a bootstrap over the runs.\n\n"
+        + table(["birds", "from the best to the worst", "τ"], compared)
+        + "\n"
+    )
+
+
+def travel(camera: str) -> float:
+    """Return the mean reward of the scripted player that moves a camera."""
+    options = choose_options(ShootingBirds.options, {"camera": camera, "locomotion": "axes"}, "shooting_birds")
+    return float(script.play(ShootingBirds(options, {}, EPISODES, 0, 0)).mean())
+
+
+def cameras(folder: Path) -> str:
+    """Return the page about cameras."""
+    worlds, timesteps = read_scores(folder)
+    rows = []
+    for camera in ("edge", "axis", "drag"):
+        scripted = travel(camera)
+        for name, scores in worlds[camera].items():
+            share = scores.text(scripted, 2)
+            rows.append([camera, f"{scripted:.1f}", f"`{name}`", share, f"{scores.mean('empty_screen'):.1%}"])
+    return (
+        "# Which camera can be learned?\n\n"
+        f"A field three screens wide, with {SETTINGS.format(timesteps=timesteps)}. The share is the reward of\n"
+        "the last 600,000 timesteps, divided by that of a scripted player that knows where all birds are and travels\n"
+        f"with the same camera ({EPISODES} episodes): interquartile mean of the runs with its 95 % bootstrap\n"
+        "interval, and each run. The empty screen is the part of the time without a bird on the screen. Written by\n"
+        "`python -m tools.worlds cameras`, which also names the command of the runs; runs.csv.xz has the metrics.\n\n"
+        + table(["camera", "scripted player", "layout", "share of it", "empty screen"], rows)
+        + "\n"
+    )
+
+
+PAGES: dict[str, Callable[[Path], str]] = {"foes": foes, "cameras": cameras}
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description="Write a page about new worlds.")
+    parser.add_argument("page", choices=PAGES)
+    parser.add_argument("folder", type=Path, nargs="?", help="of the runs of `joybridge compare`")
+    arguments = parser.parse_args()
+    folder = RESULTS / arguments.page
+    folder.mkdir(parents=True, exist_ok=True)
+    if arguments.folder:
+        shutil.copy(arguments.folder / TABLE, folder / TABLE)
+    (folder / "README.md").write_text(PAGES[arguments.page](folder), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""`joybridge evaluate`: how well the policy of a run plays."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from joybridge.client.command_line import at_least, run_command, say, say_next
+from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
+from joybridge.config.errors import ConfigError
+from joybridge.play.sweep import plot, read_sweep, table
+from joybridge.run.folder import play_config
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
+    """Run the command line and return its exit status."""
+    return run_command(_evaluate, parse(arguments, prog))
+
+
+def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
+    """Return the options."""
+    parser, command = playing_parser(prog, "evaluate", "measure how well a run's policy plays")
+    command.add_argument("--episodes", type=at_least(1), default=210, help="number of episodes; default %(default)s")
+    command.add_argument(
+        "--over",
+        metavar="KEY=VALUE,VALUE,…",
+        help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
+        "write a plot into the folder of the run",
+    )
+    command.add_argument(
+        "--demos",
+        type=Path,
+        metavar="DIR",
+        help="record what is played in new files of this folder, as demonstrations for `joybridge train --demos`",
+    )
+    command.add_argument(
+        "--inputs",
+        action="store_true",
+        help="also measure what is pressed and moved: clicks, paths of pointers, reversals of axes",
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
+    add_others(command)
+    options = parse_playing(parser, command, arguments)
+    if options.others and options.inputs:
+        parser.error("--inputs measures all agents, also those of --others; give one of the two")
+    return options
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    run, sweep = options.run, read_sweep(options.over) if options.over else None
+    games = games_played(options)
+    if sweep and len(games) > 1:
+        raise ConfigError(f"--over is for one game; name it with --only-game: {', '.join(games)}")
+    plays = {game: (game, options.overrides) for game in games}
+    if sweep:
+        plays = {setting: (games[0], [*options.overrides, setting]) for setting in sweep.settings}
+    for _, overrides in plays.values():
+        play_config(run, overrides)
+    with open_player(options) as simulator:
+        from joybridge.play.evaluate import evaluate, inputs_table, summary
+        from joybridge.policy.config_fit import fitting_spec
+
+        for _, overrides in plays.values():  # all of them before the first is played
+            fitting_spec(simulator, play_config(run, overrides))
+        results = {
+            setting: evaluate(
+                replace(play_spec(options, simulator, game), overrides=overrides),
+                episodes=options.episodes,
+                say=say,
+                demos=options.demos,
+                inputs=options.inputs,
+            )
+            for setting, (game, overrides) in plays.items()
+        }
+    if not sweep:
+        for game, found in results.items():
+            print(summary({f"{game}: {name}" if game else name: result for name, result in found.items()}))
+    else:
+        print(table(sweep, results))
+        if find_spec("matplotlib") is None:
+            say("no plot: the module matplotlib is missing; install it with `pip install 'joybridge[report]'`")
+        else:
+            plot(sweep, results, sweep.picture(run))
+            print(sweep.picture(run))
+    if options.inputs:
+        print(inputs_table(results))
+    say_next("record", str(run), "play.mp4")
+    if options.json:
+        objects = {s: {name: asdict(result) for name, result in found.items()} for s, found in results.items()}
+        print(json.dumps(objects if sweep or games != [""] else objects[""]))

@@ -1,0 +1,34 @@
+"""`joybridge export`: the policy of a run as a file that plays without the trainer."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from joybridge.client.command_line import run_command
+from joybridge.commands.playing import games_played, open_player, parse_playing, play_spec, playing_parser
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
+    """Run the command line and return its exit status."""
+    parser, command = playing_parser(prog, "export", "write a run's policy as a file that plays without the trainer")
+    command.add_argument("output", type=_policy_file, help="e.g. policy.onnx or policy.json")
+    command.add_argument(
+        "--behavior", default="", metavar="NAME", help="which behavior to export, if the game has several"
+    )
+    return run_command(_export, parse_playing(parser, command, arguments))
+
+
+def _policy_file(text: str) -> Path:
+    """Return the path of an exported policy. Raises ArgumentTypeError."""
+    if not text.endswith((".onnx", ".json")):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a file whose name ends in .onnx or .json")
+    return Path(text)
+
+
+def _export(options: argparse.Namespace) -> None:
+    games = games_played(options)
+    with open_player(options) as simulator:
+        from joybridge.play.export import export
+
+        exported = export(play_spec(options, simulator, games[0]), options.output, behavior=options.behavior)
+    print(exported)

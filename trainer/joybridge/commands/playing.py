@@ -1,0 +1,111 @@
+"""What the commands that play a run share: their options, what they play, and the simulator that they play at."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from joybridge.client.command_line import (
+    LAST_SIMULATORS,
+    add_simulator_options,
+    add_trust_option,
+    at_least,
+    check_simulator_options,
+    say,
+    wanted_simulators,
+)
+from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
+from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.folder import play_config
+from joybridge.run.origin import remark
+from joybridge.run.own_code import trust
+
+if TYPE_CHECKING:
+    from joybridge.play.playing import PlaySpec
+
+
+def playing_parser(prog: str, name: str, text: str) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
+    """Return the parser of a command line, and of its command, which has the options that all such commands have."""
+    parser = argparse.ArgumentParser(prog=prog)
+    command = parser.add_subparsers(dest="command", required=True).add_parser(name, help=text)
+    command.add_argument("run", type=Path, help="folder of a run")
+    command.add_argument(
+        "--seed", type=at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"
+    )
+    command.add_argument(
+        "--checkpoint", default="", metavar="WHICH", help="timesteps of a checkpoint, or best; default: the newest"
+    )
+    command.add_argument(
+        "--only-game", default="", metavar="NAME", help="play only this one of the several games of the run"
+    )
+    command.add_argument(
+        "--deterministic", action="store_true", help="take the most probable action instead of sampling"
+    )
+    add_simulator_options(command, LAST_SIMULATORS)
+    add_trust_option(command)
+    return parser, command
+
+
+def add_others(command: argparse.ArgumentParser) -> None:
+    """Add the option that says who plays beside the policy."""
+    command.add_argument(
+        "--others",
+        action="append",
+        default=[],
+        metavar="WHO",
+        help="who holds all seats but one of each arena, in a game of several agents: the folder of a run, "
+        "script:NAME, a script of the game's author, or an exported policy.json; given several times, they take "
+        "seats in turn",
+    )
+
+
+def parse_playing(
+    parser: argparse.ArgumentParser, command: argparse.ArgumentParser, arguments: Sequence[str] | None
+) -> argparse.Namespace:
+    """Return the options, after everything else has been added to the command."""
+    add_overrides(command, "options and parameters of the game that differ from the training, e.g. parameters.size=0.5")
+    options = parse_overrides(parser, arguments)
+    check_simulator_options(parser, options)
+    if options.trust_run:
+        trust(options.run)
+    if len(options.simulator) > 1:
+        parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
+    return options
+
+
+def games_played(options: argparse.Namespace) -> list[str]:
+    """Return which of several games a command plays; "": the run has one. Raises ConfigError."""
+    config = play_config(options.run, options.overrides)
+    if options.only_game:
+        config.of_game(options.only_game)
+    return [options.only_game] if options.only_game else [*config.games] or [""]
+
+
+def play_spec(options: argparse.Namespace, address: str, game: str) -> "PlaySpec":
+    """Return what the command line lets play at the simulator at an address."""
+    from joybridge.play.playing import PlaySpec
+
+    return PlaySpec(
+        options.run,
+        address,
+        options.seed,
+        options.deterministic,
+        options.overrides,
+        options.checkpoint,
+        getattr(options, "others", ()),
+        game,
+    )
+
+
+@contextmanager
+def open_player(options: argparse.Namespace) -> Iterator[str]:
+    """Yield the address of a simulator for a run, after its configuration and its checkpoint have been checked."""
+    config = play_config(options.run, options.overrides)
+    if text := remark(load_checkpoint(options.run, options.checkpoint)[1].origin):
+        say(text)
+    last = last_simulators(options.run)
+    simulators = choose_simulators(wanted_simulators(options), last, config, say, trust=options.trust_run)
+    with open_simulators(simulators, options.wait, say) as connect:
+        yield connect()[0]

@@ -1,0 +1,38 @@
+"""`joybridge record`: a video of what the policy of a run plays."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from joybridge.client.command_line import run_command, say, say_next, seconds
+from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
+from joybridge.config.errors import ConfigError
+from joybridge.play.video_formats import video_format
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
+    """Run the command line and return its exit status."""
+    parser, command = playing_parser(prog, "record", "record a video of a run's policy")
+    command.add_argument("output", type=Path, help="e.g. play.mp4 or play.gif")
+    command.add_argument("--seconds", type=seconds, default=40.0, help="length of the video; default %(default)g")
+    command.add_argument("--inputs", action="store_true", help="below the picture, draw what the policy presses")
+    add_others(command)
+    return run_command(_record, parse_playing(parser, command, arguments))
+
+
+def _record(options: argparse.Namespace) -> None:
+    video_format(options.output)
+    games = games_played(options)
+    if len(games) > 1 and options.inputs:
+        raise ConfigError(f"--inputs is for one game; name it with --only-game: {', '.join(games)}")
+    with open_player(options) as simulator:
+        from joybridge.play.record import record
+        from joybridge.play.record_games import record_games
+
+        plays = play_spec(options, simulator, games[0])
+        if len(games) > 1:
+            frames = record_games(plays, options.output, games=games, seconds=options.seconds)
+        else:
+            frames = record(plays, options.output, seconds=options.seconds, say=say, inputs=options.inputs)
+    print(f"{options.output}: {frames} frames")
+    say_next("export", str(options.run), "policy.onnx")

@@ -1,0 +1,207 @@
+"""`joybridge train`: from a configuration to a run."""
+
+import argparse
+import os
+import shlex
+import signal
+from _thread import interrupt_main
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from threading import Thread
+
+from joybridge.client.client import wait_for
+from joybridge.client.command_line import (
+    LAST_SIMULATORS,
+    add_own_game,
+    add_simulator_options,
+    add_trust_option,
+    at_least,
+    check_simulator_options,
+    run_command,
+    say,
+    say_next,
+    wanted_simulators,
+)
+from joybridge.client.errors import SimulatorError, SimulatorLost
+from joybridge.client.signals import leaving_on_signals
+from joybridge.client.simulator_source import (
+    Remembered,
+    Simulators,
+    choose_simulators,
+    last_simulators,
+    open_simulators,
+    remember,
+)
+from joybridge.config.config import load_config
+from joybridge.config.config_files import find_config
+from joybridge.config.errors import ConfigError, StorageError
+from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.address import address
+from joybridge.demonstrations.files import find_demonstrations
+from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
+from joybridge.run.folder import check_run, run_config, run_name
+from joybridge.run.own_code import check_code, sign_code, trust
+from joybridge.run.run_lock import PARENT_SECONDS, locked
+from joybridge.run.sinks import check_sinks
+
+# What learns is imported when it is needed: torch takes seconds to load, errors should not.
+
+
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
+    """Run the command line and return its exit status."""
+    return run_command(_train, parse(arguments, prog))
+
+
+def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
+    """Return the options."""
+    parser = argparse.ArgumentParser(prog=prog)
+    commands = parser.add_subparsers(dest="command", required=True)
+    train = commands.add_parser("train", help="train a configuration")
+    train.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
+    add_overrides(train, "e.g. seed=3 policy.learning_rate=1e-4")
+    train.add_argument(
+        "--behavior",
+        default="",
+        metavar="NAME",
+        help="the file is one of ML-Agents: use its settings of this behavior, and game=GAME",
+    )
+    train.add_argument("--run", type=Path, help="folder of the run; default runs/GAME-NAME[-KEY=VALUE…]-sSEED")
+    train.add_argument(
+        "--from",
+        dest="weights_from",
+        metavar="RUN",
+        help="begin with the policies that another run has trained, and with fresh schedules",
+    )
+    train.add_argument(
+        "--demos",
+        metavar="DIR",
+        help="clone the demonstrations in this folder; the key `cloning` says whether alone or beside PPO",
+    )
+    train.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
+    train.add_argument(
+        "--record-faults",
+        action="store_true",
+        help="if a simulator fails, is lost or breaks the contract, or an update diverges, write what led to it into "
+        "the folder faults of the run, for `joybridge replay`",
+    )
+    train.add_argument(
+        "--ray",
+        type=address,
+        metavar="HOST:PORT",
+        help="start simulators on the nodes of this Ray cluster; needs `pip install 'joybridge[cluster]'`",
+    )
+    train.add_argument("--simulators", type=at_least(1), metavar="N", help="how many the cluster starts; default 1")
+    train.add_argument(
+        "--with-parent",
+        action="store_true",
+        help="save and exit when stdin closes, for programs that start this one",
+    )
+    add_simulator_options(train, LAST_SIMULATORS)
+    add_trust_option(train)
+    options = parse_overrides(parser, arguments)
+    check_simulator_options(parser, options)
+    if options.ray and options.simulator:
+        parser.error("--ray starts simulators, --simulator names running ones; give one of the two")
+    if options.simulators and not options.ray:
+        parser.error("--simulators says how many a Ray cluster starts; name the cluster with --ray")
+    return options
+
+
+def _train(options: argparse.Namespace) -> None:
+    if options.with_parent:
+        _end_with_parent()
+    path = find_config(options.config)
+    if options.weights_from:
+        options.overrides.append(f"weights_from={options.weights_from}")
+    if options.demos:
+        options.overrides.append(f"demonstrations={options.demos}")
+    add_own_game(options, [options.config])
+    config = load_config(path, options.overrides, options.behavior)
+    check_sinks(config.log_to)
+    if config.demonstrations:
+        find_demonstrations(Path(config.demonstrations))
+    run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
+    for known in filter(has_checkpoint, {path.parent, run}):  # they may be a stranger's
+        if options.trust_run:
+            trust(known)
+        check_code(known, config)
+    check_run(config, run, resume=options.resume)
+    resume = options.resume and has_checkpoint(run)
+    if options.resume and not resume:
+        say(f"{run} ended before anything was saved: it begins anew")
+    if config.weights_from and not resume:
+        load_checkpoint(Path(config.weights_from))
+    if resume and config.total_timesteps > (before := run_config(run).total_timesteps):
+        say(
+            f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
+            "and entropy coefficient now reach their ends there, so they are higher than they were"
+        )
+    if options.simulators and options.simulators > config.arenas:
+        raise ConfigError(f"--simulators got {options.simulators}, but the run has {config.arenas} arenas to divide")
+    source = run if options.resume else Path(config.weights_from) if config.weights_from else None
+    last = last_simulators(source) if source else Remembered(run)
+    simulators = choose_simulators(_wanted(options), last, config, say, trust=options.trust_run)
+    patience = PARENT_SECONDS if options.with_parent else 0.0
+    with locked(run, patience), open_simulators(simulators, options.wait, say) as connect:
+        addresses = connect()
+        for place in addresses if options.ray else ():
+            wait_for(place, options.wait, say)  # a firewall may be in the way
+        with leaving_on_signals():
+            from joybridge.ppo.fast.announce import announcing
+            from joybridge.run.progress import Display
+            from joybridge.run.train import train
+            from joybridge.run.training import Audience
+
+        saved = checkpoints(run)
+        begin = int(saved[-1].name) if saved else 0
+        heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
+        remember(run, simulators, say)
+        sign_code(run, config, say)
+        try:
+            with Display(heading, config.layout, config.end, begin) as display, announcing(display.say):
+                train(
+                    config,
+                    run,
+                    addresses,
+                    resume=options.resume,
+                    audience=Audience(display.report, display.say),
+                    revive=connect,
+                    record_faults=options.record_faults,
+                )
+        except (KeyboardInterrupt, SimulatorError, StorageError) as error:
+            refused = isinstance(error, SimulatorError) and not isinstance(error, SimulatorLost)
+            if checkpoints(run) or not refused:  # a request that was refused would be refused again
+                say(_continuation(run, options))
+            raise
+    say_next("evaluate", str(run))
+
+
+def _wanted(options: argparse.Namespace) -> Simulators:
+    """Return the simulators that the command line of `train` names."""
+    return replace(wanted_simulators(options), cluster=options.ray or "", count=options.simulators or 1)
+
+
+def _continuation(run: Path, options: argparse.Namespace) -> str:
+    """Return what is saved of a run that has ended early, and the command that continues it."""
+    named = replace(_wanted(options), games=())  # waited for, unlike simulators that the run remembers
+    command = ["joybridge", "train", f"{run}/config.yaml", "--run", str(run), "--resume", *named.arguments()]
+    saved = checkpoints(run)
+    done = f"saved at {int(saved[-1].name):,} timesteps; continue" if saved else "nothing is saved yet; begin again"
+    return f"{done} with: {shlex.join(command)}"
+
+
+def _end_with_parent() -> None:
+    """Interrupt this process once stdin, on which nothing is ever written, closes."""
+
+    def watch() -> None:
+        with suppress(OSError):  # closed from the beginning
+            while os.read(0, 1024):
+                pass
+        if os.name == "nt":  # os.kill would end the process there before it saves
+            interrupt_main(signal.SIGTERM)
+        else:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    Thread(target=watch, daemon=True).start()
