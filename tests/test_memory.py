@@ -211,3 +211,21 @@ def test_a_run_with_memory_that_is_cut_off_and_resumed_ends_in_the_same_bits(sim
         (player,) = play.players
         next(play.decisions())
         assert player.observations.memory is not None and player.observations.memory.any()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda right: np.full_like(right, np.nan),
+        lambda right: right[:, :3],
+        lambda right: np.zeros((), np.float32),
+        lambda right: right.astype(np.uint8),
+    ],
+)
+@pytest.mark.parametrize("place", ["memory", "observations"])
+def test_a_state_that_no_lane_can_be_in_is_refused(wrong, place):
+    (policy,) = full_agents("hybrid", {}, remembering("gru"))
+    state = policy.state()
+    policy.load(state)
+    with pytest.raises(ValueError, match=r"expected finite float32 \["):
+        policy.load({**state, place: wrong(state[place])})

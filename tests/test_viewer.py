@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import socket
 import time
 from contextlib import closing, contextmanager
 from functools import partial
@@ -154,6 +155,16 @@ def test_others_get_nothing(hybrid, path, headers):
 
 
 @pytest.mark.promise("X2")
+@pytest.mark.parametrize("path", [b"/\xc3\xa9", b"/\xff\xfe", b"/%ff"])
+def test_a_path_beyond_ascii_which_no_browser_sends_gets_nothing_and_disturbs_nobody(hybrid, path):
+    place = urlsplit(hybrid)
+    with socket.create_connection((place.hostname, place.port), SECONDS) as connection:
+        connection.sendall(b"GET " + path + b" HTTP/1.1\r\nHost: " + place.netloc.encode() + b"\r\n\r\n")
+        answer = connection.recv(100)
+    assert not answer or answer.startswith(b"HTTP/1.1 404 ")
+    assert response(hybrid)[0] == 200
+
+
 def test_the_browser_gets_the_token_in_a_file_of_this_user_alone(monkeypatch):
     opened: list[str] = []
     at_exit: list[partial[None]] = []

@@ -68,7 +68,8 @@ class Model:
         options = ort.SessionOptions()
         options.intra_op_num_threads = 1
         options.log_severity_level = 4  # what is wrong with a file is said once, by the error
-        self._session = ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        # Its way to go on after an error prints, and tries the same once more.
+        self._session = ort.InferenceSession(model, options, providers=["CPUExecutionProvider"], enable_fallback=0)
         self.inputs = {value.name: value.shape[1:] for value in self._session.get_inputs()}
         self.about: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
         self._outputs = [value.name for value in self._session.get_outputs()]

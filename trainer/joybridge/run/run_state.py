@@ -67,7 +67,13 @@ class RunState:
                     hand.load(select(self.arrays, f"hands/{group.index}/{index}/"))
             if league:
                 league.load(self.arrays, seated=self.snapshots is not None)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:  # arrays of other names, types or shapes
+        except (
+            KeyError,
+            IndexError,
+            TypeError,
+            ValueError,
+            RuntimeError,
+        ) as error:  # arrays of other names, types or shapes
             raise CheckpointError(
                 f"the checkpoint does not fit this game, layout or version ({type(error).__name__}: {error}); "
                 "train a new run"

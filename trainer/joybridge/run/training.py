@@ -182,12 +182,20 @@ def open_training(
     for line in lineup.lines() if lineup and not state.timesteps else ():
         audience.say(line)
     balanced_options(config, spec)  # here and below: an error where it is needed would come too late
-    policies = [
-        Policy(
-            actor, spec.behaviors[actor.behavior], group_bounds(config), drawn_parameters(config, spec), lineup, kinds
-        )
-        for actor in make_actors(config, spec, config.accelerator)
-    ]
+    try:
+        policies = [
+            Policy(
+                actor,
+                spec.behaviors[actor.behavior],
+                group_bounds(config),
+                drawn_parameters(config, spec),
+                lineup,
+                kinds,
+            )
+            for actor in make_actors(config, spec, config.accelerator)
+        ]
+    except MemoryError as error:
+        raise ConfigError(f"a rollout does not fit into memory: {error}; choose fewer policy.rollout_steps") from error
     rollout_stretches(policies)
     for remark in demonstrate(policies, config, run, spec, resumed=state.timesteps > 0):
         audience.say(remark)
