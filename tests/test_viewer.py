@@ -154,7 +154,6 @@ def test_others_get_nothing(hybrid, path, headers):
     assert (status, body) == (404, b"") and "Access-Control-Allow-Origin" not in given_headers
 
 
-@pytest.mark.promise("X2")
 @pytest.mark.parametrize("path", [b"/\xc3\xa9", b"/\xff\xfe", b"/%ff"])
 def test_a_path_beyond_ascii_which_no_browser_sends_gets_nothing_and_disturbs_nobody(hybrid, path):
     place = urlsplit(hybrid)
@@ -165,6 +164,7 @@ def test_a_path_beyond_ascii_which_no_browser_sends_gets_nothing_and_disturbs_no
     assert response(hybrid)[0] == 200
 
 
+@pytest.mark.promise("X2")
 def test_the_browser_gets_the_token_in_a_file_of_this_user_alone(monkeypatch):
     opened: list[str] = []
     at_exit: list[partial[None]] = []

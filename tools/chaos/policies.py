@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from joybridge.cli import main
 from joybridge.client.client import Session
-from joybridge.commands.__main__ import main
 from joybridge.config.config import Config, MemoryConfig, PolicyConfig
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array

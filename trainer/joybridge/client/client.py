@@ -82,18 +82,22 @@ def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec
     Raises SimulatorError if the simulator refuses, sends a spec that breaks the contract, or has an older revision of
     the contract than this client.
     """
+    return _describe(address, game, options).spec
+
+
+def _describe(address: str, game: str, options: Mapping[str, str]) -> pb.DescribeGameResponse:
+    """Return a checked spec with the version of the simulator. Raises SimulatorError as `describe` does."""
     request = pb.DescribeGameRequest(game=game, options=options, version=client_version())
     try:
         response = EVENT_LOOP.run(_call, address, "DescribeGame", request, pb.DescribeGameResponse)
         if text := mismatch(client_version(), response.version):
             raise SimulatorError(f"{address}: {text}")
-        spec = response.spec
-        check_spec(spec)
+        check_spec(response.spec)
     except grpc.RpcError as error:
         raise from_grpc(error, address) from error
     except SpecError as error:
         raise SimulatorError(f"the simulator at {address} sent a spec that breaks the contract: {error}") from error
-    return spec
+    return response
 
 
 class Session:
@@ -128,7 +132,8 @@ class Session:
         """
         self.address = address
         self.arenas = arenas
-        self.spec = describe(address, game, options or {})
+        described = _describe(address, game, options or {})
+        self.spec = described.spec
         self.simulate_seconds = 0.0
         self.waited = 0.0  # seconds in `receive`
         self._failure: SimulatorError | None = None  # why the session has ended
@@ -137,7 +142,8 @@ class Session:
         self._coming: Distributions = {}  # for the next Act
         self._drawn = bool(distributions)  # whether parameters are
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
-        stream = Stream(self._reader, self._largest)
+        self._revision = described.version.revision
+        stream = Stream(self._reader, self._largest, self._revision)
         self._use(stream)
         self._start = pb.Start(
             game=game,
@@ -265,7 +271,7 @@ class Session:
             raise SimulatorError(f"no local transport to {self.address}: {problem}; leave it to transport=auto")
         if path:
             self._end_stream()
-            stream = Stream(self._reader, self._largest)
+            stream = Stream(self._reader, self._largest, self._revision)
             self._use(stream)
             return self._open(stream, start, "grpc")
         return response
