@@ -41,6 +41,7 @@ from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
 from joybridge.run.training import Audience
 from joybridge.simulator import axis, behavior, branch, button, sensor, spec
+from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from tests.support.broken_servers import BrokenServer, Gauntlet, serving
 
@@ -197,6 +198,17 @@ def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
     file.write_bytes(writer.first_line + writer.encode([Record(Kind.HELD, json.dumps([[lane]]).encode()), *records]))
     with pytest.raises(RecordingError, match="breaks the contract"):
         load_demonstration(file, described)
+
+
+@pytest.mark.parametrize("asked", [pb.PlayRequest(), pb.PlayRequest(act=pb.Act())], ids=["nothing", "an empty act"])
+@pytest.mark.promise("X6")
+def test_requests_that_ask_nothing_are_damage_because_a_small_file_holds_very_many(asked, tmp_path, demos):
+    first, *records = _records(demos / "hybrid-0001.demo")
+    file, writer = tmp_path / "hollow.demo", Writer(json.loads(first))
+    hollow = [Record(Kind.REQUEST, asked.SerializeToString())] * 1000
+    file.write_bytes(writer.first_line + writer.encode([*records, *hollow]))
+    with pytest.raises(RecordingError, match=r"hollow\.demo is no recorded session \(an empty request\)"):
+        load_recording(file)
 
 
 def _records(file):
