@@ -26,7 +26,7 @@ from joybridge.simulator.workers.link import Link
 
 MODULE = "joybridge.adapters.pygame_programs.inside"
 FORK_SECONDS = 10.0  # for a fork to connect
-LONGEST_TEXT = 600  # characters of what a program says of itself
+MAX_TEXT_CHARS = 600  # characters of what a program says of itself
 MAX_BRANCHES = 256  # stems of snapshots that are kept; those not used for longest end first
 
 
@@ -80,7 +80,7 @@ class ProgramProcesses:
             shown: dict[str, Any] = json.loads(message)
             if kind != FIRST:
                 self._forget(players=True)
-                raise AdapterError(printable(shown["text"])[:LONGEST_TEXT]) from ProgramFault(shown["traceback"])
+                raise AdapterError(printable(shown["text"])[:MAX_TEXT_CHARS]) from ProgramFault(shown["traceback"])
             return shown
 
     def fork(self, told: list[Mapping[str, Any]]) -> list[Link]:

@@ -10,7 +10,7 @@ from select import select
 from time import monotonic  # not by its module: programs may be given another clock there
 
 HEADER = struct.Struct("<cQ")  # kind and length
-LARGEST = 1 << 31  # bytes of a message
+MAX_MESSAGE_BYTES = 1 << 31  # bytes of a message
 READ_BYTES = 1 << 20  # that are read at once, at most
 CLOSING_SECONDS = 1.0  # for a worker to close its games when the server has let it go
 LOOK_SECONDS = 0.5  # after which a thread that waits may be stopped; see game_thread.py
@@ -38,7 +38,7 @@ class Link:
         """Return the next frame. Raises EOFError if the other end is closed, TimeoutError if nothing comes in time."""
         limit = monotonic() + seconds
         kind, size = HEADER.unpack(self._read(HEADER.size, limit))
-        if size > LARGEST:  # something else has written to the connection
+        if size > MAX_MESSAGE_BYTES:  # something else has written to the connection
             raise EOFError
         return kind, bytes(self._read(size, limit))
 
