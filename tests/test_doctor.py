@@ -49,8 +49,8 @@ def test_a_correct_server_is_described(correct, capsys):
     assert list(found) == ["port", "calls", "versions", "health", "spec", "steps", "latency", "sizes"]
     assert all(ok for ok, _ in found.values())
     assert found["calls"][1] == "ListGames returns gauntlet"
-    wanted = "player observes image, an image of 2x2 gray and 6 numbers (sensors: 4, axes: 2, branches: 2)"
-    assert wanted in found["spec"][1]
+    described = "player observes image, an image of 2x2 gray and 6 numbers (sensors: 4, axes: 2, branches: 2)"
+    assert described in found["spec"][1]
     assert found["steps"][1] == "gauntlet: 10 steps of 2 arenas are valid"
     assert "(p50)" in found["latency"][1] and "(p99)" in found["latency"][1]
     assert found["latency"][1].endswith("decisions/s without learning")

@@ -40,6 +40,7 @@ PROMISES = {
     "X2": "The token is needed for every call but health, is private, and never travels in clear text",
     "X3": "No code runs from files, and nothing starts because a run of somebody else says so",
     "X4": "Arenas, messages and names have limits",
+    "X5": "Few packages, with hashes; the wheel is built twice to the same bytes, and what it brings can be listed",
     "X6": "Small files do not become large in memory, and damaged ones read nothing that is not theirs",
     "X7": "What games, environments and workers hold ends with the session and with the server",
     "E1": "The environments pass the checks of Gymnasium and PettingZoo",

@@ -43,11 +43,12 @@ A line shows the mean of our runs. It is interrupted where some runs end. Timest
 Our hours in figure 14 are computed for 30 M timesteps from the speed of short runs (those in `alone/`), which were made
 one at a time on an otherwise idle machine."""
 RULES = """\
-All tests use the 5 % level.
+All tests use the 5 % level. Beside the p value of a test stands the same corrected for the number of all claims that
+are tested so (Holm's method); verdicts use the former. Of a claim about several pairs, it is the largest of the pairs.
 
 - **Reward**: Welch's t test. A few runs do not show how much results vary, so our standard deviation is pooled with
   that of the original's ten runs. Rewards are *alike* if they do not differ significantly and the confidence interval
-  of the difference is within 10 points.
+  of the difference is within 10 points; the p value is that of two one-sided tests (TOST) with this bound.
 - **Stability**: an F test of the variances over runs.
 - Both are tested at the largest number of timesteps that runs of all layouts of a claim have reached. Before 30 M
   timesteps, they are tested only if the original's runs confirm the claim both there and at 30 M.

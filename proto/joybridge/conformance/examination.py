@@ -177,11 +177,9 @@ def _spec(subject: Subject) -> str:
 def _observed(behavior: pb.Behavior) -> str:
     """Return what a behavior observes in words: its numbers, and its images apart."""
     images = [
-        "{}, an image of {}x{} {}".format(
-            sensor.name, *sensor.shape[1::-1], pb.Color.Name(sensor.image.color)[6:].lower()
-        )
-        for sensor in behavior.sensors
-        if sensor.HasField("image")
+        f"{each.name}, an image of {each.shape[1]}x{each.shape[0]} {pb.Color.Name(each.image.color)[6:].lower()}"
+        for each in behavior.sensors
+        if each.HasField("image")
     ]
     numbers = sum(element_count(sensor) for sensor in behavior.sensors if not sensor.HasField("image"))
     return " and ".join([*images, *([f"{numbers} numbers"] if numbers or not images else [])])

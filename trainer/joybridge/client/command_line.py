@@ -9,7 +9,7 @@ from typing import Any
 
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
-from joybridge.client.simulator_source import Simulators
+from joybridge.client.simulator_source import SimulatorSource
 from joybridge.config.config import read_overrides
 from joybridge.config.config_files import find_config, merge, read_yaml
 from joybridge.config.errors import ConfigError
@@ -109,10 +109,10 @@ def check_simulator_options(parser: argparse.ArgumentParser, options: argparse.N
         parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
 
 
-def wanted_simulators(options: argparse.Namespace) -> Simulators:
+def wanted_simulators(options: argparse.Namespace) -> SimulatorSource:
     """Return the simulators that the command line names."""
     tls_ca, token_file = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
-    return Simulators(tuple(options.simulator), tuple(options.game), tls_ca, token_file)
+    return SimulatorSource(tuple(options.simulator), tuple(options.game), tls_ca, token_file)
 
 
 def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from joybridge.client.command_line import add_own_game, at_least, run_command, say_next
 from joybridge.client.recording import load_recording
-from joybridge.client.simulator_source import Simulators, remember
+from joybridge.client.simulator_source import SimulatorSource, remember
 from joybridge.config.config import Config, load_config, make_config, read_overrides
 from joybridge.config.config_files import find_config, merge
 from joybridge.config.errors import ConfigError, DivergedError
@@ -65,7 +65,7 @@ def _clone(options: argparse.Namespace) -> None:
     check_run(config, run, resume=False)
     with locked(run):
         clone(config, run, recorded.shown, options.passes)
-        remember(run, Simulators(games=tuple(options.game)), say)
+        remember(run, SimulatorSource(games=tuple(options.game)), say)
     say_next("evaluate", str(run))
 
 

@@ -27,7 +27,7 @@ from joybridge.client.errors import SimulatorError, SimulatorLost
 from joybridge.client.signals import leaving_on_signals
 from joybridge.client.simulator_source import (
     Remembered,
-    Simulators,
+    SimulatorSource,
     choose_simulators,
     last_simulators,
     open_simulators,
@@ -178,7 +178,7 @@ def _train(options: argparse.Namespace) -> None:
     say_next("evaluate", str(run))
 
 
-def _wanted(options: argparse.Namespace) -> Simulators:
+def _wanted(options: argparse.Namespace) -> SimulatorSource:
     """Return the simulators that the command line of `train` names."""
     return replace(wanted_simulators(options), cluster=options.ray or "", count=options.simulators or 1)
 

@@ -32,7 +32,7 @@ from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.config.metrics import column_name, is_trainers
+from joybridge.config.metrics import column_name, is_builtin_metric
 from joybridge.pace import say
 from joybridge.run.run_lock import locked
 
@@ -118,7 +118,7 @@ def check_game_side(made: Search) -> None:
     metric, spec = made.options.metric, made.spec
     names = dict.fromkeys(each.name for behavior in spec.behaviors for each in behavior.metrics)
     known = ["reward", "length", *map(column_name, names)]
-    if metric not in known and not is_trainers(metric):
+    if metric not in known and not is_builtin_metric(metric):
         raise ConfigError(f"--metric got {metric!r}; {spec.name} has {', '.join(known)}")
     for each in made.ranges:
         values = each.values if isinstance(each, Choices) else (each.write(each.low), each.write(each.high))

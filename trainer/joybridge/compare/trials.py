@@ -28,7 +28,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.pace import Pace
 from joybridge.v1 import bridge_pb2 as pb
 
-FIRST = 3  # trials; if all of them fail, the others would as well
+FIRST_TRIALS = 3  # trials; if all of them fail, the others would as well
 TENTHS = range(2, 10)  # of a run: where a hopeless trial ends
 
 
@@ -217,9 +217,9 @@ def finish(made: Search, trial: optuna.Trial, state: TrialState, score: float | 
 
 def check_first(made: Search) -> None:
     """Raise ConfigError if the first trials have failed, as all others would."""
-    first = made.trials[:FIRST]
-    if len(first) == FIRST and all(trial.state == TrialState.FAIL for trial in first):
+    first = made.trials[:FIRST_TRIALS]
+    if len(first) == FIRST_TRIALS and all(trial.state == TrialState.FAIL for trial in first):
         raise ConfigError(
-            f"the first {FIRST} trials have failed, so the search has ended; the last one: "
+            f"the first {FIRST_TRIALS} trials have failed, so the search has ended; the last one: "
             f"{first[-1].user_attrs['reason']}; delete {made.options.output}, and repeat the command"
         )

@@ -23,7 +23,7 @@ from joybridge.contract.files import read_file
 _INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
 _CHECKOUT = Path(__file__).parents[3] / "configs"
 FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
-LARGEST = 2**16  # bytes of a file, and values in it
+MAX_CONFIG_SIZE = 2**16  # bytes of a file, and values in it
 DEEPEST = 10  # mappings and lists inside each other; files that extend each other
 MERGE = "<<"  # a key whose value YAML lays under the other keys
 OPENING = "[{-:?"  # each mapping and list has one of these characters
@@ -59,7 +59,7 @@ def find_config(text: str) -> Path:
 def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return the keys and values of a file, on top of its preset and of what it extends. Raises ConfigError."""
     try:
-        real, text = path.resolve(), read_file(path, LARGEST).decode("utf-8")
+        real, text = path.resolve(), read_file(path, MAX_CONFIG_SIZE).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path} is not YAML: {error}") from error
     except OSError as error:
@@ -122,7 +122,7 @@ def _check_events(text: str) -> None:
 
 def _check_size(data: Any) -> None:
     """Raise ValueError if YAML's aliases (`*name`) make the content very much larger than its text."""
-    left, parts = LARGEST, [data]
+    left, parts = MAX_CONFIG_SIZE, [data]
     while parts:
         part = parts.pop()
         left -= 1 + (len(part) if isinstance(part, str) else 0)

@@ -18,7 +18,7 @@ def layout(spec: pb.GameSpec) -> str:
     kinds = [[axis.kind for axis in behavior.device.axes] for behavior in spec.behaviors]
     if not images(spec):
         name, others = "hybrid", "bucket-5, threshold-0.0, multiagent"
-    elif seen and all(kind == [pb.AXIS_KIND_POSITION] * 2 for kind in kinds):
+    elif seen and all(each == [pb.AXIS_KIND_POSITION] * 2 for each in kinds):
         height, width = seen[0].shape[:2]
         name, others = f"map-{CELLS_ACROSS}x{max(1, round(CELLS_ACROSS * height / width))}", "bucket-7, hybrid"
     else:
