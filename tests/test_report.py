@@ -397,10 +397,10 @@ SHOWN = (
     "| Beastly Rivals threshold-0.0 | 2 | 140.0 (130.0 to 150.0) | 93.2 ± 6.7 | 0 of 2 |",
     "| Shooting Birds bucket-11, seed 0 | 136.0 | 137.6 ± 5.6 | inside | 129.9 | 135.9 ± 5.2 | 0.28 | 6.1 |",
     "| Beastly Rivals threshold-0.0, seed 0 | 150.0 | 93.2 ± 6.7 | above | 150.0 |",
-    # Verdicts. Policies of shorter trainings decide where too few are complete.
+    # Verdicts. Policies of shorter trainings do not decide.
     "The bucket approach scores higher than the threshold approach | Shooting Birds | **not tested** |  |  | holds |",
     "| Blinking hardly matters: policies almost never blink | Beastly Rivals | **holds** at 30 M |  |  | no logs |",
-    "| Half hidden birds are hit | Shooting Birds | **holds** at 3 M |  |  | no logs |",
+    "| Half hidden birds are hit | Shooting Birds | **undecided** at 3 M |  |  | no logs |",
     "The logs contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)",
     # Behavior
     "| threshold-0.0-s0 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |",
