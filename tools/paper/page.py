@@ -63,7 +63,8 @@ STATEMENTS = """\
 What section VI-D of the paper says in words of trained policies is judged by a figure of each policy, a bound, and the
 95 % interval of the mean over policies by the t distribution. The statement *holds* if the whole interval is above the
 bound, *does not hold* if it is below, and is *undecided* otherwise. It is judged at the largest number of timesteps
-that three or more policies of the paper's layouts have trained. Means of ratios are geometric.
+that three or more policies of the paper's layouts have trained; before 30 M timesteps it is *undecided*, whatever the
+figures are, since the paper speaks of complete runs. Means of ratios are geometric.
 
 - **Faster along x**: the mean speed along x over that along y; bound 1.
 - **Changes sides**: changes from the left to the right side of the field, or back, per time on a side on which no bird

@@ -4,9 +4,7 @@ import argparse
 import json
 import math
 import shlex
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 from joybridge.client.own_games import choose_game
@@ -19,6 +17,7 @@ from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.places import PYGAME, program_place
+from joybridge.pace import say
 
 LAST_SIMULATORS = "the simulators of the run's last training, if they answer; otherwise "
 ENVIRONMENTS = {"gym": "ID", "pettingzoo": "MODULE", "pygame": "PROGRAM", "unity": "BUILD", "unity-port": "PORT"}
@@ -169,12 +168,6 @@ def seconds(text: str) -> float:
     if not (math.isfinite(number) and number > 0):
         raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
     return number
-
-
-def say(text: str) -> None:
-    """Print a line on standard error, if anybody is still there."""
-    with suppress(OSError):  # the terminal is gone
-        print(text, file=sys.stderr, flush=True)
 
 
 def say_next(*words: str) -> None:

@@ -20,7 +20,6 @@ from joybridge.client.command_line import (
     at_least,
     check_simulator_options,
     run_command,
-    say,
     say_next,
     wanted_simulators,
 )
@@ -40,6 +39,7 @@ from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
 from joybridge.demonstrations.files import find_demonstrations
+from joybridge.pace import say
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, run_config, run_name
 from joybridge.run.own_code import check_code, sign_code, trust

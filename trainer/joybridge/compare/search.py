@@ -14,7 +14,7 @@ import optuna
 from optuna.storages.journal import JournalFileBackend, JournalStorage
 from optuna.trial import TrialState
 
-from joybridge.client.command_line import add_own_game, say, wanted_simulators
+from joybridge.client.command_line import add_own_game, wanted_simulators
 from joybridge.compare.launch import backend, check_variant, repetition, scored_policy, served_specs
 from joybridge.compare.ranges import Choices, Range, own_settings, read_ranges, settings_of
 from joybridge.compare.search_page import Outcome, outcome, ranking, write_page
@@ -33,6 +33,7 @@ from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import column_name, is_builtin_metric
+from joybridge.pace import say
 from joybridge.run.run_lock import locked
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)  # it reports each study that is opened
