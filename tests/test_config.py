@@ -132,6 +132,15 @@ def test_an_override_of_very_many_parts_is_refused():
         read_overrides(["." * 3000 + "=1"])
 
 
+def test_a_file_extends_an_installed_configuration_by_its_name_unless_there_is_a_file(tmp_path):
+    file = write(tmp_path, "extends: archer/hybrid\narenas: 3")
+    config = load_config(file)
+    assert (config.game, config.layout, config.arenas) == ("archer", "hybrid", 3)
+    (tmp_path / "archer").mkdir()
+    write(tmp_path, "game: mine", "archer/hybrid")
+    assert load_config(file).game == "mine"
+
+
 def test_files_extend_each_other_ten_times_at_most(tmp_path):
     write(tmp_path, "game: g", "0.yaml")
     for number in range(1, 12):

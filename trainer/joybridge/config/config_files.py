@@ -1,6 +1,7 @@
 """Files of configurations: finding them, by path or by the name of an installed one, and reading them.
 
-A YAML file (version 1.2) may name another one with `extends:`; mappings are merged, everything else is replaced.
+A YAML file (version 1.2) may name another one, or an installed one, with `extends:`; mappings are merged, everything
+else is replaced.
 
 The wheel holds `configs/` as `joybridge/configs`. An editable install has no copy of it and reads the checkout's own.
 """
@@ -77,7 +78,9 @@ def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     data = merge(preset_of(data), data)
     if base is None:
         return data
-    return merge(read_yaml(path.parent / str(base), (*seen, real)), data)
+    beside, name = path.parent / str(base), str(base).removesuffix(".yaml")
+    installed = name in config_names() and not beside.is_file()
+    return merge(read_yaml(FOLDER / f"{name}.yaml" if installed else beside, (*seen, real)), data)
 
 
 def parse_yaml(text: str, what: str) -> Any:
