@@ -15,7 +15,7 @@ from joybridge.client.launch import simulator_process
 from joybridge.commands.replay import main as replay
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, DivergedError
-from joybridge.config.metrics import read_rows
+from joybridge.config.metrics import metrics_name, read_rows
 from joybridge.contract.codec import ActArrays
 from joybridge.play.playing import PlaySpec
 from joybridge.play.record import record
@@ -83,6 +83,11 @@ def test_names_from_the_wire_are_neither_paths_nor_the_trainers_own_columns(talk
     assert [path.name for path in (talked / "tensorboard").iterdir()] == ["..%2Fred%2Fleft"]
     row = read_rows(talked / "metrics-..%2Fred%2Fleft.csv")[-1]
     assert (row["length"], row["game_length"], row["speed [/]"]) == (LENGTH, LENGTH, 1.0)
+
+
+@pytest.mark.parametrize("name", ["..", ".", "...", "/", "a/../b", "\0"])
+def test_no_name_of_a_policy_leads_out_of_its_folder(name):
+    assert not {"/", "\0"} & set(metrics_name(name)) and metrics_name(name).strip(".")
 
 
 def test_a_resumed_game_without_snapshots_begins_new_episodes(talked, awkward, monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from joybridge.contract.codec import ActArrays
-from joybridge.contract.parts import rows_of
+from joybridge.contract.sharding import rows_of
 from joybridge.contract.spec import check_spec
 from joybridge.games.beastly_rivals_full.ball import throw
 from joybridge.games.beastly_rivals_full.game import BeastlyRivalsFull

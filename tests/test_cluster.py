@@ -18,7 +18,7 @@ from joybridge.client.client import list_games
 from joybridge.client.errors import SimulatorError, SimulatorLost
 from joybridge.client.simulator_source import (
     FILE,
-    Simulators,
+    SimulatorSource,
     choose_simulators,
     last_simulators,
     open_simulators,
@@ -86,7 +86,7 @@ def test_a_run_whose_simulators_lose_their_nodes_ends_like_one_on_this_machine(n
             while not all(map(gone, used[0])):
                 pass
 
-    with open_simulators(Simulators(cluster=nodes.cluster.address, count=2), 60.0, print) as start:
+    with open_simulators(SimulatorSource(cluster=nodes.cluster.address, count=2), 60.0, print) as start:
 
         def connect() -> Sequence[str]:
             used.append(list(start()))
@@ -205,11 +205,11 @@ def test_a_cluster_with_too_few_cores_is_waited_for_and_named(capsys):
 
 
 def test_a_run_remembers_games_but_no_cluster_and_the_cluster_gets_its_games(tmp_path):
-    remember(tmp_path, Simulators(games=("a:B",), cluster=NOWHERE, count=2), print)
-    assert last_simulators(tmp_path).simulators == Simulators(games=("a:B",))
+    remember(tmp_path, SimulatorSource(games=("a:B",), cluster=NOWHERE, count=2), print)
+    assert last_simulators(tmp_path).simulators == SimulatorSource(games=("a:B",))
     (tmp_path / FILE).write_text(f'{{"games": ["a:B"], "cluster": "{NOWHERE}", "count": 2}}')
-    assert last_simulators(tmp_path).simulators == Simulators(games=("a:B",))
-    wanted = Simulators(cluster=NOWHERE, count=2)
+    assert last_simulators(tmp_path).simulators == SimulatorSource(games=("a:B",))
+    wanted = SimulatorSource(cluster=NOWHERE, count=2)
     assert wanted.arguments() == ["--ray", NOWHERE, "--simulators", "2"]
     chosen = choose_simulators(wanted, last_simulators(tmp_path), CONFIG, print, trust=True)
     assert chosen == replace(wanted, games=("a:B",))

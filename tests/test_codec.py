@@ -94,6 +94,34 @@ def test_an_act_comes_back_as_it_was(data):
     assert back.choices.tobytes() == act.choices.tobytes() and back.choices.shape == (LANES, 2)
 
 
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_both_ends_of_an_axis_belong_to_it(end):
+    act = an_act()
+    act.axes[:] = [getattr(axis, end) for axis in PILOT.device.axes]
+    assert Codec(PILOT, ARENAS).unpack_act(pack_act(act), a_step()).axes.tolist() == act.axes.tolist()
+
+
+def test_a_script_plays_in_place_of_the_lanes_that_name_it_and_the_others_are_checked():
+    piloted = pb.Behavior()
+    piloted.CopyFrom(PILOT)
+    piloted.scripts.extend([pb.Script(name="calm"), pb.Script(name="bold")])
+    act = an_act()
+    act.scripts = np.array([0, 1, 2, 0, 1, 0], np.int32)
+    act.axes[[1, 2, 3, 4]] = 9.0  # lanes 1, 2 and 4 are a script's, and lane 3 waits
+    back = Codec(piloted, ARENAS).unpack_act(pack_act(act), a_step(deciding=[0, 1, 2, 5]))
+    assert back.scripts is not None and back.scripts.tolist() == [0, 1, 2, 0, 1, 0]
+    assert back.axes.tolist() == [[0.5, 0.5], *[[-1.0, 0.25]] * 4, [0.5, 0.5]]
+    act.axes[3] = 0.5
+    everyone = Codec(piloted, ARENAS).unpack_act(pack_act(act), a_step())
+    assert everyone.axes[:, 1].tolist() == [0.5, 0.25, 0.25, 0.5, 0.25, 0.5]
+    some = back.rows(np.array([2, 5]))
+    assert some.scripts is not None and some.scripts.tolist() == [2, 0] and an_act().rows(slice(2)).scripts is None
+    for wrong in (-1, 3):
+        act.scripts[4] = wrong
+        with pytest.raises(TensorError, match=f"got {wrong} in lane 4, expected 0..2 for calm, bold"):
+            Codec(piloted, ARENAS).unpack_act(pack_act(act), a_step())
+
+
 INVALID_ACTS = {  # the text: the field, the place and the value
     "axes: axis 'pitch' got 1.0000001192092896 in lane 4, expected -1..1": ("axes", (4, 0), 1.0000001),
     "axes: axis 'throttle' got 0.2499999850988388 in lane 4, expected 0.25..4": ("axes", (4, 1), 0.24999999),
@@ -305,6 +333,17 @@ def test_a_mask_must_allow_something_in_every_lane():
     step = a_step(masks=True)
     step.masks[1][3] = False
     assert step_refusal(pack_step(step)) == "pilot.masks[fire]: lane 3 allows no choice, expected at least one"
+
+
+def test_only_an_episode_that_is_truncated_can_be_interrupted():
+    step = a_step(ended=[0, 4], truncated=[2, 3])
+    step.interrupted = np.array([False, True, False, False])  # of lanes 0, 2, 3 and 4
+    codec = Codec(PILOT, ARENAS)
+    came = codec.unpack_step(pack_step(step))
+    assert came.interrupted is not None and came.interrupted.tolist() == [False, True, False, False]
+    step.interrupted[:] = [False, True, False, True]
+    with pytest.raises(TensorError, match=r"pilot\.ended\.interrupted: lane 4 is interrupted, but not truncated"):
+        codec.unpack_step(pack_step(step))
 
 
 def test_no_lane_ends_twice():

@@ -95,6 +95,11 @@ MERGES = "game: g\noptions:\n  a0: &a0 {x: 1}\n" + "".join(
         ("game: g\noptions: !!bool maybe", "is not YAML"),
         ("game: g\nseed: !!int ''", "is not YAML"),
         ("game: g\ntotal_timesteps: !!float ''", "is not YAML"),
+        ("game: g\npolicy: {hidden_sizes: [1000000000]}", "got 1000000000; .* less than or equal to 65536"),
+        ("game: g\npolicy: {memory: {kind: gru, size: 1000000000}}", "got 1000000000; .* less than or equal to 65536"),
+        ("game: g\npolicy: {rollout_steps: 1000000000}", "got 1000000000; .* less than or equal to 16777216"),
+        ("game: g\npolicy: {frame_stack: 1000000000}", "got 1000000000; .* less than or equal to 1000"),
+        ("game: g\narenas: 4294967296", "got 4294967296; .* less than or equal to 1048576"),
         ('game: g\npolicy: {hidden_sizes: "\\e]0;owned\\a"}', r"for example policy.hidden_sizes=\[\\x1b\]0, owned"),
         ("game: " + "[" * 30_000, "it is nested more than 10 times"),
         ("game: g\nseed: 0x" + "f" * 30_000, "seed: got an integer of very many digits"),
@@ -125,6 +130,15 @@ def test_a_file_of_a_stranger_is_refused_in_a_sentence(text, message, tmp_path):
 def test_an_override_of_very_many_parts_is_refused():
     with pytest.raises(ConfigError, match="has 3,001 parts, expected 10 at most"):
         read_overrides(["." * 3000 + "=1"])
+
+
+def test_a_file_extends_an_installed_configuration_by_its_name_unless_there_is_a_file(tmp_path):
+    file = write(tmp_path, "extends: archer/hybrid\narenas: 3")
+    config = load_config(file)
+    assert (config.game, config.layout, config.arenas) == ("archer", "hybrid", 3)
+    (tmp_path / "archer").mkdir()
+    write(tmp_path, "game: mine", "archer/hybrid")
+    assert load_config(file).game == "mine"
 
 
 def test_files_extend_each_other_ten_times_at_most(tmp_path):

@@ -27,11 +27,11 @@ from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration
-from joybridge.demonstrations.recorded import Demonstration, Stretch
+from joybridge.demonstrations.recorded import Demonstration, RecordedEpisodes
 from joybridge.layouts import list_roles, make_acts, make_layouts
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import Stacks
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.ppo.cloning import add_cloning_gradient, minibatches
 from joybridge.ppo.history import Window
 from joybridge.ppo.loss import Actions
@@ -41,6 +41,7 @@ from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.train import train
 from joybridge.run.training import Audience
 from joybridge.simulator import axis, behavior, branch, button, sensor, spec
+from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Arena, Pressed, Settings
 from tests.support.broken_servers import BrokenServer, Gauntlet, serving
 
@@ -199,6 +200,17 @@ def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
         load_demonstration(file, described)
 
 
+@pytest.mark.parametrize("asked", [pb.PlayRequest(), pb.PlayRequest(act=pb.Act())], ids=["nothing", "an empty act"])
+@pytest.mark.promise("X6")
+def test_requests_that_ask_nothing_are_damage_because_a_small_file_holds_very_many(asked, tmp_path, demos):
+    first, *records = _records(demos / "hybrid-0001.demo")
+    file, writer = tmp_path / "hollow.demo", Writer(json.loads(first))
+    hollow = [Record(Kind.REQUEST, asked.SerializeToString())] * 1000
+    file.write_bytes(writer.first_line + writer.encode([*records, *hollow]))
+    with pytest.raises(RecordingError, match=r"hollow\.demo is no recorded session \(an empty request\)"):
+        load_recording(file)
+
+
 def _records(file):
     """Return the first line of a file, and its records."""
     data = file.read_bytes()
@@ -328,7 +340,7 @@ def test_what_is_shown_is_learned(layout):
         actor.network.zero_grad(set_to_none=False)
         add_cloning_gradient(actor.network, actions, 1.0)
         learner.step(1e-2)
-    player = Player(actor, 200, 0, deterministic=True)
+    player = PolicyPlayer(actor, 200, 0, deterministic=True)
     step = StepArrays([shown], shown, np.zeros(200, bool), np.zeros(200, bool))
     (got,) = make_acts(SPEC, 200)
     player.begin(step)
@@ -429,7 +441,7 @@ def test_a_layout_that_can_say_nothing_is_named():
     first = StepArrays([nothing], nothing, nowhere, nowhere)
     last = replace(first, terminated=np.array([True, True, False]), ended=np.array([0, 1], np.int32))
     both = ActArrays(np.full((3, 2), 0.5, np.float32), np.array([[0, 1, 1]] * 3, np.int32))
-    shown = Demonstration(Path("both.demo"), SPEC, [Stretch([[first], [last]], [[both]], [None])], 0)
+    shown = Demonstration(Path("both.demo"), SPEC, [RecordedEpisodes([[first], [last]], [[both]], [None])], 0)
     for layout in ("hybrid", "bucket-5"):
         (role,) = list_roles(layout, SPEC)
         actor, given = Actor(role, SPEC.behaviors[0], SMALL, 0), Config(game="any", layout=layout)

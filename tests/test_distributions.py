@@ -10,6 +10,7 @@ from joybridge.ppo.distributions import (
     FORBIDDEN,
     branch_entropies,
     chosen_log_probs,
+    entropy_of_all,
     fill_masks,
     gaussian_log_probs,
 )
@@ -51,6 +52,29 @@ def test_gaussian_log_probs_are_summed_and_their_entropy_is_the_mean_over_dimens
     log_probs, entropy = gaussian_log_probs(mean, log_variance, samples)
     torch.testing.assert_close(log_probs, truth.log_prob(samples).sum(-1))
     torch.testing.assert_close(entropy, truth.entropy()[0].mean())
+
+
+def test_masks_add_nothing_to_what_is_allowed_and_to_branches_that_are_wider():
+    masks = np.full((2, 2, 3), 7.0, np.float32)
+    fill_masks([np.array([[True, False], [True, True]]), np.array([[True] * 3, [False, True, True]])], masks)
+    assert masks.tolist() == [[[0, FORBIDDEN, 0], [0, 0, 0]], [[0, 0, 0], [FORBIDDEN, 0, 0]]]
+    fill_masks(None, masks)
+    assert not masks.any()
+
+
+@pytest.mark.parametrize(
+    ("entropies", "counts", "mean", "total"),
+    [
+        ([[1.0, 2.0], [3.0, 6.0]], None, 3.0, 6.0),
+        ([[1.0, 2.0], [3.0, 6.0]], [[True, False], [True, True]], (1.0 + 4.5) / 2, (1.0 + 9.0) / 2),
+        ([[1.0, 2.0]], [[True, False], [True, True], [False, False]], (1.0 + 1.5) / 3, (1.0 + 3.0) / 3),
+        ([[1.0, 2.0, 4.0]], [[True, False, True]], 2.5, 5.0),
+    ],
+)
+def test_entropies_of_actions_that_count_are_averaged_or_summed_in_each_row(entropies, counts, mean, total):
+    given = None if counts is None else torch.tensor(counts)
+    assert entropy_of_all(torch.tensor(entropies), given, summed=False).item() == pytest.approx(mean)
+    assert entropy_of_all(torch.tensor(entropies), given, summed=True).item() == pytest.approx(total)
 
 
 def sampled(outputs, uniform, normal, log_variance=(), sizes=SIZES, likeliest=False, masks=None):

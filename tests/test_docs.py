@@ -250,11 +250,11 @@ def test_the_reference_of_errors_has_every_reason_and_every_exception():
     assert all(docstring for _, _, docstring in found.values())
 
 
-CODES = [  # of version 0.1.0
+CODES = [  # of version 0.1.0, but for DOOR, which is SERVER_CREDENTIALS now
     "ACTION", "ADAPTER", "ARENA", "CATALOG", "CHECKPOINT", "COMMUNICATOR", "CONFIG", "CREDENTIALS", "DEVICE",
-    "DIVERGED", "DOOR", "EXPORT", "FAULT_FOUND", "GAME", "MESSAGE", "NEW_GAME", "NO_SUCH_GAME", "RECORDING",
-    "RUN_LOCKED", "SELECTION", "SERVER", "SETTING", "SIMULATOR", "SIMULATOR_LOST", "SIMULATOR_SHUT_DOWN", "SPEC",
-    "STORAGE", "TENSOR", "UNTRUSTED_RUN",
+    "DIVERGED", "EXPORT", "FAULT_FOUND", "GAME", "MESSAGE", "NEW_GAME", "NO_SUCH_GAME", "RECORDING",
+    "RUN_LOCKED", "SELECTION", "SERVER", "SERVER_CREDENTIALS", "SETTING", "SIMULATOR", "SIMULATOR_LOST",
+    "SIMULATOR_SHUT_DOWN", "SPEC", "STORAGE", "TENSOR", "UNTRUSTED_RUN",
 ]  # fmt: skip
 
 

@@ -49,9 +49,11 @@ def test_a_correct_server_is_described(correct, capsys):
     assert list(found) == ["port", "calls", "versions", "health", "spec", "steps", "latency", "sizes"]
     assert all(ok for ok, _ in found.values())
     assert found["calls"][1] == "ListGames returns gauntlet"
-    assert "player observes 10 numbers (sensors: 4, axes: 2, branches: 2)" in found["spec"][1]
+    described = "player observes image, an image of 2x2 gray and 6 numbers (sensors: 4, axes: 2, branches: 2)"
+    assert described in found["spec"][1]
     assert found["steps"][1] == "gauntlet: 10 steps of 2 arenas are valid"
     assert "(p50)" in found["latency"][1] and "(p99)" in found["latency"][1]
+    assert found["latency"][1].endswith("decisions/s without learning")
 
 
 def test_the_last_line_names_the_next_command(correct, capsys):
@@ -64,7 +66,7 @@ def test_a_configuration_is_played_as_it_says(correct, config, capsys):
     assert status == 0
     assert found["config"] == (True, f"gauntlet: {config} fits: hybrid, 4 arenas")
     assert found["steps"][1] == "gauntlet: 10 steps of 4 arenas are valid"
-    assert "player observes 16 numbers" in found["spec"][1]  # the option makes the image larger
+    assert "player observes image, an image of 5x2 gray" in found["spec"][1]  # the option makes the image larger
 
 
 @pytest.mark.parametrize(
@@ -99,6 +101,21 @@ def test_without_the_trainer_the_server_is_examined_and_the_configuration_is_not
     status, found = run(capsys, correct, config)
     assert status == 0 and found["steps"][0]
     assert found["config"] == (None, "needs the module pydantic; install it with `pip install 'joybridge[train]'`")
+
+
+class SaysNothingOfImages(Gauntlet):
+    @classmethod
+    def describe(cls, options):
+        spec = super().describe(options)
+        for sensor in spec.behaviors[0].sensors:
+            sensor.ClearField("image")
+        return spec
+
+
+def test_what_looks_like_an_image_and_is_not_said_to_be_one_is_named(capsys):
+    with serving(BrokenServer(set(), game=SaysNothingOfImages)) as address:
+        _, found = run(capsys, address)
+    assert found["spec"][1].endswith("; say that image is an image, so that policies see it with convolutions")
 
 
 class NoList(Service):

@@ -32,7 +32,7 @@ from joybridge.compare.display import Display, time_left
 from joybridge.compare.grid import keep_results
 from joybridge.compare.table import TABLE
 from joybridge.config.errors import CheckpointError, RunLockedError
-from joybridge.config.metrics import KEYS, Cells, column_name, is_trainers
+from joybridge.config.metrics import KEYS, Cells, column_name, is_builtin_metric
 from joybridge.ray_cluster import grid as cluster
 from joybridge.ray_cluster.grid import read_files, write_files
 from joybridge.run.checkpoint import has_checkpoint
@@ -367,7 +367,7 @@ def test_the_bytes_of_a_table_do_not_depend_on_the_order_of_its_runs(tmp_path):
 
 def test_a_metric_of_a_game_never_takes_the_place_of_a_key():
     assert [column_name(key) for key in KEYS] == [f"game_{key}" for key in KEYS]
-    assert not any(map(is_trainers, KEYS))
+    assert not any(map(is_builtin_metric, KEYS))
 
 
 @pytest.mark.parametrize(

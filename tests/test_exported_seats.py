@@ -17,7 +17,7 @@ from joybridge.layouts import make_acts
 from joybridge.policy.actor import trained_actors
 from joybridge.policy.document import FORMAT
 from joybridge.policy.exported import load_exported
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.policy.table import Table
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.others import load_other
@@ -68,7 +68,7 @@ def test_an_exported_policy_plays_in_its_seats_as_the_run_does(run, suffix, simu
                 for result in table.seats.finish(steps):
                     table.seats.deal(result.arena, [[1, 0], [0, 1]][number % 2])
                 table.sit(steps)
-    assert isinstance(tables[0].players[1][0], Player)
+    assert isinstance(tables[0].players[1][0], PolicyPlayer)
 
 
 def test_an_exported_policy_is_an_opponent_and_the_checkpoint_keeps_it(run, simulator, tmp_path):

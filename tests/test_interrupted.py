@@ -12,7 +12,7 @@ from joybridge.commands.replay import FaultFound, replay
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
-from joybridge.contract.parts import join, rows_of
+from joybridge.contract.sharding import join, rows_of
 from joybridge.contract.tensors import TensorError
 from joybridge.policy.episodes import Episodes
 from joybridge.policy.seats import Seats

@@ -48,6 +48,8 @@ def test_what_is_listed_can_be_written_and_is_the_default(tmp_path):
         ("minibatch", ["policy.minibatch_size"]),
         ("ent_coef", ["policy.entropy_coef"]),
         ("Schedules", ["total_timesteps", "stop_at"]),
+        ("lstm", ["policy.memory.kind", "policy.memory.size", "policy.memory.length"]),
+        ("wandb", ["log_to"]),
         ("nothing of the kind", []),
     ],
 )
@@ -59,7 +61,7 @@ def test_a_word_finds_keys_by_name_by_meaning_and_by_the_name_of_another_library
     ("key", "kind"),
     [
         ("policy.clip_range=0.2", "(number > 0, < 1)"),
-        ("policy.hidden_sizes=[100, 100]", "(list of integer ≥ 1)"),
+        ("policy.hidden_sizes=[100, 100]", "(list of integer ≥ 1, ≤ 65536)"),
         ("policy.autograd=false", "(true or false)"),
         ("accelerator=cpu", "(cpu or cuda)"),
         ("stop_at=null", "(integer ≥ 1 or null)"),

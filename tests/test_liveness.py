@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import grpc
 import numpy as np
@@ -15,14 +16,16 @@ from grpc import StatusCode
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from joybridge.client.client import Session
-from joybridge.client.errors import SimulatorError
+from joybridge.client.errors import SimulatorError, SimulatorLost
 from joybridge.contract.codec import pack
 from joybridge.contract.local_socket import LENGTH
+from joybridge.layouts import make_acts
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.hanging_games import HANGING, PLACES, RAISED
 from tests.support.servers import Server, end, games, server
 from tests.support.wire import SECONDS, Player, Stream, act, refused, start
+from tools.chaos.proxy import Proxy
 
 FROZEN_SECONDS = 40.0
 LIMITS = ["--step-seconds", "1", "--start-seconds", "1", "--idle-seconds", "2"]
@@ -201,7 +204,7 @@ sys.stdin.read()
 @pytest.mark.parametrize("transport", ["grpc", "local"])
 @pytest.mark.promise("L3")
 def test_a_client_that_is_frozen_loses_its_place(transport):
-    """It takes 13 s; gRPC's own time for a ping is a minute, so the limit below tells them apart."""
+    """It takes 13 s; gRPC's own time for a ping is a minute, so FROZEN_SECONDS tells them apart."""
     with server("--address", "127.0.0.1:0", "--sessions", "1") as process:
         command = [sys.executable, "-c", FROZEN, process.address, transport]
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as client:
@@ -220,3 +223,51 @@ def is_free(address):
     except SimulatorError:
         return False
     return True
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="this system stops no processes")
+@pytest.mark.parametrize("transport", ["grpc", "local"])
+@pytest.mark.promise("L3")
+def test_a_server_that_is_frozen_is_lost_to_its_client(transport):
+    """It takes 14.5 s at most, as above."""
+    with server("--address", "127.0.0.1:0") as process:
+        session = Session(process.address, "archer", arenas=1, seed=1, transport=transport, timeout=FROZEN_SECONDS)
+        is_lost(session, lambda: process.send_signal(signal.SIGSTOP))
+
+
+@pytest.mark.nightly
+@pytest.mark.promise("L3")
+def test_a_server_whose_connection_swallows_every_byte_is_lost_to_its_client(simulator):
+    proxy = Proxy(simulator)
+    session = Session(proxy.address, "archer", arenas=1, seed=1, transport="grpc", timeout=FROZEN_SECONDS)
+    is_lost(session, proxy.swallow)
+
+
+def is_lost(session, lose):
+    with session:
+        play_on(session, 1)
+        lose()
+        with pytest.raises(SimulatorLost, match="it does not even answer pings"):
+            play_on(session, 1_000_000)  # a signal may come after some steps
+
+
+def play_on(session, decisions):
+    acts = make_acts(session.spec, 1)
+    for _ in range(decisions):
+        session.step(acts)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("transport", ["grpc", "local"])
+@pytest.mark.promise("L3")
+def test_a_server_whose_game_works_for_long_is_not_lost(transport):
+    """Its client pings three times, and hears at last that the game took too long."""
+    arguments = ["--address", "127.0.0.1:0", "--step-seconds", "33", *games(*PLACES)]
+    hanging = partial(Session, game="hangs", options={"how": "sleep"}, arenas=1, seed=1, timeout=SECONDS)
+    with (
+        server(*arguments, stderr=subprocess.DEVNULL) as process,
+        hanging(process.address, transport=transport) as session,
+        pytest.raises(SimulatorError, match="no result after 33 s"),
+    ):
+        session.step(make_acts(session.spec, 1))

@@ -20,7 +20,7 @@ from joybridge.conformance.selection import select
 from joybridge.contract.local_socket import LENGTH, FrameError, LocalSocket
 from joybridge.contract.versions import own_version
 from joybridge.layouts import make_acts
-from joybridge.simulator.local_socket import LocalSocket as Offered
+from joybridge.simulator.local_socket import LocalListener
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.broken_servers import Gauntlet, Honest
 from tests.support.servers import answering_methods, impatient
@@ -242,7 +242,7 @@ def test_a_message_may_come_in_pieces_and_several_at_once():
 
 @pytest.mark.parametrize("peer", ["ipv4:10.1.2.3:5000", "ipv6:%5B2001:db8::1%5D:5000", ""])
 def test_clients_of_other_machines_are_offered_no_socket(peer):
-    assert Offered.offer(peer, 1, 1.0) is None
+    assert LocalListener.offer(peer, 1, 1.0) is None
 
 
 def test_a_folder_for_temporary_files_with_a_long_name_leaves_grpc(tmp_path, monkeypatch):
@@ -250,13 +250,13 @@ def test_a_folder_for_temporary_files_with_a_long_name_leaves_grpc(tmp_path, mon
     deep = tmp_path / ("d" * 120)
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
-    assert Offered.offer("unix:", 1, 1.0) is None
+    assert LocalListener.offer("unix:", 1, 1.0) is None
     assert not list(deep.iterdir())
 
 
 def test_a_session_that_ends_before_its_client_connects_leaves_nothing_behind(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    offered = Offered.offer("unix:", 1, 60.0)
+    offered = LocalListener.offer("unix:", 1, 60.0)
     assert offered is not None
     answers = SimpleQueue[bool]()
     thread = Thread(target=lambda: answers.put(offered.accept()))

@@ -12,7 +12,7 @@ from joybridge.contract.codec import StepArrays
 from joybridge.layouts import make_acts
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.actor import make_actors
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.ppo.cloning import refresh
 from joybridge.ppo.loss import autograd_gradient
 from joybridge.ppo.networks import flatten_parameters
@@ -128,7 +128,7 @@ def test_an_update_learns_in_whole_sequences_and_leaves_finite_weights(game):
 def test_who_plays_remembers_what_a_walk_through_its_episodes_gives():
     spec = load_games(PLACES)["recall"].describe({"task": "echo"})
     (actor,) = make_actors(remembering("gru", game="recall", frame_stack=1), spec)
-    player, rng, acts = Player(actor, 3, 0, deterministic=True), np.random.default_rng(1), make_acts(spec, 3)
+    player, rng, acts = PolicyPlayer(actor, 3, 0, deterministic=True), np.random.default_rng(1), make_acts(spec, 3)
     state = torch.zeros(3, actor.network.state_size)
     for t in range(40):
         over = rng.random(3) < (0.2 if t else 0.0)
@@ -211,3 +211,21 @@ def test_a_run_with_memory_that_is_cut_off_and_resumed_ends_in_the_same_bits(sim
         (player,) = play.players
         next(play.decisions())
         assert player.observations.memory is not None and player.observations.memory.any()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda right: np.full_like(right, np.nan),
+        lambda right: right[:, :3],
+        lambda right: np.zeros((), np.float32),
+        lambda right: right.astype(np.uint8),
+    ],
+)
+@pytest.mark.parametrize("place", ["memory", "observations"])
+def test_a_state_that_no_lane_can_be_in_is_refused(wrong, place):
+    (policy,) = full_agents("hybrid", {}, remembering("gru"))
+    state = policy.state()
+    policy.load(state)
+    with pytest.raises(ValueError, match=r"expected finite float32 \["):
+        policy.load({**state, place: wrong(state[place])})

@@ -19,7 +19,7 @@ from joybridge.client.client import describe
 from joybridge.config.config import load_config
 from joybridge.config.metrics import read_rows
 from joybridge.games import BUILT_IN
-from joybridge.simulator import GameSpec, behavior, button, sensor
+from joybridge.simulator import GameSpec, axis, behavior, button, image, sensor
 from joybridge.simulator.catalog import load_game
 from joybridge.simulator.new_game import starter
 from joybridge.simulator.new_game.starter import starter_config
@@ -248,6 +248,19 @@ def test_sizes_follow_the_numbers_of_an_observation():
     assert few["game"] == "my: game"
     assert (few["arenas"], few["policy"]["rollout_steps"], few["policy"]["hidden_sizes"]) == (16, 9, [32, 32])
     assert (many["arenas"], many["policy"]["rollout_steps"], many["policy"]["hidden_sizes"]) == (64, 60, [128, 128])
+
+
+@pytest.mark.parametrize(
+    ("kind", "centered", "layout"),
+    [("position", False, "map-16x12"), ("velocity", False, "bucket-7"), ("position", True, "bucket-7")],
+)
+def test_who_sees_an_image_begins_with_settings_for_images(kind, centered, layout):
+    shown = image("screen", 48, 64, channels=3, centered=centered)
+    player = behavior("player", sensors=[shown], axes=[axis("x", kind=kind), axis("y", kind=kind)])
+    text = starter_config(GameSpec(name="field", behaviors=[player], max_arenas=128))
+    config = YAML(typ="safe").load(text)
+    assert config["layout"] == layout and config["arenas"] == 16 and "the image of 64x48" in text
+    assert config["policy"]["frame_stack"] == 2 and config["policy"]["image_encoder"] == "auto"
 
 
 def test_the_games_of_a_running_server_are_listed_as_the_built_in_ones_are(simulator, capsys):

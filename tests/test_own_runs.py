@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from joybridge.client.own_runs import is_ours, key_file, sign
-from joybridge.client.simulator_source import FILE, Simulators, choose_simulators, last_simulators, remember
+from joybridge.client.simulator_source import FILE, SimulatorSource, choose_simulators, last_simulators, remember
 from joybridge.config.config import Config
 from joybridge.config.errors import StorageError, UntrustedRunError
 from tests.support.command_line import joybridge
@@ -60,8 +60,8 @@ def noted(run: Path, **fields: object) -> None:
     (run / FILE).write_text(json.dumps(fields))
 
 
-def chosen(run: Path, trust: bool = False) -> Simulators:
-    return choose_simulators(Simulators(), last_simulators(run), Config(game="orchard"), print, trust=trust)
+def chosen(run: Path, trust: bool = False) -> SimulatorSource:
+    return choose_simulators(SimulatorSource(), last_simulators(run), Config(game="orchard"), print, trust=trust)
 
 
 # ------------------------------------------------------------------------------------------- runs of strangers
@@ -107,14 +107,14 @@ def test_no_signature_of_somebody_else_is_believed(signature, run):
 
 def test_a_trusted_run_may_start_what_it_names(run):
     noted(run, games=[GAME])
-    assert chosen(run, trust=True) == Simulators(games=(GAME,))
+    assert chosen(run, trust=True) == SimulatorSource(games=(GAME,))
     status, _, errors = joybridge("evaluate", "run", "--trust-run")
     assert status == 1 and f"game {GAME!r}" in errors and Path("OWNED").exists()
 
 
 def test_what_the_command_line_names_needs_no_trust(run, simulator):
     noted(run, games=[GAME])
-    wanted = Simulators((simulator,))
+    wanted = SimulatorSource((simulator,))
     assert choose_simulators(wanted, last_simulators(run), Config(game="orchard"), print) == wanted
 
 
@@ -167,8 +167,8 @@ def named_absolutely(run: Path) -> Path:
 
 @pytest.mark.parametrize("change", [moved, copied, linked, read_only, named_absolutely])
 def test_a_run_of_ones_own_is_believed_wherever_it_is(change, run):
-    remember(run, Simulators(games=(GAME,)), print)
-    assert chosen(change(run)) == Simulators(games=(GAME,))
+    remember(run, SimulatorSource(games=(GAME,)), print)
+    assert chosen(change(run)) == SimulatorSource(games=(GAME,))
 
 
 def edited(run: Path) -> Path:
@@ -214,14 +214,14 @@ CHANGES = [edited, with_an_address_more, of_an_older_version, beside_another_mod
 @pytest.mark.parametrize("change", [*CHANGES, after_the_key_was_lost])
 def test_a_run_that_others_can_have_made_is_not_believed(change, run, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    remember(run, Simulators(games=(GAME,)), print)
-    assert chosen(run) == Simulators(games=(GAME,))
+    remember(run, SimulatorSource(games=(GAME,)), print)
+    assert chosen(run) == SimulatorSource(games=(GAME,))
     with pytest.raises(UntrustedRunError, match="--trust-run"):
         chosen(change(run))
 
 
 def test_what_does_not_lie_in_the_current_folder_is_believed_from_any_folder(run, monkeypatch, tmp_path):
-    simulators = Simulators(games=("gym:CartPole-v1 sutton_barto_reward=True", f"unity:{tmp_path}/player"))
+    simulators = SimulatorSource(games=("gym:CartPole-v1 sutton_barto_reward=True", f"unity:{tmp_path}/player"))
     remember(run, simulators, print)
     run = run.resolve()
     monkeypatch.chdir("/")
@@ -280,5 +280,5 @@ def test_without_a_place_for_the_key_a_run_is_remembered_as_nobodys(run, monkeyp
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
     said: list[str] = []
-    remember(run, Simulators(games=(GAME,)), said.append)
+    remember(run, SimulatorSource(games=(GAME,)), said.append)
     assert "cannot write" in said[0] and "--trust-run only" in said[0]

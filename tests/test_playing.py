@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from joybridge.cli import main
-from joybridge.client.simulator_source import FILE, Simulators, last_simulators, remember
+from joybridge.client.simulator_source import FILE, SimulatorSource, last_simulators, remember
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.run.train import train
 from tests.support.games import PLACES
@@ -149,10 +149,10 @@ def test_the_last_value_is_checked_before_the_first_is_played(over, message, run
 
 
 def test_a_run_is_played_at_the_simulators_of_its_training_if_these_have_the_game(run, simulator, capsys, tmp_path):
-    remember(run, Simulators((simulator,)), print)
+    remember(run, SimulatorSource((simulator,)), print)
     assert main(["evaluate", str(run), "--episodes", "1"]) == 0
     assert f"simulator: {simulator}, as in the training" in capsys.readouterr().err
-    remember(run, Simulators(("127.0.0.1:1",), (PLACES[0],)), print)
+    remember(run, SimulatorSource(("127.0.0.1:1",), (PLACES[0],)), print)
     assert main(["record", str(run), str(tmp_path / "play.gif"), "--seconds", "1", "parameters.drift=0.5"]) == 0
     errors = capsys.readouterr().err
     assert "the simulator of the training cannot be used: no simulator at 127.0.0.1:1" in errors
@@ -161,8 +161,8 @@ def test_a_run_is_played_at_the_simulators_of_its_training_if_these_have_the_gam
         pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
     shades = [np.unique(picture[..., 0]).tolist() for picture in pictures]  # the game's pictures have one color each
     assert len(shades) == 10 and all(len(shade) == 1 for shade in shades) and len({*map(tuple, shades)}) > 5
-    remember(run, Simulators(), print)
-    assert not (run / FILE).exists() and last_simulators(run).simulators == Simulators()
+    remember(run, SimulatorSource(), print)
+    assert not (run / FILE).exists() and last_simulators(run).simulators == SimulatorSource()
 
 
 def test_a_damaged_memory_of_simulators_is_named(run, capsys):

@@ -16,7 +16,7 @@ from joybridge.play.policy_view import BACKGROUND, MARGIN, PolicyView
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, image, sensor, spec
-from joybridge.viewer.watched import watch
+from joybridge.viewer.run_view import watch
 from joybridge.viewer.web import open_website
 from tests.test_viewer import Page
 

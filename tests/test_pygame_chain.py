@@ -11,8 +11,8 @@ from PIL import Image
 from joybridge.config.metrics import read_rows
 from joybridge.contract.places import PYGAME, program_place
 from joybridge.viewer.arena import Settings
+from joybridge.viewer.page_session import PageGame, play
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.command_line import joybridge
 from tests.support.wire import SECONDS

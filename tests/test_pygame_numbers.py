@@ -16,6 +16,8 @@ FRAMES = [  # texts of frames, and what is proposed
     ([["1:07"], ["2:08"]], [(r"^(\d+):\d+$", 1, 2), (r"^\d+:(\d+)$", 7, 8)]),
     ([["0", "0"], ["1", "0"]], [(r"text1:^(\d+)$", 0, 1), (r"text2:^(\d+)$", 0, 0)]),
     ([["P1: 5", "P2: 5"], ["P1: 6", "P2: 7"]], [(r"^P1: (\d+)", 5, 6), (r"^P2: (\d+)", 5, 7)]),
+    ([["Popped 0  Lost 3"], ["Popped 0  Lost 4"]], [(r"^Popped (\d+)", 0, 0), (r"^Popped \d+ *Lost (\d+)", 3, 4)]),
+    ([["Player 1: 5"], ["Player 1: 6"]], [(r"^Player 1: (\d+)", 5, 6)]),
     ([["All 3 rights reserved by the author"]], []),
     ([["no number"], [" ".join("12345"[: MAX_NUMBERS + 1])]], []),
 ]

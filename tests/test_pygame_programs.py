@@ -25,6 +25,8 @@ from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
 from tests.support.command_line import joybridge
 from tests.support.servers import ROOT, server
+from tools.chaos.process import wait_until
+from tools.chaos.programs import MARK, marked
 
 CATCHING = ROOT / "tests/support/pygame_programs/catch.py"
 CATCH = f"{CATCHING} 'reward=Score: (\\d+)'"
@@ -233,6 +235,7 @@ def test_time_is_virtual_everywhere(tmp_path):
         ("pygame.display.set_mode((64, 48), pygame.OPENGL)", "draws with OpenGL"),
         ("import moderngl", "moderngl needs OpenGL"),
         ("1 / 0", "ZeroDivisionError: division by zero"),
+        ("raise ValueError('\\x1b]0;owned')", r"ValueError: \\x1b\]0;owned"),
     ],
 )
 def test_what_a_program_may_not_do_is_said_in_a_sentence(tmp_path, line, what):
@@ -267,6 +270,19 @@ def test_a_program_that_hangs_or_fails_costs_its_session_a_sentence(tmp_path, li
     with pytest.raises(GameError, match=what):
         steps(game, 100)
     assert len(steps(game, 1)) == 1  # the program itself goes on
+
+
+@pytest.mark.promise("X7")
+def test_nothing_of_a_program_that_stops_itself_or_has_forked_is_left(tmp_path, monkeypatch):
+    monkeypatch.setenv(MARK, str(tmp_path))
+    deeds = "import ctypes, signal\nctypes.CDLL(None).fork()\n"
+    body = "n = 0\n" + LOOP + "    n += 1\n    if n > 200: signal.raise_signal(signal.SIGSTOP)\n" + SHOW
+    game: Any = program(tmp_path, deeds + HEAD + body, "seconds=0.3")
+    with pytest.raises(GameError, match=r"drew no frame in 0\.3 s"):
+        steps(game, 100)
+    assert marked(str(tmp_path))
+    game.processes.end()
+    assert wait_until(lambda: not marked(str(tmp_path)))
 
 
 @pytest.mark.parametrize(

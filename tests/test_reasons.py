@@ -19,8 +19,8 @@ from joybridge.contract.codec import ActArrays, pack_act
 from joybridge.contract.local_socket import LENGTH
 from joybridge.contract.statuses import CODES, details_of, status
 from joybridge.simulator import service
+from joybridge.simulator.authentication import TokenInterceptor
 from joybridge.simulator.catalog import Catalog
-from joybridge.simulator.doors import Door
 from joybridge.simulator.service import Limits, Service
 from joybridge.simulator.session import Refusal
 from joybridge.v1 import bridge_pb2 as pb
@@ -127,7 +127,7 @@ CASES = {
 @asynccontextmanager
 async def serving(limits: Limits, token: str = "") -> AsyncIterator[tuple[Service, Callable[[], Any]]]:
     """Yield a server within this process and what opens a Play stream at it."""
-    server = grpc.aio.server(interceptors=[Door(token)])
+    server = grpc.aio.server(interceptors=[TokenInterceptor(token)])
     servicer = Service(GAMES, limits)
     rpc.add_SimulatorServiceServicer_to_server(servicer, server)
     port = server.add_insecure_port("127.0.0.1:0")

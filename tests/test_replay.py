@@ -9,7 +9,7 @@ import pytest
 from joybridge.client import fault_log
 from joybridge.client.client import Session
 from joybridge.client.errors import SimulatorError, SimulatorLost
-from joybridge.client.recording import CHECK, HEAD, RecordingError, load_recording
+from joybridge.client.recording import CHECK, ENTRY_HEADER, RecordingError, load_recording
 from joybridge.commands.replay import FaultFound, main, replay
 from joybridge.contract.codec import ActArrays
 from tests.support.broken_servers import BROKEN, BrokenServer, Gauntlet, serving
@@ -106,7 +106,7 @@ def test_a_step_that_breaks_the_contract_is_recorded(tmp_path):
 
 
 def test_a_log_that_is_too_long_is_given_up(simulator, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(fault_log, "LONGEST", 0)
+    monkeypatch.setattr(fault_log, "MAX_LOG_BYTES", 0)
     with Session(simulator, "raises", arenas=2, seed=0) as session:
         session.record_faults(tmp_path)
         for _ in range(2):
@@ -136,7 +136,7 @@ def file_of(*records, **fields):
     line = header(**fields)
     data, check = line, zlib.crc32(line)
     for kind, body in records:
-        head = HEAD.pack(kind, len(body))
+        head = ENTRY_HEADER.pack(kind, len(body))
         of_head = zlib.crc32(head, check)
         check = zlib.crc32(body, of_head)
         data += head + CHECK.pack(of_head) + body + CHECK.pack(check)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+from scipy.stats import ttest_ind
 
 from joybridge.compare import ResultName, RunName, add_results
 from tools.paper.claims import COMPARISONS, Behavior, Judged, judge_claims, judge_logs
@@ -22,13 +23,16 @@ from tools.paper.runs import (
     read_results,
 )
 from tools.paper.statistics import (
+    EQUIVALENCE,
     FAILS,
     HOLDS,
     UNDECIDED,
     UNTESTED,
     Sample,
     above,
+    above_p,
     alike,
+    alike_p,
     differ,
     interquartile_mean,
     interval,
@@ -172,6 +176,25 @@ def samples(*means: float, std: float = 3.0, runs: int = 3) -> list[Sample]:
 def test_means_differ_only_beyond_their_margin(rule, means, word):
     first, second = (samples(*each) for each in means)
     assert rule(first, second) == word
+
+
+@pytest.mark.parametrize("first", [20.0, 16.0, 14.0, 5.0])
+def test_the_p_value_of_a_higher_mean_is_that_of_the_t_test_and_agrees_with_the_verdict(first):
+    values, others = [first, first + 2, first + 5], ([8.0, 10.0, 12.0], [9.0, 11.0])
+    samples = [sample(values)], [sample(each) for each in others]
+    expected = max(ttest_ind(values, each, equal_var=False).pvalue for each in others)
+    assert above_p(*samples) == (1.0 if first < 8 else pytest.approx(expected))
+    assert (above_p(*samples) < 0.05) == (above(*samples) == HOLDS)
+
+
+def test_means_are_equivalent_if_the_90_percent_interval_of_their_difference_is_within_the_bound():
+    pair = [sample([10.0, 12.0, 14.0, 17.0]), sample([14.0, 15.0, 18.0, 24.0])]
+    values = ttest_ind([14.0, 15.0, 18.0, 24.0], [10.0, 12.0, 14.0, 17.0], equal_var=False)
+    reach = values.confidence_interval(0.9).high
+    assert (alike_p(pair, []) < 0.05) == (reach < EQUIVALENCE)
+    other = Sample(pair[1].mean + EQUIVALENCE - reach, pair[1].std, 4, 3)
+    assert alike_p([pair[0], other], []) == pytest.approx(0.05)
+    assert alike_p([*pair, sample([40.0, 41.0])], []) > 0.5  # the farthest pair counts
 
 
 def test_means_with_a_large_standard_deviation_are_not_alike():
@@ -374,10 +397,10 @@ SHOWN = (
     "| Beastly Rivals threshold-0.0 | 2 | 140.0 (130.0 to 150.0) | 93.2 ± 6.7 | 0 of 2 |",
     "| Shooting Birds bucket-11, seed 0 | 136.0 | 137.6 ± 5.6 | inside | 129.9 | 135.9 ± 5.2 | 0.28 | 6.1 |",
     "| Beastly Rivals threshold-0.0, seed 0 | 150.0 | 93.2 ± 6.7 | above | 150.0 |",
-    # Verdicts. Policies of shorter trainings decide where too few are complete.
-    "The bucket approach scores higher than the threshold approach | Shooting Birds | **not tested** | holds |",
-    "| Blinking hardly matters: policies almost never blink | Beastly Rivals | **holds** at 30 M | no logs |",
-    "| Half hidden birds are hit | Shooting Birds | **holds** at 3 M | no logs |",
+    # Verdicts. Policies of shorter trainings do not decide.
+    "The bucket approach scores higher than the threshold approach | Shooting Birds | **not tested** |  |  | holds |",
+    "| Blinking hardly matters: policies almost never blink | Beastly Rivals | **holds** at 30 M |  |  | no logs |",
+    "| Half hidden birds are hit | Shooting Birds | **undecided** at 3 M |  |  | no logs |",
     "The logs contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)",
     # Behavior
     "| threshold-0.0-s0 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |",

@@ -11,7 +11,7 @@ import pytest
 from joybridge.client.client import Session, SimulatorError
 from joybridge.client.sharded_session import SessionSpec, ShardedSession, divide
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.parts import split
+from joybridge.contract.sharding import split
 from joybridge.layouts import make_acts
 
 ARENAS = 7

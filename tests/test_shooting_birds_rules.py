@@ -76,14 +76,14 @@ class Scene:
         """Advance by some ticks and return the sum of their rewards per channel."""
         rewards = np.zeros((1, len(CHANNELS)))
         for _ in range(count):
-            reserve(self.streams, r.MOST_DRAWS)
+            reserve(self.streams, r.MAX_DRAWS)
             action = np.array([velocity], float), np.array([shoot], np.int32), np.array([reload], np.int32)
             r.tick(self.arenas, self.streams, self.world, *action, rewards)
         return rewards[0]
 
     def coming(self, count: int) -> Array:
         """Return the random numbers, in [0, 1), that the next tick will draw first."""
-        reserve(self.streams, r.MOST_DRAWS)
+        reserve(self.streams, r.MAX_DRAWS)
         begin = self.streams.cursor[0]
         return self.streams.values[0, begin : begin + count].copy()
 
@@ -647,7 +647,7 @@ def test_there_are_always_ten_birds_within_the_edges():
     r.begin(arenas, streams, PLAIN)
     press, replaced = np.ones(20, np.int32), 0
     for _ in range(500):
-        reserve(streams, r.MOST_DRAWS)
+        reserve(streams, r.MAX_DRAWS)
         before = arenas.birds.x.copy()
         r.tick(arenas, streams, PLAIN, np.zeros((20, 2)), press, press, rewards)
         replaced += int((abs(arenas.birds.x - before) > 1.0).sum())

@@ -40,6 +40,7 @@ PROGRAMS = {
     "apt-get",
     "chmod",
     "cmake",
+    "cyclonedx-py",
     "mlagents-learn",
     "node",
     "npm",

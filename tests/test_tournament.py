@@ -16,11 +16,11 @@ from joybridge.compare import rating_page
 from joybridge.compare.rating import rate
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.contract.codec import StepArrays
-from joybridge.contract.parts import rows_of
+from joybridge.contract.sharding import rows_of
 from joybridge.layouts import make_acts
 from joybridge.play.tournament import deal, play_tournament
 from joybridge.policy.actor import Actor, make_actors
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.policy.seats import Seats
 from joybridge.policy.table import Table
 from joybridge.run.matches import read_matches
@@ -191,7 +191,7 @@ def test_a_player_plays_in_some_lanes_as_it_does_in_all_of_them(simulator):
             for holder in (1, 2):
                 table.join(holder, make_actors(config, session.spec))
                 for player in table.players[holder]:
-                    assert isinstance(player, Player)
+                    assert isinstance(player, PolicyPlayer)
                     player.deterministic = True
             for arena in range(3):
                 table.seats.begin(arena, holders)

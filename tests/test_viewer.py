@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import socket
 import time
 from contextlib import closing, contextmanager
 from functools import partial
@@ -29,9 +30,9 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer import web
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
-from joybridge.viewer.rival import load_others, open_rival, run_settings
+from joybridge.viewer.page_session import PageGame, play
+from joybridge.viewer.run_opponent import load_others, open_rival, run_settings
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.games import PICTURE
 from tests.support.wire import SECONDS
@@ -151,6 +152,16 @@ def test_the_page_and_its_files_are_served_to_those_who_know_the_url(hybrid):
 def test_others_get_nothing(hybrid, path, headers):
     status, given_headers, body = response(hybrid, path, **headers)
     assert (status, body) == (404, b"") and "Access-Control-Allow-Origin" not in given_headers
+
+
+@pytest.mark.parametrize("path", [b"/\xc3\xa9", b"/\xff\xfe", b"/%ff"])
+def test_a_path_beyond_ascii_which_no_browser_sends_gets_nothing_and_disturbs_nobody(hybrid, path):
+    place = urlsplit(hybrid)
+    with socket.create_connection((place.hostname, place.port), SECONDS) as connection:
+        connection.sendall(b"GET " + path + b" HTTP/1.1\r\nHost: " + place.netloc.encode() + b"\r\n\r\n")
+        answer = connection.recv(100)
+    assert not answer or answer.startswith(b"HTTP/1.1 404 ")
+    assert response(hybrid)[0] == 200
 
 
 @pytest.mark.promise("X2")

@@ -6,9 +6,9 @@ from contextlib import ExitStack
 import pytest
 
 from joybridge.viewer.arena import Settings
+from joybridge.viewer.page_session import PageGame, play
+from joybridge.viewer.run_view import watch
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import PageGame, play
-from joybridge.viewer.watched import watch
 from joybridge.viewer.watched_game import watch_game
 from joybridge.viewer.web import open_website
 from tests.support.chromium import PROGRAM, chromium

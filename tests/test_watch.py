@@ -9,10 +9,10 @@ from joybridge.cli import main
 from joybridge.client.errors import SimulatorLost
 from joybridge.config.config import Config, PolicyConfig
 from joybridge.run.train import train
+from joybridge.viewer import run_view, watched_game
 from joybridge.viewer import watch as watching
-from joybridge.viewer import watched, watched_game
 from joybridge.viewer.arena import Settings
-from joybridge.viewer.watched import watch
+from joybridge.viewer.run_view import watch
 from joybridge.viewer.watched_game import watch_game
 from joybridge.viewer.web import open_website
 from tests.test_viewer import Page
@@ -41,7 +41,7 @@ def first_of(page, *kinds):
 
 
 def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(simulator, tmp_path, monkeypatch):
-    monkeypatch.setattr(watched, "LOOK_SECONDS", 0.05)
+    monkeypatch.setattr(run_view, "LOOK_SECONDS", 0.05)
     run = tmp_path / "run"
     with open_website(0, lambda page: watch(page, run, lambda: simulator, 1), "watch.html") as url:
         page = Page(url)

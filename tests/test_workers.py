@@ -101,6 +101,14 @@ def test_a_worker_answers_until_the_server_has_gone():
     theirs.close()
 
 
+def test_a_message_of_impossible_length_ends_the_connection():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        theirs.send(b"x" * 9)
+        with pytest.raises(EOFError):
+            Link(ours).receive(SECONDS)
+
+
 @pytest.mark.parametrize(
     ("choices", "text"),
     [

@@ -142,7 +142,7 @@ def _spread(values: list[float]) -> dict[str, float]:
 
 def bench_wire() -> Figures:
     """Agent-steps per second through a simulator process, and round trips of one arena."""
-    figures: Figures = {"an echo, round trip in µs (p50, p5, p95)": _echo()}
+    figures: Figures = {"an echo, round trip in µs (p50, p5, p95)": echo()}
     with simulator_process() as address:
         for name in GAMES:
             for arenas in (1, 64, 128, 256):
@@ -155,24 +155,24 @@ def bench_wire() -> Figures:
                         return float(400 * arenas)
 
                     figures[f"{name}, {arenas} arenas, agent-steps/s"] = measure(work)
-            figures[f"{name}, 1 arena, round trip in µs (p50, p5, p95)"] = _round_trips(name, address)
+            figures[f"{name}, 1 arena, round trip in µs (p50, p5, p95)"] = round_trips(name, address)
             if hasattr(os, "SCHED_IDLE"):
                 with _cores_kept_awake():
-                    figures[f"{name}, 1 arena, round trip in µs, cores kept from halting"] = _round_trips(name, address)
+                    figures[f"{name}, 1 arena, round trip in µs, cores kept from halting"] = round_trips(name, address)
             figures |= _two_sessions(name, address, address, "in turns at one simulator")
             with simulator_process() as other:
                 figures |= _two_sessions(name, address, other, "at two simulators")
     return figures
 
 
-def _round_trips(name: str, address: str) -> dict[str, float]:
+def round_trips(name: str, address: str) -> dict[str, float]:
     """Return percentiles of the microseconds that a decision of a single arena takes."""
     with Session(address, name, arenas=1, seed=0) as session:
         acts = random_acts(session.spec, 1, np.random.default_rng(0))
         return _percentiles(lambda step: session.step(acts[step % len(acts)]))
 
 
-def _echo() -> dict[str, float]:
+def echo() -> dict[str, float]:
     """Return the same for messages as long as those of Shooting Birds, between two processes that do nothing else."""
     request, response = bytes(40), bytes(549)
     ours, other = socket.socketpair()

@@ -21,8 +21,8 @@ from websockets.sync.server import ServerConnection
 from joybridge.client.client import describe
 from joybridge.contract.tensors import Array
 from joybridge.viewer.arena import Settings
+from joybridge.viewer.page_session import PageGame, play
 from joybridge.viewer.simulator import Simulator
-from joybridge.viewer.tab import PageGame, play
 from joybridge.viewer.web import open_website
 from tests.support.chromium import Tab, chromium
 

@@ -3,7 +3,8 @@
 The programs run in a folder that contains `trainer.py`, `simulator.py`, `tools.py` and `tests/`, all of which fail when
 they are imported. Python versions of the package's classifiers must work. Newer ones are skipped, with the reason,
 where a dependency has no wheel for them. PyTorch is large, so the extra `train` is installed only on the Python that
-runs this program, unless --train names others. As many Pythons are checked at once as there are cores.
+runs this program, unless --train names others. As many Pythons are checked at once as there are cores. What comes with
+`train` must have the hashes of hashes.txt, and CycloneDX must list it.
 
 Exit status: 0, or 1 at the first failure.
 """
@@ -11,6 +12,7 @@ Exit status: 0, or 1 at the first failure.
 import argparse
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -26,6 +28,7 @@ from pathlib import Path
 from joybridge.contract.address import READY
 
 ROOT = Path(__file__).resolve().parents[1]
+HASHES = ROOT / "hashes.txt"
 REQUIRED = ("3.11", "3.12", "3.13")  # the classifiers
 NEWER = ("3.14",)
 HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -77,6 +80,10 @@ for name, place in BUILT_IN.items():
             for array in (*step.observations, step.rewards, step.terminated, step.truncated):
                 digest.update(array.tobytes())
     print(name, digest.hexdigest())
+"""
+NAMES = """
+from importlib.metadata import distributions
+print(*{one.name.lower().replace("_", "-").replace(".", "-") for one in distributions()})
 """
 START = """
 from joybridge.gym import BridgeEnv
@@ -325,6 +332,9 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
         return digests
     trainer = Environment(python, wheel, "train", folder / "train")
     trainer.expect_absent("gymnasium", "pettingzoo", "pygame", "ray", "matplotlib")
+    check_hashes(trainer, folder / "hashes")
+    check_list(trainer, folder / "list")
+    done("the hashes, and the list, of what is installed")
     trainer.run("joybridge", "train", "archer/hybrid", "--run", "run", "arenas=8", "stop_at=960")
     output = trainer.run("joybridge", "evaluate", "run", "--episodes", "8", "--json")
     (result,) = json.loads(output.splitlines()[-1]).values()
@@ -360,6 +370,31 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
     trainer.expect("policy.onnx: ", "joybridge", "export", "run", "policy.onnx")
     done("joybridge[export]")
     return digests
+
+
+def check_hashes(environment: Environment, folder: Path) -> None:
+    """Raise Failed unless pip finds all that is installed with the hashes of hashes.txt; PyTorch has none there."""
+    entries = re.split(r"\n(?=\w)", HASHES.read_text(encoding="utf-8"))[1:]
+    installed = environment.run("python", "-c", NAMES).split()
+    chosen = [entry for entry in entries if re.sub(r"[-_.]+", "-", entry.split("==")[0]).lower() in installed]
+    if len(chosen) < 20:
+        raise Failed(f"{HASHES} has hashes of {len(chosen)} of the packages {installed}, expected all but PyTorch")
+    folder.mkdir()
+    (folder / "chosen.txt").write_text("\n".join(chosen), encoding="utf-8")
+    pip = (sys.executable, "-m", "pip", "--python", str(environment.bin / "python"), "download", "--quiet", "--no-deps")
+    whence = ("--only-binary", ":all:", "--requirement", str(folder / "chosen.txt"), "--dest", str(folder / "files"))
+    environment.run(*pip, "--require-hashes", *whence)
+
+
+def check_list(environment: Environment, folder: Path) -> None:
+    """Raise Failed unless CycloneDX lists joybridge and PyTorch among what is installed."""
+    environment.run(sys.executable, "-m", "venv", str(folder))
+    environment.run(str(folder / "bin/pip"), "install", "--quiet", "cyclonedx-bom>=7")
+    place, python = folder / "sbom.json", str(environment.bin / "python")
+    environment.run(str(folder / "bin/cyclonedx-py"), "environment", python, "--output-file", str(place))
+    names = {component["name"] for component in json.loads(place.read_text(encoding="utf-8"))["components"]}
+    if not {"joybridge", "torch"} <= names:
+        raise Failed(f"cyclonedx-py lists {sorted(names)}, expected joybridge and torch among them")
 
 
 if __name__ == "__main__":

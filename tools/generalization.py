@@ -9,6 +9,7 @@ that easy and hard ones can be compared.
 """
 
 import argparse
+import csv
 import json
 import subprocess
 import sys
@@ -54,8 +55,7 @@ def reward(run: Path, name: str, settings: Sequence[str]) -> float:
     known = run / f"reward-{name}.json"
     if not known.exists():
         known.write_text(joybridge("evaluate", str(run), *settings, "--episodes", str(EPISODES), "--json"))
-    (policy,) = json.loads(known.read_text().splitlines()[-1]).values()
-    return float(policy["means"]["reward"])
+    return means_and_episodes(known)["reward"]
 
 
 def scripted(first: int, count: int) -> float:
@@ -78,6 +78,24 @@ def cell(scores: Sequence[float]) -> str:
     """Return the interquartile mean of some runs with its interval; a single run has none."""
     found = estimate(interquartile_mean, np.array(scores)[:, None])
     return f"{found.value:.2f}" + (f" [{found.low:.2f}, {found.high:.2f}]" if len(scores) > 1 else "")
+
+
+def write_rewards(folder: Path) -> None:
+    """Write a row for each evaluation of the runs in a folder beside the page."""
+    rows = [
+        {"run": path.parent.name, "levels": path.stem.removeprefix("reward-"), **means_and_episodes(path)}
+        for path in sorted(folder.glob("*/reward-*.json"))
+    ]
+    with (PAGE.parent / "rewards.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def means_and_episodes(evaluation: Path) -> dict[str, float]:
+    """Return the mean reward of an evaluation, and of how many episodes it is."""
+    (policy,) = json.loads(evaluation.read_text().splitlines()[-1]).values()
+    return {"reward": policy["means"]["reward"], "episodes": policy["episodes"]}
 
 
 class Study:
@@ -128,6 +146,7 @@ def main() -> None:
         runs = study.runs(base, [*GENERATED, f"parameters.level_count={CHANGED}", *change])
         changed.append([name, *study.shares(runs, CHANGED)])
     head = ["on these levels", "on unseen levels", "gap"]
+    write_rewards(arguments.folder)
     PAGE.write_text(
         "# Levels that were not seen\n\n"
         f"Policies of `{CONFIG}` after {arguments.timesteps:,} timesteps on generated levels of the training set, and\n"
@@ -135,7 +154,7 @@ def main() -> None:
         f"player earns on the same levels ({study.unseen:.0f} on the unseen ones). The gap is what is lost of the\n"
         f"first share. Each policy samples its actions in {EPISODES} episodes of each set. Runs per row:\n"
         f"{arguments.seeds}; the interquartile mean with its 95 % bootstrap interval. Written by\n"
-        "`python -m tools.generalization` in a checkout.\n\n"
+        "`python -m tools.generalization` in a checkout; rewards.csv has the mean reward of every run in every set.\n\n"
         + table(["levels trained on", *head, "reward on the paper's seven"], rows)
         + f"\n\nPolicies that were trained on the paper's seven levels for as long earn {specialists} there.\n\n"
         f"## Changes, on {CHANGED} levels\n\n" + table(["change", *head], changed) + "\n",

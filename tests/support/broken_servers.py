@@ -323,7 +323,7 @@ class BrokenServer:
     credentials: Credentials = OPEN  # of the clients that it should admit
 
 
-class Door(grpc.ServerInterceptor):  # type: ignore[misc]
+class TokenInterceptor(grpc.ServerInterceptor):  # type: ignore[misc]
     """Refuses the calls that `admits(method, authorization)` does not admit."""
 
     def __init__(self, admits):
@@ -346,7 +346,7 @@ def serving(broken) -> Iterator[str]:
     """Serve in threads of this process and yield the address."""
     with ThreadPoolExecutor(32) as threads:
         options = [*broken.options, ("grpc.so_reuseport", 0), NO_COMPRESSION]  # the first of a name counts
-        server = grpc.server(threads, options=options, interceptors=[Door(broken.admits)])
+        server = grpc.server(threads, options=options, interceptors=[TokenInterceptor(broken.admits)])
         rpc.add_SimulatorServiceServicer_to_server(broken.service(broken), server)
         if broken.health:
             servicer = health.HealthServicer()

@@ -27,7 +27,10 @@ from tools.chaos.interrupts import interrupts
 from tools.chaos.messages import messages
 from tools.chaos.outcome import Outcome
 from tools.chaos.pairs import pairs
+from tools.chaos.policies import policies
+from tools.chaos.programs import programs
 from tools.chaos.servers import servers
+from tools.chaos.several import several
 from tools.chaos.training import connections, freezes, simulators, stops, trainers
 
 
@@ -44,6 +47,9 @@ KINDS = {
     "damages": Kind(damages, 1000, 200),
     "folders": Kind(folders, 1, 1),
     "servers": Kind(servers, 1, 1),
+    "policies": Kind(policies, 200, 10),
+    "programs": Kind(programs, 20, 4),
+    "several": Kind(several, 40, 3),
     "bombs": Kind(bombs, 1, 1),
     "messages": Kind(messages, 2000, 300),
     "crowds": Kind(crowds, 2000, 400),

@@ -16,6 +16,7 @@ if __name__ == "__main__":
     quiet = [] if sys.stdout.isatty() else ["--quiet"]  # a person sees how far it is; a log gets warnings alone
     options = ["--fresh-env", "--fail-on-warning", "--keep-going", *quiet, "-c", "docs", "-d", ".sphinx_cache"]
     command = [sys.executable, "-m", "sphinx", *options, ".", "site"]
+    print("building the site: one to ten minutes", flush=True)
     status = subprocess.run(command, cwd=ROOT, check=False).returncode
     if not status:
         status = search.main() if shutil.which("node") else 0

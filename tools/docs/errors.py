@@ -66,7 +66,7 @@ EXCEPTIONS = {  # what to do
     "ArenaError": "Repair the game; the text names the arena.",
     "ServerError": "Start the server, or name a game that it has.",
     "CatalogError": "Repair the game or its place; its module must be importable from the current folder.",
-    "DoorError": "Give the server TLS and a token, or let it listen on 127.0.0.1.",
+    "ServerCredentialsError": "Give the server TLS and a token, or let it listen on 127.0.0.1.",
     "AdapterError": "Wrap the environment, for example in `gymnasium.wrappers.RescaleAction`, as the text says.",
     "TapeError": "Repair the program, or record the tape anew if it should have changed.",
     "Difference": "The same: `replay` says where the pictures are.",

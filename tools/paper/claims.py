@@ -24,10 +24,13 @@ from tools.paper.statistics import (
     Rule,
     Sample,
     above,
+    above_p,
     alike,
+    alike_p,
     pooled,
     sample,
     steadier,
+    steadier_p,
 )
 
 BIRDS, RIVALS = "shooting_birds", "beastly_rivals"
@@ -38,6 +41,12 @@ POINT = 0.01  # the smallest difference of click accuracies that counts
 SMALLER = 0.9  # laps get smaller if the mean of the last third of the time is below this fraction of the first third's
 RARE = 10.0  # blinks in 10 000 decisions
 SOUGHT = 1.5  # times the time in the slow sphere by chance: more is sought, less than the inverse is avoided
+
+P_VALUES: Mapping[Rule, Callable[[Sequence[Sample], Sequence[Sample]], float]] = {
+    above: above_p,
+    alike: alike_p,
+    steadier: steadier_p,
+}
 
 Figures = Mapping[str, Any]  # of one trained policy
 Behavior = Mapping[str, Figures]  # results/behavior.json, by "GAME/RUN"
@@ -50,6 +59,7 @@ class Verdict:
     word: str
     evidence: str
     where: str = ""  # the number of timesteps at which runs were compared
+    p: float | None = None  # of the runs if the claim were false, where a test has one
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,10 @@ class Comparison:
     def decide(self, samples: Sequence[Sample]) -> str:
         """Apply the rule to a sample per layout."""
         return self.rule(samples[: len(self.first)], samples[len(self.first) :])
+
+    def p(self, samples: Sequence[Sample]) -> float:
+        """Return the p value of the rule's test."""
+        return P_VALUES[self.rule](samples[: len(self.first)], samples[len(self.first) :])
 
 
 @dataclass(frozen=True)
@@ -214,7 +228,7 @@ def _judge_rewards(claim: Comparison, results: Results) -> Verdict:
         return Verdict(UNTESTED, f"needs longer runs, because the original does not show it {both}: {evidence}")
     if least == 1:
         ours = [pooled(each, theirs) for each, theirs in zip(ours, logs, strict=True)]
-    return Verdict(claim.decide(ours), evidence, where)
+    return Verdict(claim.decide(ours), evidence, where, claim.p(ours))
 
 
 def _judge_accuracies(claim: Comparison, results: Results) -> Verdict:
@@ -239,7 +253,8 @@ def _judge_hours(claim: Comparison, results: Results) -> Verdict:
         return Verdict(UNTESTED, f"needs at least 2 runs alone, for their speed, of {' and '.join(claim.layouts)}")
     ratios = sample([math.log(slow / fast) for slow, fast in turns])
     hours = [geometric_mean(each) for each in zip(*turns, strict=True)]
-    return Verdict(claim.decide([ratios, Sample(0.0, 0.0, len(turns), 0)]), f"{_hours(claim, hours)} ({len(turns)})")
+    pair = [ratios, Sample(0.0, 0.0, len(turns), 0)]
+    return Verdict(claim.decide(pair), f"{_hours(claim, hours)} ({len(turns)})", p=claim.p(pair))
 
 
 def _judge_behavior(claim: BehaviorClaim, behavior: Behavior) -> Verdict:

@@ -43,11 +43,12 @@ A line shows the mean of our runs. It is interrupted where some runs end. Timest
 Our hours in figure 14 are computed for 30 M timesteps from the speed of short runs (those in `alone/`), which were made
 one at a time on an otherwise idle machine."""
 RULES = """\
-All tests use the 5 % level.
+All tests use the 5 % level. Beside the p value of a test stands the same corrected for the number of all claims that
+are tested so (Holm's method); verdicts use the former. Of a claim about several pairs, it is the largest of the pairs.
 
 - **Reward**: Welch's t test. A few runs do not show how much results vary, so our standard deviation is pooled with
   that of the original's ten runs. Rewards are *alike* if they do not differ significantly and the confidence interval
-  of the difference is within 10 points.
+  of the difference is within 10 points; the p value is that of two one-sided tests (TOST) with this bound.
 - **Stability**: an F test of the variances over runs.
 - Both are tested at the largest number of timesteps that runs of all layouts of a claim have reached. Before 30 M
   timesteps, they are tested only if the original's runs confirm the claim both there and at 30 M.
@@ -62,7 +63,8 @@ STATEMENTS = """\
 What section VI-D of the paper says in words of trained policies is judged by a figure of each policy, a bound, and the
 95 % interval of the mean over policies by the t distribution. The statement *holds* if the whole interval is above the
 bound, *does not hold* if it is below, and is *undecided* otherwise. It is judged at the largest number of timesteps
-that three or more policies of the paper's layouts have trained. Means of ratios are geometric.
+that three or more policies of the paper's layouts have trained; before 30 M timesteps it is *undecided*, whatever the
+figures are, since the paper speaks of complete runs. Means of ratios are geometric.
 
 - **Faster along x**: the mean speed along x over that along y; bound 1.
 - **Changes sides**: changes from the left to the right side of the field, or back, per time on a side on which no bird

@@ -2,7 +2,7 @@
 
 Each statement has a figure per policy and a bound. It holds if the 95 % interval of the mean over policies is on its
 side of the bound, and does not hold if it is on the other side. It is judged at the largest number of timesteps that
-enough policies of the paper's layouts have trained.
+enough policies of the paper's layouts have trained, and decided by complete runs alone.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any
 
 from joybridge.compare import RunName
 from joybridge.games.beastly_rivals import rules as rivals
-from tools.paper.runs import GAMES, LAYOUTS, MARK
+from tools.paper.runs import COMPLETE, GAMES, LAYOUTS, MARK
 from tools.paper.statistics import FAILS, HOLDS, UNDECIDED, UNTESTED, Sample, margin, sample
 
 Figures = Mapping[str, Any]  # of one trained policy, as in behavior.json
@@ -106,7 +106,8 @@ def judge_statement(statement: Statement, policies: Policies) -> tuple[str, str,
         if estimate := _estimate(statement, [(layout, figure) for _, layout, figure in counted]):
             value, low, high = estimate
             evidence = f"{where} {value:.2f} [{low:.2f}, {high:.2f}] over {len(counted)} policies: {_list(counted)}"
-            return _word(statement, low, high), f"{evidence}{longer}", where
+            word = _word(statement, low, high) if mark >= COMPLETE else UNDECIDED  # it is said of trained policies
+            return word, f"{evidence}{longer}", where
         longer += f"; not counted, {where}: {_list(found)}"
     return UNTESTED, f"needs `python -m tools.paper.behavior` on {ENOUGH} runs of the paper's approaches", ""
 

@@ -64,12 +64,8 @@ def variance_p(a: Sample, b: Sample) -> float:
 
 def margin(a: Sample, b: Sample) -> float:
     """Return the smallest significant difference of two means by Welch's t test."""
-    errors = [(each.std**2 / each.runs, each.freedom) for each in (a, b) if each.std]
-    variance = sum(error for error, _ in errors)
-    if not variance:
-        return 0.0
-    freedom = variance**2 / sum(error**2 / freedom for error, freedom in errors)
-    return math.sqrt(variance) * _critical_t(freedom)
+    error, freedom = _welch(a, b)
+    return error * _critical_t(freedom) if error else 0.0
 
 
 def above(first: Sequence[Sample], second: Sequence[Sample]) -> str:
@@ -91,11 +87,27 @@ def alike(first: Sequence[Sample], second: Sequence[Sample]) -> str:
 
 def steadier(first: Sequence[Sample], second: Sequence[Sample]) -> str:
     """Decide by an F test whether the pooled variance over runs of the first samples is below that of the second."""
-    (calm, calm_freedom), (wild, wild_freedom) = _variance(first), _variance(second)
-    chance = float(f_distribution.sf(wild / max(calm, 1e-9), wild_freedom, calm_freedom))
+    chance = steadier_p(first, second)
     if chance > 1 - SIGNIFICANCE:
         return FAILS
     return HOLDS if chance < SIGNIFICANCE else UNDECIDED
+
+
+def above_p(first: Sequence[Sample], second: Sequence[Sample]) -> float:
+    """Return the p value of `above`: the largest of its t tests, two-sided, and 1 if one of the first is lower."""
+    return max(2 * _exceeds_p(a.mean - b.mean, a, b) if a.mean > b.mean else 1.0 for a in first for b in second)
+
+
+def alike_p(first: Sequence[Sample], second: Sequence[Sample]) -> float:
+    """Return the p value of two one-sided tests (TOST) that no two means differ by EQUIVALENCE; the largest of all."""
+    samples = [*first, *second]
+    return max(_exceeds_p(EQUIVALENCE - abs(a.mean - b.mean), a, b) for i, a in enumerate(samples) for b in samples[:i])
+
+
+def steadier_p(first: Sequence[Sample], second: Sequence[Sample]) -> float:
+    """Return the one-sided p value of the F test of `steadier`."""
+    (calm, calm_freedom), (wild, wild_freedom) = _variance(first), _variance(second)
+    return float(f_distribution.sf(wild / max(calm, 1e-9), wild_freedom, calm_freedom))
 
 
 def interval(values: Sequence[float]) -> tuple[float, float] | None:
@@ -109,6 +121,21 @@ def interval(values: Sequence[float]) -> tuple[float, float] | None:
 def interquartile_mean(values: Sequence[float]) -> float:
     """Return the mean without the lowest and the highest quarter of the values; up to three values all count."""
     return float(estimators.interquartile_mean(np.array(values)[:, None]))
+
+
+def _welch(a: Sample, b: Sample) -> tuple[float, float]:
+    """Return the standard error of the difference of two means, and its degrees of freedom. One value has no error."""
+    errors = [(each.std**2 / each.runs, each.freedom) for each in (a, b) if each.std]
+    variance = sum(error for error, _ in errors)
+    if not variance:
+        return 0.0, 1.0
+    return math.sqrt(variance), variance**2 / sum(error**2 / freedom for error, freedom in errors)
+
+
+def _exceeds_p(difference: float, a: Sample, b: Sample) -> float:
+    """Return how probable such a difference of two means, or a larger one, is if there is none."""
+    error, freedom = _welch(a, b)
+    return float(t_distribution.sf(difference / error, freedom)) if error else float(difference <= 0)
 
 
 def _critical_t(freedom: float) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from statistics import mean, stdev
 
+from joybridge.compare.estimators import holm
 from joybridge.compare.page import table
 from tools.paper.claims import Behavior, Judged
 from tools.paper.figures import TITLES
@@ -135,15 +136,18 @@ def behaviors(behavior: Behavior) -> list[str]:
 
 
 def claims(judged: Sequence[Judged]) -> str:
-    """Return a table of the claims with our verdict and that of the original's logs."""
+    """Return a table of the claims with our verdict, its p value alone and by Holm's method, and the logs' verdict."""
+    tested = [claim.here.p for claim in judged if claim.here.p is not None]
+    corrected = iter(holm(tested))
     return table(
-        ("", "the paper's claim", "game", "here", "the original's logs"),
+        ("", "the paper's claim", "game", "here", "p", "p, Holm", "the original's logs"),
         [
             (
                 f"{number}",
                 claim.text,
                 TITLES[claim.game],
                 f"**{claim.here.word}** {claim.here.where}".strip(),
+                *(("", "") if claim.here.p is None else (f"{claim.here.p:.2g}", f"{next(corrected):.2g}")),
                 claim.logs.word if claim.logs else "no logs",
             )
             for number, claim in enumerate(judged, 1)

@@ -165,12 +165,30 @@ def _spec(subject: Subject) -> str:
     spec = subject.spec
     expect_bounds(spec)
     behaviors = [
-        f"{behavior.name} observes {sum(map(element_count, behavior.sensors))} numbers "
-        f"(sensors: {len(behavior.sensors)}, axes: {len(behavior.device.axes)}, "
-        f"branches: {len(behavior.device.branches)})"
+        f"{behavior.name} observes {_observed(behavior)} (sensors: {len(behavior.sensors)}, "
+        f"axes: {len(behavior.device.axes)}, branches: {len(behavior.device.branches)})"
         for behavior in spec.behaviors
     ]
-    return f"{'; '.join(behaviors)}; up to {spec.max_arenas} arenas"
+    unsaid = [sensor.name for behavior in spec.behaviors for sensor in behavior.sensors if _like_an_image(sensor)]
+    hint = f"; say that {' and '.join(unsaid)} is an image, so that policies see it with convolutions" if unsaid else ""
+    return f"{'; '.join(behaviors)}; up to {spec.max_arenas} arenas{hint}"
+
+
+def _observed(behavior: pb.Behavior) -> str:
+    """Return what a behavior observes in words: its numbers, and its images apart."""
+    images = [
+        f"{each.name}, an image of {each.shape[1]}x{each.shape[0]} {pb.Color.Name(each.image.color)[6:].lower()}"
+        for each in behavior.sensors
+        if each.HasField("image")
+    ]
+    numbers = sum(element_count(sensor) for sensor in behavior.sensors if not sensor.HasField("image"))
+    return " and ".join([*images, *([f"{numbers} numbers"] if numbers or not images else [])])
+
+
+def _like_an_image(sensor: pb.Sensor) -> bool:
+    """Whether a sensor has the type and shape of an image, and is not said to be one."""
+    shape = sensor.shape
+    return not sensor.HasField("image") and sensor.dtype == pb.DTYPE_UINT8 and len(shape) == 3 and shape[2] in {1, 3}
 
 
 def _steps(subject: Subject, settings: Settings, stream: Stream, played: list[Player]) -> str:
@@ -207,7 +225,10 @@ def _latency(player: Player) -> str:
         times.append(1000 * (time.perf_counter() - begin))
         expect(recording.end is None, f"{recording.end} after {len(recording.steps)} responses", "a Step")
     half, most = np.percentile(times, [50, 99])
-    return f"a step takes {half:.2f} ms (p50), {most:.2f} ms (p99), in {len(times)} steps of {recording.arenas} arenas"
+    return (
+        f"a step takes {half:.2f} ms (p50), {most:.2f} ms (p99), in {len(times)} steps of {recording.arenas} arenas: "
+        f"about {1000 * recording.arenas / half:,.0f} decisions/s without learning"
+    )
 
 
 def _sizes(player: Player) -> str:

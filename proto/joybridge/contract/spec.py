@@ -101,7 +101,8 @@ def check_spec(spec: pb.GameSpec) -> None:
     _check_names(spec.parameters, f"{game}: parameters")
     for parameter in spec.parameters:
         ok = parameter.low <= parameter.default_value <= parameter.high
-        _require(ok, f"{game}: parameter {parameter.name!r} has its default outside low..high")
+        bounds = f"{parameter.default_value:g} outside {parameter.low:g}..{parameter.high:g}"
+        _require(ok, f"{game}: parameter {parameter.name!r} has its default outside low..high: {bounds}")
         ok = isfinite(parameter.low) and isfinite(parameter.high)
         _require(ok, f"{game}: parameter {parameter.name!r} has no finite low and high")
         ok = not spec.parameters_per_episode or max(-parameter.low, parameter.high) <= MAX_FLOAT32

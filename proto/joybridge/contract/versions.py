@@ -9,10 +9,11 @@ from importlib.metadata import version
 from joybridge.contract.text import printable
 from joybridge.v1 import bridge_pb2 as pb
 
-__all__ = ["OLDEST_REVISION", "REVISION", "client_version", "mismatch", "own_version"]
+__all__ = ["OLDEST_REVISION", "PINGED_REVISION", "REVISION", "client_version", "mismatch", "own_version"]
 
 REVISION = 2  # of bridge.proto; every release that adds to the file increases it by one
 OLDEST_REVISION = 1  # that clients of this package can work with
+PINGED_REVISION = 2  # from which on servers accept pings, see SESSION in bridge.proto
 
 
 @cache

@@ -10,7 +10,7 @@ METHOD = "Exchange"
 VERSION = "1.5.0"  # of the communicator
 PORT = 5004  # where a trainer waits for a player that is started by hand
 FINE, END, FAILED = 200, 400, 500  # of a header; a trainer takes a player's status that is not 200 for its end
-LARGEST = 4 * 2**20  # bytes of a player's message: the server of ML-Agents takes no larger ones
+MAX_MESSAGE_BYTES = 4 * 2**20  # bytes of a player's message: the server of ML-Agents takes no larger ones
 ANY_LENGTH = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1)]
 
 

@@ -14,8 +14,8 @@ from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
+from joybridge.simulator.authentication import load_server_credentials
 from joybridge.simulator.catalog import load_games, specs
-from joybridge.simulator.doors import load_protection
 from joybridge.simulator.listing import listing
 from joybridge.simulator.new_game.program import write_program
 from joybridge.simulator.new_game.starter import write_config
@@ -102,7 +102,7 @@ def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
 
 def _serve(options: argparse.Namespace) -> None:
     os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # its own log repeats in C++ what the errors here say
-    protection = load_protection(options.address, options.tls_cert, options.tls_key, options.token_file)
+    protection = load_server_credentials(options.address, options.tls_cert, options.tls_key, options.token_file)
     idle_seconds = options.idle_seconds
     if idle_seconds is None:
         idle_seconds = math.inf if options.with_parent else Limits().idle_seconds

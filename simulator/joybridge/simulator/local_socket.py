@@ -18,7 +18,7 @@ from joybridge.v1 import bridge_pb2 as pb
 _NEAR = ("unix:", "ipv4:127.", "ipv6:[::1]", "ipv6:%5B::1%5D")  # how gRPC writes clients of the same machine
 
 
-class LocalSocket:
+class LocalListener:
     """Listens for the client of one session, once. Its methods block, but for `offer`, `end` and `close`."""
 
     def __init__(self, largest: int, seconds: float) -> None:

@@ -22,8 +22,8 @@ from joybridge.contract.address import READY
 from joybridge.contract.credentials import NO_COMPRESSION
 from joybridge.contract.limits import request_bytes
 from joybridge.contract.memory import keep_memory
+from joybridge.simulator.authentication import ServerCredentials, TokenInterceptor
 from joybridge.simulator.catalog import Catalog, specs
-from joybridge.simulator.doors import Door, Protection
 from joybridge.simulator.game_thread import game_threads
 from joybridge.simulator.service import Limits, Service
 from joybridge.v1 import bridge_pb2 as pb
@@ -42,7 +42,7 @@ SILENT_MS, ANSWER_MS = 8_000, 5_000  # without a byte of a client, until it is a
 SWITCH_SECONDS = 0.001
 
 
-async def serve(games: Catalog, address: str, limits: Limits, protection: Protection, with_parent: bool) -> None:
+async def serve(games: Catalog, address: str, limits: Limits, protection: ServerCredentials, with_parent: bool) -> None:
     """Serve until SIGINT or SIGTERM or, with_parent, until standard input closes.
 
     Prints the bound address as one line. Raises OSError if it cannot bind.
@@ -50,7 +50,7 @@ async def serve(games: Catalog, address: str, limits: Limits, protection: Protec
     sys.setswitchinterval(SWITCH_SECONDS)
     keep_memory()
     stop = _stop_event(with_parent)
-    server = grpc.aio.server(interceptors=[Door(protection.token)], options=_options(games))
+    server = grpc.aio.server(interceptors=[TokenInterceptor(protection.token)], options=_options(games))
     service = Service(games, limits)
     rpc.add_SimulatorServiceServicer_to_server(service, server)
     healthy = health.aio.HealthServicer()
@@ -73,7 +73,7 @@ async def serve(games: Catalog, address: str, limits: Limits, protection: Protec
     faulthandler.cancel_dump_traceback_later()
 
 
-def _bind(server: grpc.aio.Server, address: str, protection: Protection) -> str:
+def _bind(server: grpc.aio.Server, address: str, protection: ServerCredentials) -> str:
     """Listen on an address and return it with its real port. Raises OSError."""
     if _taken(address):
         raise OSError(f"cannot listen on {address}: another server listens there")

@@ -20,7 +20,7 @@ from joybridge.contract.memory import free_memory
 from joybridge.contract.versions import own_version
 from joybridge.simulator.catalog import Catalog
 from joybridge.simulator.game_thread import GameThread
-from joybridge.simulator.local_socket import LocalSocket
+from joybridge.simulator.local_socket import LocalListener
 from joybridge.simulator.session import Refusal, Session, check_version, describe
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
@@ -41,7 +41,7 @@ class Limits(NamedTuple):
     idle_seconds: float = 3600.0  # for a client to send its next request, or to receive a response
 
 
-class Stream:
+class ServerStream:
     """A Play stream: its session, the thread of its game, and what it is doing since when."""
 
     def __init__(self, games: Catalog, step_seconds: float) -> None:
@@ -49,7 +49,7 @@ class Stream:
         self.game = ""  # its name
         self.thread = GameThread(step_seconds)
         self.task = cast("asyncio.Task[Any]", asyncio.current_task())
-        self.local: LocalSocket | None = None  # what replaces it for messages, if the client asked for that
+        self.local: LocalListener | None = None  # what replaces it for messages, if the client asked for that
         self.playing = False  # whether it has one of the places of the server
         self.now(READING)
         self.ending: Refusal | None = None  # why the server ends it
@@ -67,15 +67,15 @@ class Stream:
         """Return how long the game has been at work for the present request."""
         return time.monotonic() - self.since if self.doing == ANSWERING else 0.0
 
-    def offer_socket(self, peer: str, seconds: float) -> LocalSocket | None:
+    def offer_socket(self, peer: str, seconds: float) -> LocalListener | None:
         """Return a Unix socket for the rest of the session, None if a client with this gRPC address cannot have one.
 
         seconds: how long the socket waits for the client to connect.
         """
-        self.local = LocalSocket.offer(peer, request_bytes(self.session.spec, self.session.arenas), seconds)
+        self.local = LocalListener.offer(peer, request_bytes(self.session.spec, self.session.arenas), seconds)
         return self.local
 
-    def play_locally(self, local: LocalSocket) -> None:
+    def play_locally(self, local: LocalListener) -> None:
         """Answer what comes over the socket, until the client closes it. This blocks, in the thread of the game.
 
         Raises Refusal and DecodeError.
@@ -112,7 +112,7 @@ class Service(rpc.SimulatorServiceServicer):
         """Serve these games."""
         self.games = games
         self.limits = limits
-        self.streams: set[Stream] = set()
+        self.streams: set[ServerStream] = set()
         self.ended = False  # whether a stream has ended since the last sweep
         self.describers: dict[str, GameThread] = {}  # for DescribeGame, by game
 
@@ -148,7 +148,7 @@ class Service(rpc.SimulatorServiceServicer):
 
     async def Play(self, requests: object, context: Context) -> None:
         """Run one session until either side ends it."""
-        stream = Stream(self.games, self.limits.step_seconds)
+        stream = ServerStream(self.games, self.limits.step_seconds)
         self.streams.add(stream)
         try:
             while (request := await cast(Awaitable[Any], context.read())) is not grpc.aio.EOF:
@@ -187,7 +187,7 @@ class Service(rpc.SimulatorServiceServicer):
             stream.thread.end(stream.close)
             self.ended = True
 
-    async def _begin_or_answer(self, stream: Stream, request: pb.PlayRequest) -> pb.PlayResponse:
+    async def _begin_or_answer(self, stream: ServerStream, request: pb.PlayRequest) -> pb.PlayResponse:
         """Answer in the thread of the game. The first request takes a place of the server."""
         if not stream.playing:
             self._take_place(stream)
@@ -199,7 +199,7 @@ class Service(rpc.SimulatorServiceServicer):
 
     async def _in_thread(
         self,
-        stream: Stream,
+        stream: ServerStream,
         function: Callable[[*Arguments], T],
         *args: *Arguments,
         busy: Callable[[], float] | None = None,
@@ -211,7 +211,7 @@ class Service(rpc.SimulatorServiceServicer):
             session = stream.session
             raise self._too_slow(stream.game, f"step {session.steps}", session.arenas) from None
 
-    def _take_place(self, stream: Stream) -> None:
+    def _take_place(self, stream: ServerStream) -> None:
         """Give the stream one of the places of the server. Raises Refusal if all are taken."""
         silent = [other.silent_seconds() for other in self.streams if other.playing]
         if len(silent) >= self.limits.sessions:

@@ -27,7 +27,7 @@ from joybridge.client.interruptible_loop import EVENT_LOOP
 from joybridge.client.local_stream import LocalStream
 from joybridge.client.reachability import why_unreachable
 from joybridge.client.responses import Outcome, Reader, parse
-from joybridge.client.stream import SERVICE, Stream
+from joybridge.client.stream import SERVICE, ClientStream
 from joybridge.contract.address import is_local
 from joybridge.contract.codec import ActArrays, StepArrays, fill_act
 from joybridge.contract.credentials import credentials_of
@@ -82,18 +82,22 @@ def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec
     Raises SimulatorError if the simulator refuses, sends a spec that breaks the contract, or has an older revision of
     the contract than this client.
     """
+    return _describe(address, game, options).spec
+
+
+def _describe(address: str, game: str, options: Mapping[str, str]) -> pb.DescribeGameResponse:
+    """Return a checked spec with the version of the simulator. Raises SimulatorError as `describe` does."""
     request = pb.DescribeGameRequest(game=game, options=options, version=client_version())
     try:
         response = EVENT_LOOP.run(_call, address, "DescribeGame", request, pb.DescribeGameResponse)
         if text := mismatch(client_version(), response.version):
             raise SimulatorError(f"{address}: {text}")
-        spec = response.spec
-        check_spec(spec)
+        check_spec(response.spec)
     except grpc.RpcError as error:
         raise from_grpc(error, address) from error
     except SpecError as error:
         raise SimulatorError(f"the simulator at {address} sent a spec that breaks the contract: {error}") from error
-    return spec
+    return response
 
 
 class Session:
@@ -128,7 +132,8 @@ class Session:
         """
         self.address = address
         self.arenas = arenas
-        self.spec = describe(address, game, options or {})
+        described = _describe(address, game, options or {})
+        self.spec = described.spec
         self.simulate_seconds = 0.0
         self.waited = 0.0  # seconds in `receive`
         self._failure: SimulatorError | None = None  # why the session has ended
@@ -137,7 +142,8 @@ class Session:
         self._coming: Distributions = {}  # for the next Act
         self._drawn = bool(distributions)  # whether parameters are
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
-        stream = Stream(self._reader, self._largest)
+        self._revision = described.version.revision
+        stream = ClientStream(self._reader, self._largest, self._revision)
         self._use(stream)
         self._start = pb.Start(
             game=game,
@@ -245,7 +251,7 @@ class Session:
     ) -> None:
         self.close()
 
-    def _open(self, stream: Stream, start: pb.Start, transport: Transport) -> pb.PlayResponse:
+    def _open(self, stream: ClientStream, start: pb.Start, transport: Transport) -> pb.PlayResponse:
         """Open the session and return its first response. Raises SimulatorError."""
         start.local_transport = transport != "grpc" and is_local(self.address) and hasattr(socket, "AF_UNIX")
         response = stream.open(start)
@@ -265,12 +271,12 @@ class Session:
             raise SimulatorError(f"no local transport to {self.address}: {problem}; leave it to transport=auto")
         if path:
             self._end_stream()
-            stream = Stream(self._reader, self._largest)
+            stream = ClientStream(self._reader, self._largest, self._revision)
             self._use(stream)
             return self._open(stream, start, "grpc")
         return response
 
-    def _use(self, stream: Stream | LocalStream) -> None:
+    def _use(self, stream: ClientStream | LocalStream) -> None:
         """Send requests over this stream. The event loop keeps it, so a session that nobody refers to must end it."""
         self._stream = stream
         self._end_stream = weakref.finalize(self, stream.close)
@@ -328,7 +334,7 @@ class Session:
             raise
 
 
-async def _open_local(stream: Stream, reader: Reader, path: str, largest: int) -> LocalStream:
+async def _open_local(stream: ClientStream, reader: Reader, path: str, largest: int) -> LocalStream:
     return LocalStream(stream, reader, path, largest)
 
 

@@ -4,14 +4,12 @@ import argparse
 import json
 import math
 import shlex
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
-from joybridge.client.simulator_source import Simulators
+from joybridge.client.simulator_source import SimulatorSource
 from joybridge.config.config import read_overrides
 from joybridge.config.config_files import find_config, merge, read_yaml
 from joybridge.config.errors import ConfigError
@@ -19,6 +17,7 @@ from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.places import PYGAME, program_place
+from joybridge.pace import say
 
 LAST_SIMULATORS = "the simulators of the run's last training, if they answer; otherwise "
 ENVIRONMENTS = {"gym": "ID", "pettingzoo": "MODULE", "pygame": "PROGRAM", "unity": "BUILD", "unity-port": "PORT"}
@@ -110,10 +109,10 @@ def check_simulator_options(parser: argparse.ArgumentParser, options: argparse.N
         parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
 
 
-def wanted_simulators(options: argparse.Namespace) -> Simulators:
+def wanted_simulators(options: argparse.Namespace) -> SimulatorSource:
     """Return the simulators that the command line names."""
     tls_ca, token_file = [str(file.resolve()) if file else "" for file in (options.tls_ca, options.token_file)]
-    return Simulators(tuple(options.simulator), tuple(options.game), tls_ca, token_file)
+    return SimulatorSource(tuple(options.simulator), tuple(options.game), tls_ca, token_file)
 
 
 def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
@@ -169,12 +168,6 @@ def seconds(text: str) -> float:
     if not (math.isfinite(number) and number > 0):
         raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
     return number
-
-
-def say(text: str) -> None:
-    """Print a line on standard error, if anybody is still there."""
-    with suppress(OSError):  # the terminal is gone
-        print(text, file=sys.stderr, flush=True)
 
 
 def say_next(*words: str) -> None:

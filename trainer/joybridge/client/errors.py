@@ -16,6 +16,7 @@ from joybridge.contract.text import printable
 
 __all__ = ["NoSuchGame", "SimulatorError", "SimulatorLost", "SimulatorShutDown"]
 
+_UNANSWERED = ("ping timeout", "keepalive")  # what gRPC says of a connection whose pings are not answered
 _LOST = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED)
 
 
@@ -49,6 +50,8 @@ def from_grpc(error: Any, address: str) -> SimulatorError:
     made: SimulatorError
     if code in _LOST:
         # gRPC itself reports a lost connection as UNAVAILABLE, too. Servers need not send a reason beside the sentence.
+        if any(words in text for words in _UNANSWERED):
+            text = "it does not even answer pings; it was stopped, or its machine or the connection to it is gone"
         lost = SimulatorShutDown if reason == "SHUTTING_DOWN" or "shutting down" in text else SimulatorLost
         made = lost(f"lost the simulator at {address}: {text} ({code.name})")
     else:

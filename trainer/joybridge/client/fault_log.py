@@ -1,7 +1,7 @@
 """What led to a fault: the requests of a session since its last known state, as a file that `joybridge replay` repeats.
 
 The log costs a session little: it refers to requests that were sent anyway, and takes a checksum of each step. It
-begins anew with every snapshot, and is given up after LONGEST bytes of requests.
+begins anew with every snapshot, and is given up after MAX_LOG_BYTES bytes of requests.
 """
 
 import logging
@@ -19,7 +19,7 @@ __all__ = ["FaultLog"]
 
 log = logging.getLogger("joybridge.trainer")
 
-LONGEST = 64 << 20  # bytes of requests, without the snapshot of the first one
+MAX_LOG_BYTES = 64 << 20  # bytes of requests, without the snapshot of the first one
 
 
 class FaultLog:
@@ -40,12 +40,12 @@ class FaultLog:
         """Note a request."""
         self._bytes += request.ByteSize()
         self._drawn.update(request.act.distributions)
-        if self._bytes <= LONGEST:
+        if self._bytes <= MAX_LOG_BYTES:
             self._requests.append(request)
 
     def came(self, steps: Sequence[StepArrays]) -> None:
         """Note the step that answers the last request."""
-        if self._bytes <= LONGEST:
+        if self._bytes <= MAX_LOG_BYTES:
             self._digests.append(digest(steps))
 
     def saved(self, parts: Mapping[str, bytes]) -> None:
@@ -59,8 +59,8 @@ class FaultLog:
 
     def failed(self, error: str) -> None:
         """Write the file in place of an earlier one, and say in the log how the fault is repeated."""
-        if self._bytes > LONGEST:
-            log.warning("the fault is not recorded: the session is longer than %d MiB of actions", LONGEST >> 20)
+        if self._bytes > MAX_LOG_BYTES:
+            log.warning("the fault is not recorded: the session is longer than %d MiB of actions", MAX_LOG_BYTES >> 20)
             return
         writer = Writer(heading(self._start, self._server, error=error))
         try:

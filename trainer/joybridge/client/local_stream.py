@@ -1,18 +1,24 @@
-"""The rest of a session over a Unix socket, with the interface of `Stream`. See LOCAL TRANSPORT in bridge.proto."""
+"""The rest of a session over a Unix socket, with the interface of `ClientStream`.
 
+See LOCAL TRANSPORT in bridge.proto.
+"""
+
+import time
 from contextlib import suppress
 
 from joybridge.client.errors import SimulatorError
 from joybridge.client.responses import Reader, parse
-from joybridge.client.stream import Stream
+from joybridge.client.stream import ClientStream
 from joybridge.contract.local_socket import FrameError, LocalSocket
 from joybridge.v1 import bridge_pb2 as pb
+
+LOOK_SECONDS = 0.25  # without a message, until a wait looks at the stream
 
 
 class LocalStream:
     """The messages of a session that a Play stream has started. All methods block. An interrupt loses a message."""
 
-    def __init__(self, stream: Stream, reader: Reader, path: str, largest: int) -> None:
+    def __init__(self, stream: ClientStream, reader: Reader, path: str, largest: int) -> None:
         """Connect to the socket of the session. largest: bytes of a response. Raises OSError."""
         self._stream, self._reader = stream, reader
         self._socket = LocalSocket(path, largest)
@@ -39,7 +45,7 @@ class LocalStream:
             raise SimulatorError("receive() without send(): no response is on its way")
         data = None
         try:
-            data = self._socket.receive(self._reader.seconds)
+            data = self._wait()
         except TimeoutError:
             raise self._reader.too_late(request) from None
         except FrameError as error:
@@ -54,6 +60,22 @@ class LocalStream:
         """Send a request and return its response. Raises SimulatorError."""
         self.send(request)
         return self.receive()
+
+    def _wait(self) -> bytes | None:
+        """Return the next message, None if the session has ended. Raises TimeoutError, FrameError and OSError.
+
+        The socket of a process that was stopped stays open. The stream, whose server answers pings, then ends.
+        """
+        until = time.monotonic() + self._reader.seconds
+        while True:
+            left = until - time.monotonic()
+            try:
+                return self._socket.receive(min(left, LOOK_SECONDS))
+            except TimeoutError:
+                if left <= LOOK_SECONDS:
+                    raise
+                if self._stream.has_ended():
+                    return None
 
     def close(self) -> None:
         """End the session. Finalizers may call this."""

@@ -41,9 +41,9 @@ __all__ = [
     "load_recording",
 ]
 
-LARGEST_FILE = 1 << 30  # bytes; a folder may hold several
+MAX_FILE_BYTES = 1 << 30  # bytes; a folder may hold several
 FORMAT = 2
-HEAD = struct.Struct("<cI")
+ENTRY_HEADER = struct.Struct("<cI")
 CHECK = struct.Struct("<I")
 
 
@@ -109,7 +109,7 @@ class Writer:
         """Return the bytes of the next records."""
         parts = []
         for kind, body in records:
-            head = HEAD.pack(kind, len(body))
+            head = ENTRY_HEADER.pack(kind, len(body))
             of_head = zlib.crc32(head, self._check)
             self._check = zlib.crc32(body, of_head)
             parts += [head, CHECK.pack(of_head), body, CHECK.pack(self._check)]
@@ -135,7 +135,7 @@ def heading(start: pb.Start, server: str, **more: str) -> dict[str, Any]:
 def load_recording(path: Path) -> Recording:
     """Read a recorded session. Raises RecordingError."""
     try:
-        data = read_file(path, LARGEST_FILE)
+        data = read_file(path, MAX_FILE_BYTES)
         end = data.index(b"\n") + 1
         header = json.loads(data[:end])
         if header["format"] != FORMAT:
@@ -167,10 +167,10 @@ def load_recording(path: Path) -> Recording:
 def _read(path: Path, data: bytes, begin: int) -> tuple[list[Record], int]:
     """Return the records from a place on, and how many bytes at the end are no whole record. Raises RecordingError."""
     records, place, check = [], begin, zlib.crc32(data[:begin])
-    while place + HEAD.size + CHECK.size <= len(data):
-        kind, size = HEAD.unpack_from(data, place)
-        body = place + HEAD.size + CHECK.size
-        of_head = zlib.crc32(data[place : place + HEAD.size], check)
+    while place + ENTRY_HEADER.size + CHECK.size <= len(data):
+        kind, size = ENTRY_HEADER.unpack_from(data, place)
+        body = place + ENTRY_HEADER.size + CHECK.size
+        of_head = zlib.crc32(data[place : place + ENTRY_HEADER.size], check)
         whole = body + size + CHECK.size <= len(data)
         check = zlib.crc32(memoryview(data)[body : body + size], of_head)
         if of_head != CHECK.unpack_from(data, body - CHECK.size)[0] or (

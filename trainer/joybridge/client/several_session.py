@@ -13,7 +13,7 @@ import numpy as np
 from joybridge.client.client import Distributions, Session
 from joybridge.client.sharded_session import ShardedSession
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.parts import join
+from joybridge.contract.sharding import join
 from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 

@@ -15,7 +15,7 @@ from joybridge.client.errors import SimulatorError
 from joybridge.config.config import Config
 from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
-from joybridge.contract.parts import join, part_of, split
+from joybridge.contract.sharding import join, part_of, split
 
 __all__ = [
     "SessionSpec",

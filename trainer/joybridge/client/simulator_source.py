@@ -34,7 +34,7 @@ Connect = Callable[[], Sequence[str]]
 
 
 @dataclass(frozen=True)
-class Simulators:
+class SimulatorSource:
     """Simulators that somebody else runs, or the games of those that the command starts."""
 
     addresses: tuple[str, ...] = ()  # none: the command starts a simulator
@@ -63,16 +63,16 @@ class Remembered:
     """What a run says about its last training, with the signature of whoever wrote that."""
 
     run: Path
-    simulators: Simulators = Simulators()
+    simulators: SimulatorSource = SimulatorSource()
     signature: str = ""
 
-    def believed(self, trust: bool) -> Simulators:
+    def believed(self, trust: bool) -> SimulatorSource:
         """Return the simulators if this user wrote them on this machine, or trusts whoever did.
 
         Raises UntrustedRunError, and StorageError for a key that others may know.
         """
         named = self.simulators
-        if named == Simulators() or trust or is_ours(_signed_content(named), self.signature):
+        if named == SimulatorSource() or trust or is_ours(_signed_content(named), self.signature):
             return named
         wishes = [f"start {game}" for game in named.games] + [f"connect to {place}" for place in named.addresses]
         wishes += [f"read {file}" for file in (named.tls_ca, named.token_file) if file]
@@ -84,11 +84,11 @@ class Remembered:
         )
 
 
-def remember(run: Path, simulators: Simulators, say: Callable[[str], None]) -> None:
+def remember(run: Path, simulators: SimulatorSource, say: Callable[[str], None]) -> None:
     """Keep in the folder of a run what it is trained with, signed, but no cluster. Raises StorageError."""
     simulators = replace(simulators, cluster="", count=1)
     with storing(run):
-        if simulators == Simulators():
+        if simulators == SimulatorSource():
             (run / FILE).unlink(missing_ok=True)
             return
         run.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ def last_simulators(run: Path) -> Remembered:
     try:
         noted = json.loads(read_file(path, MAX_BYTES))
         signature = noted.pop("signature", "") if isinstance(noted, dict) else ""
-        found = TypeAdapter(Simulators).validate_python(noted)
+        found = TypeAdapter(SimulatorSource).validate_python(noted)
         for place in found.addresses:
             address(place)
     except FileNotFoundError:
@@ -117,7 +117,7 @@ def last_simulators(run: Path) -> Remembered:
     return Remembered(run, found, str(signature))
 
 
-def _signed_content(simulators: Simulators) -> bytes:
+def _signed_content(simulators: SimulatorSource) -> bytes:
     """Return what is signed: the simulators, and the current folder if a game is looked for there.
 
     With the folder, a stranger cannot put a run that this user has published beside a module of his own.
@@ -137,14 +137,14 @@ def _depends_on_folder(game: str) -> bool:
 
 
 def choose_simulators(
-    wanted: Simulators, last: Remembered, config: Config, say: Callable[[str], None], *, trust: bool = False
-) -> Simulators:
+    wanted: SimulatorSource, last: Remembered, config: Config, say: Callable[[str], None], *, trust: bool = False
+) -> SimulatorSource:
     """Return the wanted simulators or games; if none are, those of the last training.
 
     Simulators of the last training that do not answer, or do not have the game, are left out. A cluster needs the games
     of the last training, too. trust: believe a run that this user has not trained here. Raises UntrustedRunError.
     """
-    if wanted != Simulators() and (wanted.games or not wanted.cluster):
+    if wanted != SimulatorSource() and (wanted.games or not wanted.cluster):
         return wanted
     remembered = last.believed(trust)
     if wanted.cluster:
@@ -157,14 +157,14 @@ def choose_simulators(
                     describe(place, game.game, {})
     except (SimulatorError, CredentialsError) as error:
         say(f"the simulator of the training cannot be used: {error}; starting one")
-        return Simulators(games=remembered.games)
+        return SimulatorSource(games=remembered.games)
     if remembered.addresses:
         say(f"simulator: {', '.join(remembered.addresses)}, as in the training; --simulator names another")
     return remembered
 
 
 @contextmanager
-def open_simulators(simulators: Simulators, wait: float, say: Callable[[str], None]) -> Iterator[Connect]:
+def open_simulators(simulators: SimulatorSource, wait: float, say: Callable[[str], None]) -> Iterator[Connect]:
     """Yield a function that returns addresses at which simulators answer, for the first time and after a loss.
 
     Each call starts simulators in place of those before, which end with the block; or it waits for the simulators of

@@ -12,34 +12,35 @@ from joybridge.client.errors import SimulatorError, SimulatorLost, from_grpc
 from joybridge.client.interruptible_loop import EVENT_LOOP
 from joybridge.client.responses import Reader, parse
 from joybridge.contract.credentials import credentials_of
+from joybridge.contract.versions import PINGED_REVISION
 from joybridge.v1 import bridge_pb2 as pb
 
 ATTEMPTS = 10  # to open a stream
 PAUSE_SECONDS = 0.002  # between two calls, after which the end of the stream may have come
 SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
-# Pings detect a machine that has disappeared. By default, gRPC servers end connections that ping more often than
-# every five minutes.
-KEEPALIVE = [
-    ("grpc.keepalive_time_ms", 330_000),
-    ("grpc.keepalive_timeout_ms", 20_000),
-    ("grpc.http2.ping_timeout_ms", 20_000),
-]
+# Without a byte of the server, until it is asked whether it is there; for its answer. gRPC's own threads ask and
+# answer, so a game that works for long does not look like a machine that has disappeared.
+SILENT_MS, ANSWER_MS = 10_000, 4_500
+SILENT_MS_BEFORE = 330_000  # for servers that do not say that they accept pings: by default, one in five minutes
 
 T = TypeVar("T")
 
 
-class Stream:
+class ClientStream:
     """A Play stream to a simulator. Its public methods block; the others run on the event loop."""
 
-    def __init__(self, reader: Reader, largest: int) -> None:
-        """Prepare a stream. reader: of its responses. largest: bytes of a response."""
+    def __init__(self, reader: Reader, largest: int, revision: int) -> None:
+        """Prepare a stream. reader: of its responses. largest: bytes of a response. revision: of the server."""
         self.address, self._reader = reader.address, reader
         self._late = False  # whether a response did not come in time
         self._heard = math.inf  # when the last response came, in the time of the loop
         self._options = [
             ("grpc.max_receive_message_length", largest),
             ("grpc.max_send_message_length", -1),
-            *KEEPALIVE,
+            ("grpc.keepalive_time_ms", SILENT_MS if revision >= PINGED_REVISION else SILENT_MS_BEFORE),
+            ("grpc.keepalive_timeout_ms", ANSWER_MS),
+            ("grpc.http2.ping_timeout_ms", ANSWER_MS),  # by default a minute, whatever keepalive_timeout_ms says
+            ("grpc.http2.max_pings_without_data", 0),  # no limit; by default two pings, then one a minute
         ]
         self._channel: Any = None
         self._call: Any = None
@@ -67,6 +68,10 @@ class Stream:
     def reason(self, request: pb.PlayRequest) -> SimulatorError:
         """Wait until the stream ends after a request, and return why it did."""
         return EVENT_LOOP.run(self._reason, request)
+
+    def has_ended(self) -> bool:
+        """Return whether the server, or the loss of it, has ended the stream; `reason` then returns why at once."""
+        return EVENT_LOOP.run(self._has_ended)
 
     def close(self) -> None:
         """End the stream, if it is open. Finalizers may call this."""
@@ -117,6 +122,10 @@ class Stream:
             return self._reader.too_late(request)
         return cast(SimulatorError, self._ended)
 
+    async def _has_ended(self) -> bool:
+        await self._let_end_come()
+        return self._ended is not None
+
     async def _close(self) -> None:
         if self._pending is not None:
             self._pending.cancel()
@@ -142,8 +151,11 @@ class Stream:
             pending, self._pending = self._pending, None
             await self._wait(pending)
         if asyncio.get_running_loop().time() - self._heard > PAUSE_SECONDS:
-            for _ in range(3):  # for the socket, the queue of gRPC and the task that takes the status
-                await asyncio.sleep(0)
+            await self._let_end_come()
+
+    async def _let_end_come(self) -> None:
+        for _ in range(3):  # for the socket, the queue of gRPC and the task that takes the status
+            await asyncio.sleep(0)
 
     async def _wait(self, response: Awaitable[T]) -> T:
         """Return a response. Raises SimulatorLost if it does not come in time.

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from joybridge.client.command_line import add_own_game, at_least, run_command, say, say_next
+from joybridge.client.command_line import add_own_game, at_least, run_command, say_next
 from joybridge.client.recording import load_recording
-from joybridge.client.simulator_source import Simulators, remember
+from joybridge.client.simulator_source import SimulatorSource, remember
 from joybridge.config.config import Config, load_config, make_config, read_overrides
 from joybridge.config.config_files import find_config, merge
 from joybridge.config.errors import ConfigError, DivergedError
@@ -15,11 +15,11 @@ from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import find_demonstrations, foreign_kind, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration
+from joybridge.pace import Pace, say
 from joybridge.run.folder import check_run, keep_config, keep_spec, run_name
 from joybridge.run.run_lock import locked
 
 PASSES = 200
-SAID_PASSES = 10  # a line after so many
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def _clone(options: argparse.Namespace) -> None:
     check_run(config, run, resume=False)
     with locked(run):
         clone(config, run, recorded.shown, options.passes)
-        remember(run, Simulators(games=tuple(options.game)), say)
+        remember(run, SimulatorSource(games=tuple(options.game)), say)
     say_next("evaluate", str(run))
 
 
@@ -113,12 +113,11 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
     for actor in make_actors(config, spec, config.accelerator):
         given = show(actor, shown, config)
         say(given.remark)
-        best = None
+        best, pace = None, Pace()
         for result in fit(actor, given, passes):
             if result.best:
                 best = result
-            if result.passes % SAID_PASSES == 0:
-                say(f"pass {result.passes}: loss {result.loss:.3f}, held out {result.held_out:.3f}")
+            pace.reached(f"pass {result.passes}: loss {result.loss:.3f}, held out {result.held_out:.3f}")
         if best is None:
             raise DivergedError(f"{actor.name}: the loss is not finite; take a smaller policy.learning_rate")
         print(f"{actor.name}: pass {best.passes} is kept: loss {best.loss:.3f}, held out {best.held_out:.3f}")

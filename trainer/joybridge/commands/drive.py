@@ -9,11 +9,12 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from joybridge.client.client import Session
-from joybridge.client.command_line import add_trust_option, at_least, run_command, say
+from joybridge.client.command_line import add_trust_option, at_least, run_command
 from joybridge.client.launch import simulator_process
 from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.contract.places import PYGAME
+from joybridge.pace import say
 from joybridge.run.folder import play_config, run_spec
 from joybridge.v1 import bridge_pb2 as pb
 

@@ -12,11 +12,11 @@ from joybridge.client.command_line import (
     add_trust_option,
     at_least,
     check_simulator_options,
-    say,
     wanted_simulators,
 )
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.pace import say
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
 from joybridge.run.origin import remark

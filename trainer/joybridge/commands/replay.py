@@ -9,13 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from joybridge.client.client import CALL_SECONDS, Session
-from joybridge.client.command_line import (
-    add_simulator_options,
-    check_simulator_options,
-    run_command,
-    say,
-    wanted_simulators,
-)
+from joybridge.client.command_line import add_simulator_options, check_simulator_options, run_command, wanted_simulators
 from joybridge.client.errors import SimulatorError
 from joybridge.client.recording import Recording, RecordingError, digest, load_recording
 from joybridge.client.simulator_source import open_simulators
@@ -24,6 +18,7 @@ from joybridge.config.game_settings import read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.codec import StepArrays
 from joybridge.demonstrations.files import foreign_kind
+from joybridge.pace import say
 from joybridge.v1 import bridge_pb2 as pb
 
 

@@ -20,7 +20,6 @@ from joybridge.client.command_line import (
     at_least,
     check_simulator_options,
     run_command,
-    say,
     say_next,
     wanted_simulators,
 )
@@ -28,7 +27,7 @@ from joybridge.client.errors import SimulatorError, SimulatorLost
 from joybridge.client.signals import leaving_on_signals
 from joybridge.client.simulator_source import (
     Remembered,
-    Simulators,
+    SimulatorSource,
     choose_simulators,
     last_simulators,
     open_simulators,
@@ -40,6 +39,7 @@ from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
 from joybridge.demonstrations.files import find_demonstrations
+from joybridge.pace import say
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, run_config, run_name
 from joybridge.run.own_code import check_code, sign_code, trust
@@ -178,7 +178,7 @@ def _train(options: argparse.Namespace) -> None:
     say_next("evaluate", str(run))
 
 
-def _wanted(options: argparse.Namespace) -> Simulators:
+def _wanted(options: argparse.Namespace) -> SimulatorSource:
     """Return the simulators that the command line of `train` names."""
     return replace(wanted_simulators(options), cluster=options.ray or "", count=options.simulators or 1)
 

@@ -23,7 +23,7 @@ from joybridge.contract.tensors import Array
 
 SIGNIFICANCE = 0.05
 THRESHOLDS = 101  # of a performance profile
-LONGEST_CURVE = 200  # points of a learning curve
+MAX_CURVE_POINTS = 200  # points of a learning curve
 
 
 @dataclass(frozen=True)
@@ -135,10 +135,10 @@ def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None 
 
 
 def _curve(runs: Sequence[Run]) -> Band:
-    """Return the IQM over runs where all of them have a row, at most LONGEST_CURVE times."""
+    """Return the IQM over runs where all of them have a row, at most MAX_CURVE_POINTS times."""
     values = [{point.timesteps: point.value for point in run.points} for run in runs]
     marks = sorted(set.intersection(*(set(each) for each in values)))
-    marks = marks[:: -(-len(marks) // LONGEST_CURVE) or 1]
+    marks = marks[:: -(-len(marks) // MAX_CURVE_POINTS) or 1]
     table = np.array([[each[mark] for mark in marks] for each in values]).reshape(len(runs), len(marks))
     # Each mark is resampled by itself, as a task would be, and has an IQM of its own.
     return _band(np.array(marks), bootstrap(lambda drawn: interquartile_mean(drawn.swapaxes(-1, -2)[..., None]), table))

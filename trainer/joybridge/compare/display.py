@@ -10,6 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from joybridge.compare.job import Job
+from joybridge.pace import Pace
+
+SILENCE_SECONDS = 60.0  # without a line, where output is no terminal: runs take minutes
 
 
 class Display:
@@ -22,13 +25,15 @@ class Display:
         self.jobs, self.ended, self.running = list(jobs), set(finished), set[Job]()
         self.rows = {job: job.last_row() for job in jobs}
         self.first = {job: self._done(job) if job.exact else 0 for job in jobs if job not in finished}  # nor failed
-        self.begin = time.monotonic()
+        self.begin, self.pace = time.monotonic(), Pace(self._print, SILENCE_SECONDS)
         self.live = Live(get_renderable=self.table, console=self.console, refresh_per_second=2, transient=True)
 
     def update(self, running: Sequence[Job]) -> None:
         """Show the progress of the running jobs and of all."""
         self.running = set(running)
         self.rows |= {job: job.last_row() for job in running}
+        if not self.console.is_terminal:  # else a live table
+            self.pace.reached(f"{len(self.ended)} of {len(self.jobs)} runs finished; {self.time_left()}")
 
     def end(self, job: Job, failure: str | None) -> None:
         """Print that a job has ended, or why it failed. A failed job no longer counts for the time left."""
@@ -41,7 +46,7 @@ class Display:
         else:
             del self.first[job]
             text = f"{job.name}: failed: {failure} (see {job.run / 'log.txt'})"
-        self.console.print(text, soft_wrap=True, markup=False)
+        self._print(text)
 
     def table(self) -> Table:
         """Return what is shown live: the runs and timesteps of each experiment, and the mean of the last rewards."""
@@ -69,6 +74,9 @@ class Display:
         done, first = sum(map(self._done, self.first)), sum(self.first.values())
         left = sum(job.timesteps for job in self.first) - done
         return time_left(left, (done - first) / (time.monotonic() - self.begin))
+
+    def _print(self, text: str) -> None:
+        self.console.print(text, soft_wrap=True, markup=False)
 
     def _done(self, job: Job) -> int:
         """Return the timesteps of a job that the table knows of."""

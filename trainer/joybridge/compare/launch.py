@@ -4,12 +4,13 @@ import argparse
 import shlex
 from collections.abc import Callable, Sequence
 
-from joybridge.client.command_line import say, wanted_simulators
+from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job, PeerJob, Process, start
 from joybridge.compare.variants import Variant, check_game, keep
 from joybridge.config.errors import ConfigError
 from joybridge.layouts import list_roles
+from joybridge.pace import say
 from joybridge.plugins import load
 from joybridge.policy.config_fit import check_fit, fitting_spec
 from joybridge.v1 import bridge_pb2 as pb

@@ -15,7 +15,7 @@ from joybridge.compare.variants import read_values
 from joybridge.config.config import Config, load_config
 from joybridge.config.errors import ConfigError
 
-ELSEWHERE = {  # keys that are not searched, and why
+NOT_SEARCHED = {  # keys that are not searched, and why
     "seed": "all trials have the same seed; compare the best settings over seeds afterwards",
     "game": "scores of two games cannot be compared; search once for each",
     "options": "options change what a game pays; search once for each",
@@ -109,8 +109,8 @@ def _read_range(text: str, path: Path, overrides: Sequence[str]) -> Range:
     if not key or not equals or not rest:
         raise ConfigError(f"--search got {text!r}, expected {FORM}, as in {EXAMPLE}")
     for name in (key, key.partition(".")[0]):
-        if name in ELSEWHERE:
-            raise ConfigError(f"--search {text}: {key} is not searched, because {ELSEWHERE[name]}")
+        if name in NOT_SEARCHED:
+            raise ConfigError(f"--search {text}: {key} is not searched, because {NOT_SEARCHED[name]}")
 
     def configured(value: str) -> Config:
         try:

@@ -16,7 +16,6 @@ from joybridge.client.command_line import (
     at_least,
     check_simulator_options,
     run_command,
-    say,
     wanted_simulators,
 )
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
@@ -24,6 +23,7 @@ from joybridge.compare.rating import rate
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.pace import say
 from joybridge.run.folder import play_config, run_config
 from joybridge.run.matches import Match, read_matches, write_matches
 

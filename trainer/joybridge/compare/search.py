@@ -14,7 +14,7 @@ import optuna
 from optuna.storages.journal import JournalFileBackend, JournalStorage
 from optuna.trial import TrialState
 
-from joybridge.client.command_line import add_own_game, say, wanted_simulators
+from joybridge.client.command_line import add_own_game, wanted_simulators
 from joybridge.compare.launch import backend, check_variant, repetition, scored_policy, served_specs
 from joybridge.compare.ranges import Choices, Range, own_settings, read_ranges, settings_of
 from joybridge.compare.search_page import Outcome, outcome, ranking, write_page
@@ -32,7 +32,8 @@ from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.config.metrics import column_name, is_trainers
+from joybridge.config.metrics import column_name, is_builtin_metric
+from joybridge.pace import say
 from joybridge.run.run_lock import locked
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)  # it reports each study that is opened
@@ -117,7 +118,7 @@ def check_game_side(made: Search) -> None:
     metric, spec = made.options.metric, made.spec
     names = dict.fromkeys(each.name for behavior in spec.behaviors for each in behavior.metrics)
     known = ["reward", "length", *map(column_name, names)]
-    if metric not in known and not is_trainers(metric):
+    if metric not in known and not is_builtin_metric(metric):
         raise ConfigError(f"--metric got {metric!r}; {spec.name} has {', '.join(known)}")
     for each in made.ranges:
         values = each.values if isinstance(each, Choices) else (each.write(each.low), each.write(each.high))

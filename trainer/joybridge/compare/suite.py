@@ -10,7 +10,6 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, NamedTuple
 
-from joybridge.client.command_line import say
 from joybridge.compare.page import PICTURES, page_html, picture_block, table
 from joybridge.compare.pictures import Line, draw_themes, draw_times
 from joybridge.compare.table import read_table
@@ -20,6 +19,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import HELD_OUT, numbers
 from joybridge.contract.files import read_file
+from joybridge.pace import say
 
 MAX_BYTES = 2**26  # of the numbers of a comparison
 ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own

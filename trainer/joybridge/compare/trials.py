@@ -12,6 +12,7 @@ import optuna
 from optuna.trial import FrozenTrial, TrialState
 from rich.console import Console
 
+from joybridge.compare.display import SILENCE_SECONDS
 from joybridge.compare.grid import POLL_SECONDS, end
 from joybridge.compare.job import Job, Process
 from joybridge.compare.launch import check_variant, make_job, scored_policy
@@ -24,9 +25,10 @@ from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import metrics_name, read_rows
 from joybridge.contract.errors import JoybridgeError
+from joybridge.pace import Pace
 from joybridge.v1 import bridge_pb2 as pb
 
-FIRST = 3  # trials; if all of them fail, the others would as well
+FIRST_TRIALS = 3  # trials; if all of them fail, the others would as well
 TENTHS = range(2, 10)  # of a run: where a hopeless trial ends
 
 
@@ -81,6 +83,11 @@ class Training:
     job: Job
     policy: str  # whose metrics count; "" for the only policy of a game
 
+    def __str__(self) -> str:
+        """Return how far it is."""
+        done = int(self.job.last_row().get("timesteps", 0))
+        return f"trial {self.trial.number} at {done:,} of {self.job.timesteps:,} timesteps"
+
     def run(self, metric: str) -> Run:
         """Return what has been reached by now. Raises ConfigError and CheckpointError if there are no metrics."""
         name = f"metrics-{metrics_name(self.policy)}.csv" if self.policy else "metrics-*.csv"
@@ -100,6 +107,7 @@ def train(made: Search, parallel: int, begin: Callable[[Job], Process]) -> None:
     running: dict[Training, Process] = {}
     try:
         with made.console.status("") as line:
+            pace = Pace(lambda text: made.console.print(text, soft_wrap=True, markup=False), SILENCE_SECONDS)
             while interrupted or running or made.wanted:
                 while len(running) < parallel and (interrupted or made.wanted):
                     trial = next_trial(made, interrupted, parallel)
@@ -114,7 +122,10 @@ def train(made: Search, parallel: int, begin: Callable[[Job], Process]) -> None:
                     if status is not None:
                         del running[training]
                 check_first(made)
-                line.update(f"{len(made.trials) - len(running)} of {made.options.trials} trials have ended")
+                ended = f"{len(made.trials) - len(running)} of {made.options.trials} trials have ended"
+                line.update(ended)
+                if not made.console.is_terminal:
+                    pace.reached("; ".join([ended, *map(str, running)]))
                 time.sleep(POLL_SECONDS)
     finally:
         end(list(running.values()))
@@ -206,9 +217,9 @@ def finish(made: Search, trial: optuna.Trial, state: TrialState, score: float | 
 
 def check_first(made: Search) -> None:
     """Raise ConfigError if the first trials have failed, as all others would."""
-    first = made.trials[:FIRST]
-    if len(first) == FIRST and all(trial.state == TrialState.FAIL for trial in first):
+    first = made.trials[:FIRST_TRIALS]
+    if len(first) == FIRST_TRIALS and all(trial.state == TrialState.FAIL for trial in first):
         raise ConfigError(
-            f"the first {FIRST} trials have failed, so the search has ended; the last one: "
+            f"the first {FIRST_TRIALS} trials have failed, so the search has ended; the last one: "
             f"{first[-1].user_attrs['reason']}; delete {made.options.output}, and repeat the command"
         )

@@ -20,7 +20,7 @@ from joybridge.contract.files import read_file
 from joybridge.run.folder import MAX_NAME_CHARS
 from joybridge.v1 import bridge_pb2 as pb
 
-ELSEWHERE = {"seed": "--seeds", "game": "a comparison for each game"}  # keys that do not vary, and what to use instead
+NOT_VARIED = {"seed": "--seeds", "game": "a comparison for each game"}  # keys that do not vary, and what to use instead
 FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a comparison is repeated
 SEARCH = "search.journal"  # of Optuna, in the folder of a search
 VARIANTS = "variants.json"
@@ -74,8 +74,8 @@ def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
     values = [value.strip() for value in re.split(r",(?![^\[{]*[\]}])", rest)]
     if not key or not equals or not all(values):
         raise ConfigError(f"{option} got {text!r}, expected KEY=VALUE,VALUE,… as in policy.gamma=0.9,0.99")
-    if key in ELSEWHERE:
-        raise ConfigError(f"{option} {key}=…: {key} does not vary here; use {ELSEWHERE[key]}")
+    if key in NOT_VARIED:
+        raise ConfigError(f"{option} {key}=…: {key} does not vary here; use {NOT_VARIED[key]}")
     if len(set(values)) < len(values):
         raise ConfigError(f"{option} got {text!r}, which names a value twice; name each value once")
     return key, values

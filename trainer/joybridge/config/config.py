@@ -30,7 +30,8 @@ MAY_CHANGE = (  # in a resumed run
 )
 OF_THE_GAME = ("options", "parameters")
 OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_during")  # not of several
-MAY_DIFFER = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")  # from the training, when a policy plays
+# What a configuration may change when a policy plays.
+PLAYABLE_KEYS = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")
 
 # How the value of a key is written that holds several values, or values by name.
 FORMS = {
@@ -83,7 +84,7 @@ class MemoryConfig(Checked):
     """What one policy remembers of an episode."""
 
     kind: Literal["none", "gru", "lstm"] = Field("none", description="a recurrent layer behind the hidden layers")
-    size: int = Field(64, ge=1, description="units of it")
+    size: int = Field(64, ge=1, le=65_536, description="units of it")
     length: int = Field(32, ge=1, description="decisions through which gradients flow back in time")
 
 
@@ -115,7 +116,7 @@ class PolicyConfig(Checked):
     remember_acts: int = Field(
         0, ge=0, le=1000, description="last actions and rewards that it sees beside the sensors, oldest first"
     )
-    hidden_sizes: list[Annotated[int, Field(ge=1)]] = Field(
+    hidden_sizes: list[Annotated[int, Field(ge=1, le=65_536)]] = Field(
         [100, 100], min_length=1, description="units per hidden layer"
     )
     activation: Literal["swish", "tanh", "relu", "elu"] = Field("swish", description="of the hidden layers")
@@ -133,7 +134,7 @@ class PolicyConfig(Checked):
         description="logarithm of the deviation that Gaussians begin with, in thirds of half an axis's range, of "
         "all or by the names of axes; 1.0986, log 3: half the range",
     )
-    rollout_steps: int = Field(59, ge=1, description="decisions per lane between two updates")
+    rollout_steps: int = Field(59, ge=1, le=2**24, description="decisions per lane between two updates")
     time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
     minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
     epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")

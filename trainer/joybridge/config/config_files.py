@@ -1,6 +1,7 @@
 """Files of configurations: finding them, by path or by the name of an installed one, and reading them.
 
-A YAML file (version 1.2) may name another one with `extends:`; mappings are merged, everything else is replaced.
+A YAML file (version 1.2) may name another one, or an installed one, with `extends:`; mappings are merged, everything
+else is replaced.
 
 The wheel holds `configs/` as `joybridge/configs`. An editable install has no copy of it and reads the checkout's own.
 """
@@ -23,7 +24,7 @@ from joybridge.contract.files import read_file
 _INSTALLED = Path(__file__).parents[1] / "configs"  # joybridge/configs of a wheel
 _CHECKOUT = Path(__file__).parents[3] / "configs"
 FOLDER = _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
-LARGEST = 2**16  # bytes of a file, and values in it
+MAX_CONFIG_SIZE = 2**16  # bytes of a file, and values in it
 DEEPEST = 10  # mappings and lists inside each other; files that extend each other
 MERGE = "<<"  # a key whose value YAML lays under the other keys
 OPENING = "[{-:?"  # each mapping and list has one of these characters
@@ -59,7 +60,7 @@ def find_config(text: str) -> Path:
 def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return the keys and values of a file, on top of its preset and of what it extends. Raises ConfigError."""
     try:
-        real, text = path.resolve(), read_file(path, LARGEST).decode("utf-8")
+        real, text = path.resolve(), read_file(path, MAX_CONFIG_SIZE).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path} is not YAML: {error}") from error
     except OSError as error:
@@ -77,7 +78,9 @@ def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     data = merge(preset_of(data), data)
     if base is None:
         return data
-    return merge(read_yaml(path.parent / str(base), (*seen, real)), data)
+    beside, name = path.parent / str(base), str(base).removesuffix(".yaml")
+    installed = name in config_names() and not beside.is_file()
+    return merge(read_yaml(FOLDER / f"{name}.yaml" if installed else beside, (*seen, real)), data)
 
 
 def parse_yaml(text: str, what: str) -> Any:
@@ -122,7 +125,7 @@ def _check_events(text: str) -> None:
 
 def _check_size(data: Any) -> None:
     """Raise ValueError if YAML's aliases (`*name`) make the content very much larger than its text."""
-    left, parts = LARGEST, [data]
+    left, parts = MAX_CONFIG_SIZE, [data]
     while parts:
         part = parts.pop()
         left -= 1 + (len(part) if isinstance(part, str) else 0)

@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from joybridge.config.parameter_keys import Checked, Value
 
 SEVERAL = "several"  # the game of a configuration that has `games`
-MOST_GAMES = 100
+MAX_GAMES = 100
 
 
 class GameConfig(Checked):
@@ -35,5 +35,5 @@ def _without_null(games: Any) -> Any:
 
 
 Games = Annotated[
-    dict[str, GameConfig], Field(max_length=MOST_GAMES), BeforeValidator(_without_null), AfterValidator(_check_names)
+    dict[str, GameConfig], Field(max_length=MAX_GAMES), BeforeValidator(_without_null), AfterValidator(_check_names)
 ]

@@ -13,6 +13,14 @@ from pydantic import BaseModel
 from joybridge.config.config import FORMS, OTHER_NAMES, Config
 from joybridge.config.presets import PRESETS
 
+SUBJECTS = {  # words that people look for: the beginning of the names of the keys that are about them
+    "self-play": "opponents", "league": "opponents", "recurrent": "policy.memory", "rnn": "policy.memory",
+    "lstm": "policy.memory", "gru": "policy.memory",
+    "held-out": "evaluate_during", "test": "evaluate_during", "generalization": "evaluate_during",
+    "procedural": "parameters", "level": "parameters", "pixels": "policy.image_encoder", "cnn": "policy.image_encoder",
+    "wandb": "log_to", "mlflow": "log_to", "imitation": "demonstrations", "gpu": "accelerator",
+}  # fmt: skip
+
 INDENT, WIDTH = 38, 120  # columns
 TYPES = {"string": "text", "boolean": "true or false"}  # others are called as JSON schema calls them
 BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
@@ -64,10 +72,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 
 def listing(word: str = "") -> Iterator[str]:
-    """Yield the lines about the keys with a word in their name or meaning, and about the key that it means."""
-    meant = OTHER_NAMES.get(word.strip())
+    """Yield the lines about the keys with a word in their name or meaning, and about those that it means."""
+    meant, subject = OTHER_NAMES.get(word.strip()), SUBJECTS.get(word.strip().lower(), " ")
     for key in all_keys():
-        if key.name == meant or word.lower() in f"{key.name} {key.meaning}".lower():
+        if key.name == meant or key.name.startswith(subject) or word.lower() in f"{key.name} {key.meaning}".lower():
             written = FORMS.get(key.name.rpartition(".")[2]) or f"{key.name}={key.default}"
             first, *more = wrap(f"{key.meaning} ({key.kind})", WIDTH - INDENT)
             yield f"{written:<{INDENT - 2}}  {first}"

@@ -10,7 +10,7 @@ from joybridge.config.errors import CheckpointError
 from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
 
-LARGEST = 2**26  # bytes of a file of metrics
+MAX_METRICS_BYTES = 2**26  # bytes of a file of metrics
 
 Row = dict[str, float]
 Cells = dict[str, str]  # a row as text
@@ -29,10 +29,10 @@ KEYS = ("run", "experiment", "seed", "total_timesteps", "policy")  # what a tabl
 
 def column_name(metric: str) -> str:
     """Return the column of a metric of the game: its name, after "game_" if there is another column of that name."""
-    return f"game_{metric}" if is_trainers(metric) or metric in KEYS else metric
+    return f"game_{metric}" if is_builtin_metric(metric) or metric in KEYS else metric
 
 
-def is_trainers(column: str) -> bool:
+def is_builtin_metric(column: str) -> bool:
     """Return whether the trainer writes a column for every game; the others are metrics of the game."""
     return column in _COLUMNS or column.startswith(("entropy_", "loss_", HELD_OUT))
 
@@ -58,7 +58,7 @@ def read_cells(path: Path) -> list[Cells]:
     Raises CheckpointError unless all cells are numbers and every row has its timesteps.
     """
     try:
-        return parse_cells(read_file(path, LARGEST).decode())
+        return parse_cells(read_file(path, MAX_METRICS_BYTES).decode())
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Self, TypeAlias
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
 KINDS = ("uniform", "log_uniform", "choice")  # of distributions, as in bridge.proto
-MOST_LESSONS = 1000
-MOST_EPISODES = 100_000  # that a lesson looks at
+MAX_LESSONS = 1000
+MAX_LESSON_EPISODES = 100_000  # that a lesson looks at
 
 
 class Checked(BaseModel):
@@ -72,7 +72,10 @@ class Until(Checked):
     above: float | None = Field(None, description="the mean must be larger")
     below: float | None = Field(None, description="or it must be smaller")
     episodes: int = Field(
-        100, ge=1, le=MOST_EPISODES, description="episodes of the lesson over which the mean is taken, the last ones"
+        100,
+        ge=1,
+        le=MAX_LESSON_EPISODES,
+        description="episodes of the lesson over which the mean is taken, the last ones",
     )
 
     @model_validator(mode="after")
@@ -96,7 +99,7 @@ class EvaluateDuring(Checked):
     every: int | None = Field(
         None, ge=1, description="timesteps; the next row of metrics gets the columns held_out_…; null: the last one"
     )
-    episodes: int = Field(64, ge=1, le=MOST_EPISODES, description="that are played each time, the same ones")
+    episodes: int = Field(64, ge=1, le=MAX_LESSON_EPISODES, description="that are played each time, the same ones")
     deterministic: bool = Field(False, description="take the most probable action instead of sampling")
     options: dict[str, str] = Field({}, description="options that differ from the training")
     parameters: dict[str, Value] = Field({}, description="parameters that differ from the training")
@@ -110,4 +113,4 @@ def _check_lessons(lessons: list[Lesson]) -> list[Lesson]:
     return lessons
 
 
-Lessons: TypeAlias = Annotated[list[Lesson], Field(max_length=MOST_LESSONS), AfterValidator(_check_lessons)]
+Lessons: TypeAlias = Annotated[list[Lesson], Field(max_length=MAX_LESSONS), AfterValidator(_check_lessons)]

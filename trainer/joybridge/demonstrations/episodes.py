@@ -7,7 +7,7 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays, Codec, Format, StepArrays, pack, pack_act
 from joybridge.contract.tensors import NUMPY_TYPES, Array, TensorError
-from joybridge.demonstrations.recorded import Stretch
+from joybridge.demonstrations.recorded import RecordedEpisodes
 from joybridge.v1 import bridge_pb2 as pb
 
 LANES = 256  # of a stretch that is made of episodes
@@ -31,7 +31,7 @@ class Episode(NamedTuple):
         return len(self.rewards)
 
 
-def finished_episodes(stretch: Stretch, behavior: int) -> Iterator[Episode]:
+def finished_episodes(stretch: RecordedEpisodes, behavior: int) -> Iterator[Episode]:
     """Yield the finished episodes of all lanes of a behavior, lane by lane."""
     demonstrated = [stretch.demonstrated(number, behavior) for number in range(len(stretch.acts))]
     for lane in range(len(stretch.steps[0][behavior].terminated)):
@@ -43,7 +43,9 @@ def finished_episodes(stretch: Stretch, behavior: int) -> Iterator[Episode]:
                 begin = end
 
 
-def _one_lane(stretch: Stretch, behavior: int, lane: int, begin: int, end: int, demonstrated: Array) -> Episode:
+def _one_lane(
+    stretch: RecordedEpisodes, behavior: int, lane: int, begin: int, end: int, demonstrated: Array
+) -> Episode:
     """Return the episode that begins at one step and ends at another."""
     steps = [step[behavior] for step in stretch.steps[begin : end + 1]]
     acts = [act[behavior] for act in stretch.acts[begin:end]]
@@ -105,14 +107,14 @@ def exact(values: Array, dtype: Any) -> Array:
     return cast
 
 
-def join_episodes(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> Iterator[Stretch]:
+def join_episodes(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> Iterator[RecordedEpisodes]:
     """Yield the stretches in which each episode has a lane; the other behaviors have none."""
     ordered = sorted(episodes, key=len)  # so that few lanes wait for the longest
     for begin in range(0, len(ordered), LANES):
         yield _join(ordered[begin : begin + LANES], spec, behavior)
 
 
-def _join(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> Stretch:
+def _join(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> RecordedEpisodes:
     longest = len(episodes[-1])
     observations = [
         _side_by_side(parts, longest + 1) for parts in zip(*(one.observations for one in episodes), strict=True)
@@ -137,7 +139,7 @@ def _join(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> Stre
     )
     nobody = [_nobody(one) for one in spec.behaviors]
     earned = np.concatenate([np.zeros_like(rewards[:1]), rewards])
-    stretch = Stretch([], [], [])
+    stretch = RecordedEpisodes([], [], [])
     for number in range(longest + 1):
         over = ends == number
         step = StepArrays(

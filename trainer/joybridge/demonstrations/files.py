@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 
 from joybridge.client.demonstration_log import SUFFIX
-from joybridge.client.recording import LARGEST_FILE
+from joybridge.client.recording import MAX_FILE_BYTES
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
@@ -13,7 +13,7 @@ from joybridge.demonstrations.recorded import Demonstration, load_recorded
 from joybridge.v1 import bridge_pb2 as pb
 
 SUMS = "demonstrations.sha256"  # in the folder of a run: the files that it learns from, as `sha256sum` writes them
-LONGEST_SUMS = 2**24  # bytes of it
+MAX_SUMS_BYTES = 2**24  # bytes of it
 
 
 def find_demonstrations(folder: Path) -> list[Path]:
@@ -41,7 +41,7 @@ def chosen_demonstrations(folder: Path, run: Path, *, resumed: bool) -> tuple[li
             run.mkdir(parents=True, exist_ok=True)
             write_atomically(note, "".join(lines).encode())
             return files, []
-        pairs = [line.split("  ", 1) for line in read_file(note, LONGEST_SUMS).decode().splitlines()]
+        pairs = [line.split("  ", 1) for line in read_file(note, MAX_SUMS_BYTES).decode().splitlines()]
         known = [(wanted, folder / name) for wanted, name in pairs]
         for wanted, file in known:
             if not file.exists() or _sum(file) != wanted:
@@ -68,4 +68,4 @@ def foreign_kind(path: Path) -> str:
 
 
 def _sum(file: Path) -> str:
-    return hashlib.sha256(read_file(file, LARGEST_FILE)).hexdigest()
+    return hashlib.sha256(read_file(file, MAX_FILE_BYTES)).hexdigest()

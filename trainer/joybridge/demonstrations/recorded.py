@@ -17,7 +17,7 @@ from joybridge.contract.tensors import Array, TensorError
 from joybridge.v1 import bridge_pb2 as pb
 
 
-class Stretch(NamedTuple):
+class RecordedEpisodes(NamedTuple):
     """A session from Start or a Reset to the next one: decision t leads from step t to step t + 1."""
 
     steps: list[list[StepArrays]]  # one more than decisions, each with an entry per behavior
@@ -59,7 +59,7 @@ class Demonstration(NamedTuple):
 
     path: Path
     spec: pb.GameSpec
-    stretches: list[Stretch]
+    stretches: list[RecordedEpisodes]
     cut: int  # bytes of a record at the end that was not written to its end
     missing: int = 0  # steps that the file says it has
 
@@ -97,9 +97,9 @@ def load_recorded(path: Path, spec: pb.GameSpec | None) -> Demonstration:
         raise RecordingError(f"{path} breaks the contract ({error}); record it again") from error
 
 
-def _stretches(recording: Recording, spec: pb.GameSpec) -> Iterator[Stretch]:
+def _stretches(recording: Recording, spec: pb.GameSpec) -> Iterator[RecordedEpisodes]:
     codecs = [Codec(behavior, recording.start.arenas) for behavior in spec.behaviors]
-    stretch: Stretch | None = None
+    stretch: RecordedEpisodes | None = None
     for exchange in recording.exchanges:
         if exchange.step is None:  # the request was not answered
             break
@@ -107,7 +107,7 @@ def _stretches(recording: Recording, spec: pb.GameSpec) -> Iterator[Stretch]:
         if stretch is None or not exchange.request.HasField("act"):
             if stretch is not None:
                 yield stretch
-            stretch = Stretch([steps], [], [])
+            stretch = RecordedEpisodes([steps], [], [])
             continue
         messages, before = exchange.request.act.behaviors, stretch.steps[-1]
         acts = [codec.unpack_act(act, last) for codec, act, last in zip(codecs, messages, before, strict=True)]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from joybridge.contract.tensors import Array
-from joybridge.demonstrations.recorded import Stretch
+from joybridge.demonstrations.recorded import RecordedEpisodes
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.ppo.history import BLANK, Window
 
@@ -17,7 +17,7 @@ from joybridge.ppo.history import BLANK, Window
 class Numbered(NamedTuple):
     """A stretch, and the number of the first picture of one of its behaviors."""
 
-    stretch: Stretch
+    stretch: RecordedEpisodes
     first: int
     lanes: int
 
@@ -27,7 +27,7 @@ class Numbered(NamedTuple):
         return np.arange(begin, begin + self.lanes)[:, None]
 
 
-def number_pictures(stretches: Sequence[Stretch], behavior: int) -> list[Numbered]:
+def number_pictures(stretches: Sequence[RecordedEpisodes], behavior: int) -> list[Numbered]:
     """Return the stretches with the numbers of the pictures of a behavior; BLANK is no picture of them."""
     numbered, first = [], BLANK + 1
     for stretch in stretches:

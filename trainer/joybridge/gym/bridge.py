@@ -16,7 +16,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
-from joybridge.gym.player import Player
+from joybridge.gym.player import EnvPlayer
 from joybridge.gym.settings import EnvSettings, Seat, check_seed
 from joybridge.layouts import list_roles, make_acts
 from joybridge.plugins import load
@@ -59,7 +59,7 @@ class Bridge:
             # Called by `close`, when the environment is garbage collected, or when the interpreter exits; only once.
             self.close = weakref.finalize(self, resources.pop_all().close)
 
-    def _make_players(self, settings: EnvSettings, *, single: bool, split: bool) -> dict[str, Player]:
+    def _make_players(self, settings: EnvSettings, *, single: bool, split: bool) -> dict[str, EnvPlayer]:
         """Return the players by name. Raises ConfigError."""
         seats = {}
         for role in list_roles(settings.layout, self.spec):
@@ -84,7 +84,9 @@ class Bridge:
                 if name not in seats:
                     raise ConfigError(f"{argument}: there is no agent {name!r}; there are {', '.join(seats)}")
         return {
-            name: Player(name, seat, self.spec.behaviors[seat.role.behavior], settings, "" if single else f"[{name!r}]")
+            name: EnvPlayer(
+                name, seat, self.spec.behaviors[seat.role.behavior], settings, "" if single else f"[{name!r}]"
+            )
             for name, seat in seats.items()
         }
 
@@ -118,7 +120,7 @@ class Bridge:
             player.begin(self.session.steps[player.index])
         return seed
 
-    def play(self, moves: Iterable[tuple[Player, Any]]) -> None:
+    def play(self, moves: Iterable[tuple[EnvPlayer, Any]]) -> None:
         """Play one decision in every arena; lanes without an action rest. Raises ActionError."""
         self._require_open()
         if not self.playing:

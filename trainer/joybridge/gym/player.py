@@ -9,7 +9,7 @@ from gymnasium.spaces import Dict
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.errors import JoybridgeError
-from joybridge.contract.parts import rows_of
+from joybridge.contract.sharding import rows_of
 from joybridge.contract.tensors import Array
 from joybridge.gym.observer import Observer, one_row
 from joybridge.gym.settings import EnvSettings, Seat
@@ -25,7 +25,7 @@ class ActionError(JoybridgeError, ValueError):
     """An action that is missing, outside of its space or forbidden. Nothing was played; the environment can go on."""
 
 
-class Player:
+class EnvPlayer:
     """One policy in all lanes of a behavior, or in one of them.
 
     step: the last timestep, of this player's lanes only. final: the last observations of the episodes that ended in

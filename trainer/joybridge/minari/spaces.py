@@ -18,7 +18,7 @@ from joybridge.demonstrations.episodes import exact
 from joybridge.v1 import bridge_pb2 as pb
 
 MASK = "action_mask"
-LONGEST = 300  # characters of a space in an error
+MAX_SPACE_CHARS = 300  # characters of a space in an error
 ROUNDING = 1e-6  # of the range of an axis: bounds and values in 64 bits may lie this far outside
 
 NO_BRANCHES = (np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -57,7 +57,7 @@ def parts(space: Any, name: str, path: tuple[Any, ...] = ()) -> Iterator[Part]:
 def described(space: Any) -> str:
     """Return a space in words of limited length."""
     text = " ".join(printable(str(space)).split())
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+    return text if len(text) <= MAX_SPACE_CHARS else f"{text[:MAX_SPACE_CHARS]}…"
 
 
 def sensor_readers(space: Any, behavior: pb.Behavior) -> list[Read]:

@@ -14,7 +14,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from joybridge.client.demonstration_log import SUFFIX
-from joybridge.client.recording import LARGEST_FILE, RecordingError
+from joybridge.client.recording import MAX_FILE_BYTES, RecordingError
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.files import read_file
 from joybridge.contract.tensors import NUMPY_TYPES, Array, TensorError
@@ -27,8 +27,8 @@ from joybridge.mlagents.records import FLOAT
 from joybridge.mlagents_player.records import is_image, scale_axes
 from joybridge.v1 import bridge_pb2 as pb
 
-HEADING = 32  # bytes for the heading, after its size
-LONGEST_SIZE = 5  # bytes of a size
+HEADING_BYTES = 32  # bytes for the heading, after its size
+MAX_SIZE_BYTES = 5  # bytes of a size
 
 
 def is_mlagents(path: Path) -> bool:
@@ -37,16 +37,16 @@ def is_mlagents(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         first = file.read(1)
-    return first != b"" and first[0] <= HEADING
+    return first != b"" and first[0] <= HEADING_BYTES
 
 
 def load_mlagents(path: Path, spec: pb.GameSpec) -> Demonstration:
     """Return what a file holds. Raises RecordingError unless it fits a behavior of this spec."""
     try:
-        data = read_file(path, LARGEST_FILE)
+        data = read_file(path, MAX_FILE_BYTES)
         heading, _ = _message(data, 0)
         counted = ml.DemonstrationHeading.FromString(heading).steps
-        parameters, place = _message(data, HEADING + 1)
+        parameters, place = _message(data, HEADING_BYTES + 1)
         actions = ml.BehaviorParameters.FromString(parameters)
         index = _behavior(path, actions, spec)
         steps = []
@@ -72,7 +72,7 @@ def load_mlagents(path: Path, spec: pb.GameSpec) -> Demonstration:
 def _message(data: bytes, place: int) -> tuple[bytes, int]:
     """Return the message at a place, and the place after it. Raises EOFError if it is cut off, and ValueError."""
     size = 0
-    for count in range(LONGEST_SIZE):
+    for count in range(MAX_SIZE_BYTES):
         if place + count >= len(data):
             raise EOFError
         size |= (data[place + count] & 0x7F) << 7 * count

@@ -21,7 +21,7 @@ from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents import side_channels
 from joybridge.mlagents.records import FLOAT
 from joybridge.mlagents.side_channels import Payload
-from joybridge.mlagents.wire import LARGEST, CommunicatorError
+from joybridge.mlagents.wire import MAX_MESSAGE_BYTES, CommunicatorError
 from joybridge.mlagents_player.records import AgentRecords, scale_axes
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
@@ -41,10 +41,10 @@ class Player:
         self.fresh = True  # the session's first episodes have not begun
         self.behaviors = [Behavior(behavior, session.arenas) for behavior in session.spec.behaviors]
         each = max(1, largest_message(self.behaviors) // session.arenas)
-        if each * session.arenas > LARGEST:
+        if each * session.arenas > MAX_MESSAGE_BYTES:
             raise ConfigError(
                 f"a step of {session.arenas} arenas may have {each * session.arenas} bytes, and a trainer of ML-Agents "
-                f"takes at most {LARGEST}; use at most {LARGEST // each} arenas"
+                f"takes at most {MAX_MESSAGE_BYTES}; use at most {MAX_MESSAGE_BYTES // each} arenas"
             )
 
     def answer(self, step: ml.TrainerStep) -> ml.FromPlayer:

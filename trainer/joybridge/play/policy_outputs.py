@@ -8,16 +8,16 @@ import torch
 
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import CLIP, AxisTable, JointTable
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.observation_tensors import to_tensors
 from joybridge.v1 import bridge_pb2 as pb
 
-MOST = 12  # choices of a branch whose probabilities are shown, the likeliest
+MAX_CHOICES = 12  # choices of a branch whose probabilities are shown, the likeliest
 
 
 @torch.inference_mode()
-def opinion(player: Player, spec: pb.GameSpec, steps: Sequence[StepArrays]) -> dict[str, Any]:
+def opinion(player: PolicyPlayer, spec: pb.GameSpec, steps: Sequence[StepArrays]) -> dict[str, Any]:
     """Return what a policy thinks of the present observations: a value and probabilities per lane, for people."""
     actor = player.actor
     outputs = actor.network(to_tensors(player.observations, actor.accelerator))
@@ -31,7 +31,7 @@ def opinion(player: Player, spec: pb.GameSpec, steps: Sequence[StepArrays]) -> d
     for lane in range(player.lanes):
         branches = []
         for name, labels, row in zip(actor.branches, tables, chances[lane].tolist(), strict=True):
-            likeliest = sorted(range(len(labels)), key=row.__getitem__, reverse=True)[:MOST]
+            likeliest = sorted(range(len(labels)), key=row.__getitem__, reverse=True)[:MAX_CHOICES]
             choices = [{"label": labels[choice], "chance": row[choice]} for choice in sorted(likeliest)]
             branches.append({"name": name, "choices": choices})
         axes = []

@@ -6,6 +6,7 @@ from itertools import islice
 from pathlib import Path
 
 from joybridge.config.errors import ConfigError
+from joybridge.pace import Pace
 from joybridge.play.input_overlay import Inputs
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.play.video import VideoFile
@@ -29,14 +30,14 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
         every = math.ceil(pace / FASTEST)
         frames = round(seconds * pace / every)
         view, overlay = play.view(), Inputs(play.spec) if inputs else None
+        progress = Pace(say)
         height = view.height + (overlay.height if overlay else 0)
         with VideoFile(output, view.width, height, pace / every) as video:
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
                     seen = view.beside(picture, decision.after, play.remembered())
                     video.write(overlay.below(seen, decision.acts) if overlay else seen)
-                if number % (100 * every) == 0:
-                    say(f"{number // every} of {frames} frames")
+                progress.reached(f"{number // every} of {frames} frames")
     return frames
 
 

@@ -11,6 +11,7 @@ from joybridge.client.sharded_session import session_spec
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import Array
+from joybridge.pace import Pace
 from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.players import Players
@@ -88,9 +89,9 @@ def play_tournament(
         seated.begin(session.steps)
         rounds, played = -(-matches // arenas), [0] * arenas
         results: list[Result] = []
+        pace = Pace(say)
         while min(played) < rounds:
             steps = session.step(seated.act(session.steps))
-            before = len(results)
             for result in table.seats.finish(steps):
                 arena = result.arena
                 if played[arena] < rounds:
@@ -98,8 +99,7 @@ def play_tournament(
                 played[arena] += 1
                 table.seats.deal(arena, deal(len(players), table.seats.count, seed, arena, played[arena]))
             seated.store(steps)
-            if len(results) // 500 > before // 500:
-                say(f"{len(results):,} of {rounds * arenas:,} matches")
+            pace.reached(f"{len(results):,} of {rounds * arenas:,} matches")
     return results
 
 

@@ -20,7 +20,7 @@ from joybridge.policy.scaling import make_scaling
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide, write_heads
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
-from joybridge.ppo.fast.towers import Form, form
+from joybridge.ppo.fast.towers import NetworkShape, shape_of
 from joybridge.ppo.images import check_maps
 from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, Towers, flatten_parameters
@@ -136,11 +136,11 @@ class Actor:
         return Heads(torch.from_numpy(outputs), torch.from_numpy(values), None)
 
     @cached_property
-    def _compiled(self) -> tuple[Array, Form] | None:
+    def _compiled(self) -> tuple[Array, NetworkShape] | None:
         """The parameters as compiled functions take them, None where PyTorch computes the network."""
         if self.network.encoders or self.network.state_size or self.accelerator.type != "cpu":
             return None
-        return flatten_parameters(self.network).detach().numpy(), form(self.network)
+        return flatten_parameters(self.network).detach().numpy(), shape_of(self.network)
 
     def state(self) -> dict[str, Array]:
         """Return copies of the parameters, and of what scales observations, for a checkpoint."""

@@ -14,14 +14,14 @@ from pydantic import BaseModel
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.files import read_file
-from joybridge.contract.parts import rows_of
+from joybridge.contract.sharding import rows_of
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.contract.text import printable
 from joybridge.policy.document import FORMAT, Document, decode
 from joybridge.policy.onnx_model import build_model, check_operators
 from joybridge.v1 import bridge_pb2 as pb
 
-LARGEST_FILE = 1 << 28  # bytes
+MAX_FILE_BYTES = 1 << 28  # bytes
 NOISE = ("normal", "uniform")
 
 
@@ -68,7 +68,8 @@ class Model:
         options = ort.SessionOptions()
         options.intra_op_num_threads = 1
         options.log_severity_level = 4  # what is wrong with a file is said once, by the error
-        self._session = ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        # Its way to go on after an error prints, and tries the same once more.
+        self._session = ort.InferenceSession(model, options, providers=["CPUExecutionProvider"], enable_fallback=0)
         self.inputs = {value.name: value.shape[1:] for value in self._session.get_inputs()}
         self.about: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
         self._outputs = [value.name for value in self._session.get_outputs()]
@@ -223,7 +224,7 @@ def load_exported(path: Path, spec: pb.GameSpec) -> Exported:
 def read_policy_file(path: Path) -> bytes:
     """Return the content of a file. Raises ConfigError."""
     try:
-        return read_file(path, LARGEST_FILE)
+        return read_file(path, MAX_FILE_BYTES)
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path} cannot be read: {printable(str(error))}") from error
 

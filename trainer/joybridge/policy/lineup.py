@@ -16,7 +16,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_settings
 from joybridge.config.games import GameConfig
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.parts import split
+from joybridge.contract.sharding import split
 from joybridge.contract.tensors import Array
 from joybridge.layouts.common_device import Common, Placed, common_device
 from joybridge.layouts.conditions import Conditions, ConditionsOfGames

@@ -4,7 +4,7 @@ import numpy as np
 
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.parts import rows_of
+from joybridge.contract.sharding import rows_of
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import Stacks
@@ -13,7 +13,7 @@ from joybridge.ppo.fast.kernels import draw_noise
 from joybridge.ppo.observation import Observation
 
 
-class Player:
+class PolicyPlayer:
     """An actor and what it remembers of its lanes while it plays. `rng` is what its samples are drawn from."""
 
     def __init__(self, actor: Actor, lanes: int, seed: int, *, deterministic: bool) -> None:

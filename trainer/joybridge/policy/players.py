@@ -8,7 +8,7 @@ from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import Actor
 from joybridge.policy.hand import make_hands
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.policy.table import Table
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -28,7 +28,7 @@ class Players:
     ) -> None:
         """Seat the actors. config: sets the limits of the hands. `seed` fixes samples and noise."""
         self.players = [
-            Player(actor, lane_count(spec.behaviors[actor.behavior], arenas), seed, deterministic=deterministic)
+            PolicyPlayer(actor, lane_count(spec.behaviors[actor.behavior], arenas), seed, deterministic=deterministic)
             for actor in actors
         ]
         self._hands = make_hands(config, spec, 0, arenas, seed)

@@ -225,10 +225,18 @@ class Policy:
         if self.returns is not None:
             self.returns.load(select(state, "returns."))
         self.updates = int(state["updates"])
-        self.rollout.observations[0] = state["observations"]
-        self.rollout.deciding[0] = state["deciding"]
+        _take(state["observations"], self.rollout.observations[0])
+        _take(state["deciding"], self.rollout.deciding[0])
         if self.rollout.memory is not None:
-            self.rollout.memory[0] = state["memory"]
+            _take(state["memory"], self.rollout.memory[0])
         for i, history in enumerate(self.rollout.histories):
             history.load(state[f"images.{i}"])
         self._begin_rollout()
+
+
+def _take(saved: Array, place: Array) -> None:
+    """Put an array of a checkpoint into its place. Raises ValueError unless it is of the same kind, and finite."""
+    if saved.shape != place.shape or saved.dtype != place.dtype or not np.isfinite(saved).all():
+        came, wanted = (f"{array.dtype} {list(array.shape)}" for array in (saved, place))
+        raise ValueError(f"an array is {came}, expected finite {wanted}")
+    place[:] = saved

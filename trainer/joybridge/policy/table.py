@@ -9,7 +9,7 @@ from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
-from joybridge.policy.player import Player
+from joybridge.policy.player import PolicyPlayer
 from joybridge.policy.seats import Seats
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -17,7 +17,7 @@ SAMPLES = 2**62  # plus the number of the table: the second word of the key of w
 
 
 class Seated(Protocol):
-    """Who plays where a holder has seats of one behavior. Lanes are given by their numbers; see `Player`."""
+    """Who plays where a holder has seats of one behavior. Lanes are given by their numbers; see `PolicyPlayer`."""
 
     name: str
     behavior: int
@@ -58,7 +58,7 @@ class Table:
         They see nothing before the next match.
         """
         self.players[holder] = [
-            Player(one, lanes, 0, deterministic=False) if isinstance(one, Actor) else one.seat(lanes)
+            PolicyPlayer(one, lanes, 0, deterministic=False) if isinstance(one, Actor) else one.seat(lanes)
             for one, lanes in ((one, self._lanes[one.behavior]) for one in parts)
         ]
 
@@ -71,7 +71,7 @@ class Table:
         """Write what the players do into their lanes of `acts`. Samples depend on the seed and the decision alone."""
         for act in acts:
             act.scripts = None  # those who had them may have left their seats
-        acted: list[tuple[Player, Array]] = []
+        acted: list[tuple[PolicyPlayer, Array]] = []
         for holder, player in self._seated():
             behavior, held = player.behavior, self._held(holder, player)
             if (deciding := steps[behavior].deciding) is not None:
@@ -80,7 +80,7 @@ class Table:
                 counter = [0, player.seed, holder, self._decisions]
                 player.rng = np.random.Generator(np.random.Philox(key=self._key, counter=counter))
                 player.act(steps[behavior], acts[behavior], held)
-                if isinstance(player, Player):
+                if isinstance(player, PolicyPlayer):
                     acted.append((player, held))
         for player, held in acted:  # when all parts of the device are chosen
             player.note(steps[player.behavior], acts[player.behavior], held)

@@ -14,8 +14,8 @@ from joybridge.layouts.targets import covers
 from joybridge.policy.policy import Policy
 from joybridge.v1 import bridge_pb2 as pb
 
-FAR = 10.0  # larger inputs slow learning down; about 1 is best
-HUGE = 1000.0  # likewise, for the reward of one decision
+LARGE_INPUT = 10.0  # larger inputs slow learning down; about 1 is best
+LARGE_REWARD = 1000.0  # likewise, for the reward of one decision
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
@@ -45,7 +45,7 @@ class Adviser:
                     "scale it in the game, or set policy.scale_observations=running"
                 )
         peak = float(np.abs(self._policy.rollout.rewards).max())
-        if self._rewards and peak > HUGE and not self._policy.config.scale_rewards:
+        if self._rewards and peak > LARGE_REWARD and not self._policy.config.scale_rewards:
             self._rewards = False
             yield (
                 f"{name}: a decision is rewarded with up to ±{peak:g}; policies learn best from rewards of about -1 to "
@@ -65,13 +65,13 @@ class Adviser:
             )
 
     def _far_sensors(self) -> Iterator[tuple[str, float]]:
-        """Yield the sensors with numbers beyond FAR, and the largest size of one."""
+        """Yield the sensors with numbers beyond LARGE_INPUT, and the largest size of one."""
         encoder, begin = self._policy.actor.encoder, -self._policy.actor.encoder.size  # of the newest frame
         for sensor in encoder.numbers:
             end = begin + element_count(sensor)
             numbers = self._policy.rollout.observations[:, :, begin : end or None]
             peak = max(float(numbers.max()), -float(numbers.min()))
-            if peak > FAR:
+            if peak > LARGE_INPUT:
                 yield sensor.name, peak
             begin = end
 

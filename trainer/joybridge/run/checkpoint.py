@@ -26,8 +26,8 @@ log = logging.getLogger("joybridge.trainer")
 FORMAT = 4
 BEST = "best"  # name of the folder of the best checkpoint
 ARRAYS, MANIFEST, SUMS = "arrays.safetensors", "manifest.json", "SHA256SUMS"
-LONGEST_ARRAYS = 2**32  # bytes
-LONGEST_TEXT = 2**20  # bytes of the other two files
+MAX_ARRAYS_BYTES = 2**32  # bytes
+MAX_TEXT_BYTES = 2**20  # bytes of the other two files
 
 
 class Manifest(BaseModel):
@@ -40,7 +40,7 @@ class Manifest(BaseModel):
     snapshots: list[list[str]] | None = None  # parts of each session's snapshot; None: the game has none
     score: float | None = None  # what the metric `best_metric` was, if a row of metrics was just written
     origin: Origin | None = None  # with what it was trained; None: it was not noted
-    arrays_bytes: int = Field(0, ge=0, le=LONGEST_ARRAYS)  # size of the arrays' file
+    arrays_bytes: int = Field(0, ge=0, le=MAX_ARRAYS_BYTES)  # size of the arrays' file
 
 
 class _Format(BaseModel):
@@ -119,11 +119,11 @@ def load_checkpoint(run: Path, which: str = "") -> tuple[dict[str, Array], Manif
 def read_checkpoint(folder: Path) -> tuple[dict[str, Array], Manifest]:
     """Return arrays and manifest of one checkpoint. Raises CheckpointError unless it is whole."""
     try:
-        text = read_file(folder / MANIFEST, LONGEST_TEXT)
+        text = read_file(folder / MANIFEST, MAX_TEXT_BYTES)
         _check_format(folder, text)
         manifest = Manifest.model_validate_json(text)
         data = read_file(folder / ARRAYS, manifest.arrays_bytes)
-        if read_file(folder / SUMS, LONGEST_TEXT) != _sums(data, text):
+        if read_file(folder / SUMS, MAX_TEXT_BYTES) != _sums(data, text):
             raise CheckpointError(f"{folder} is damaged: its files do not match {SUMS}")
         if folder.name not in (BEST, f"{manifest.timesteps:012d}"):
             raise CheckpointError(f"{folder} holds the checkpoint of {manifest.timesteps} timesteps; rename it")
@@ -177,7 +177,7 @@ def _is_whole(folder: Path) -> bool:
 def _delete(folder: Path) -> None:
     """Delete a checkpoint; a folder with other files, or with the checkpoint of other timesteps, is somebody else's."""
     with suppress(OSError, ValidationError):
-        manifest = Manifest.model_validate_json(read_file(folder / MANIFEST, LONGEST_TEXT))
+        manifest = Manifest.model_validate_json(read_file(folder / MANIFEST, MAX_TEXT_BYTES))
         names = {path.name for path in folder.iterdir()}
         if names <= {ARRAYS, MANIFEST, SUMS} and folder.name == f"{manifest.timesteps:012d}":
             _remove(folder)

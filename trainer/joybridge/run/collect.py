@@ -27,7 +27,7 @@ from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.codec import StepArrays
-from joybridge.contract.parts import split
+from joybridge.contract.sharding import split
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.policy.hand import Hand, make_hands

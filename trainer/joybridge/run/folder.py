@@ -16,8 +16,8 @@ from google.protobuf import json_format
 from joybridge.config.config import (
     FORMS,
     MAY_CHANGE,
-    MAY_DIFFER,
     OF_THE_GAME,
+    PLAYABLE_KEYS,
     Config,
     dump_config,
     load_config,
@@ -129,7 +129,7 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     check_code(run, trained)
     given = read_overrides(overrides).get("parameters", {})
     for key in type(config).model_fields:
-        if key not in MAY_DIFFER and getattr(config, key) != getattr(trained, key):
+        if key not in PLAYABLE_KEYS and getattr(config, key) != getattr(trained, key):
             raise ConfigError(
                 f"{key} belongs to the training of {run} and cannot change now; what can is written "
                 f"{', '.join(FORMS[key] for key in (*OF_THE_GAME, 'hand'))}"

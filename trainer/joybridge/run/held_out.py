@@ -17,7 +17,7 @@ from joybridge.policy.episodes import Episodes, equal_shares
 from joybridge.policy.players import Players
 from joybridge.v1 import bridge_pb2 as pb
 
-MOST_ARENAS = 64
+MAX_ARENAS = 64
 OTHER_SEED = 2**63  # is flipped in the seed of the run: the games are not those of the training
 
 
@@ -64,7 +64,7 @@ class HeldOut:
         """Return the episodes of each policy."""
         config, spec, due = self._config, self._spec, self._due
         assert due is not None
-        arenas, seed = min(due.episodes, spec.max_arenas, MOST_ARENAS), config.seed ^ OTHER_SEED
+        arenas, seed = min(due.episodes, spec.max_arenas, MAX_ARENAS), config.seed ^ OTHER_SEED
         players = Players(actors, config, spec, arenas, seed, deterministic=due.deterministic)
         tables = [Episodes(player.lanes, player.actor.metrics) for player in players.players]
         shares = equal_shares(due.episodes, arenas)

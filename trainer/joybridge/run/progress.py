@@ -10,7 +10,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from joybridge.config.metrics import ACTIVITIES, HELD_OUT, Row, is_trainers
+from joybridge.config.metrics import ACTIVITIES, HELD_OUT, Row, is_builtin_metric
 
 SILENCE_SECONDS = 30.0  # the longest time without a line
 LEARNER = ("entropy", "approx_kl", "explained_variance")  # of the statistics of updates: whether it learns at all
@@ -72,7 +72,7 @@ def row_text(row: Row) -> str:
         parts.append(f"{row['interrupted']:.0f} episodes cut by errors of the game")
     if f"{HELD_OUT}reward" in row:
         parts.append(f"held out {row[f'{HELD_OUT}reward']:.1f}")
-    parts.append("  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_trainers(name)))
+    parts.append("  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_builtin_metric(name)))
     parts.append("  ".join(f"{name} {row[name]:.2g}" for name in LEARNER if name in row))
     return "  ".join(parts)
 

@@ -11,7 +11,7 @@ from joybridge.run.waits import Slow
 
 log = logging.getLogger("joybridge.trainer")
 
-LONGEST_PAUSE = 30.0  # seconds
+MAX_PAUSE_SECONDS = 30.0  # seconds
 States = Generator[RunState, None, None]
 Revive = Callable[[], Sequence[str]]
 
@@ -64,7 +64,7 @@ def recovering(
             addresses, before, leaving = before, None, False
             continue
         if losses > 1:
-            time.sleep(min(2.0 ** (losses - 2), LONGEST_PAUSE))
+            time.sleep(min(2.0 ** (losses - 2), MAX_PAUSE_SECONDS))
         addresses = revive()
 
 

@@ -22,7 +22,7 @@ from joybridge.run.logger import Logger
 from joybridge.run.origin import own_origin
 from joybridge.run.waits import Slow
 
-OF_THE_NETWORK = (
+NETWORK_KEYS = (
     "activation",
     "scale_observations",
     "image_encoder",
@@ -67,7 +67,7 @@ class RunState:
                     hand.load(select(self.arrays, f"hands/{group.index}/{index}/"))
             if league:
                 league.load(self.arrays, seated=self.snapshots is not None)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:  # arrays of other names, types or shapes
+        except (LookupError, TypeError, ValueError, RuntimeError) as error:  # arrays of other names, types or shapes
             raise CheckpointError(
                 f"the checkpoint does not fit this game, layout or version ({type(error).__name__}: {error}); "
                 "train a new run"
@@ -147,7 +147,7 @@ def take_weights(policies: Sequence[Policy], run: Path) -> int:
         before, now = (trained.policy_config(policy.actor.name), policy.config)
         if differences := [
             f"{key} was {getattr(before, key)}, now {getattr(now, key)}"
-            for key in OF_THE_NETWORK
+            for key in NETWORK_KEYS
             if getattr(before, key) != getattr(now, key)
         ]:
             raise CheckpointError(f"{policy.actor.name}: the trained network does not fit: {'; '.join(differences)}")

@@ -11,7 +11,7 @@ from joybridge.client.sharded_session import single_sessions
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, DivergedError
 from joybridge.config.game_settings import drawn
-from joybridge.config.metrics import Row, is_trainers
+from joybridge.config.metrics import Row, is_builtin_metric
 from joybridge.demonstrations.cloning import demonstrate
 from joybridge.policy.actor import make_actors
 from joybridge.policy.config_fit import fitting_spec
@@ -29,7 +29,7 @@ from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
 from joybridge.run.progress import row_text
 from joybridge.run.run_state import RunState, capture, take_weights
-from joybridge.run.waits import LEFT, Slow, Waits
+from joybridge.run.waits import LEFT_SHARE, Slow, Waits
 from joybridge.v1 import bridge_pb2 as pb
 
 Report = Callable[[int, Row, Row | None], None]  # (timesteps, live figures, new row of the first policy or None)
@@ -164,7 +164,7 @@ class Training:
         if slow.address != self._slow:
             self._slow = slow.address
             self.audience.say(slow.text)
-        return slow if slow.far and slow.share >= LEFT and self.timesteps < self.config.end else None
+        return slow if slow.far and slow.share >= LEFT_SHARE and self.timesteps < self.config.end else None
 
     def _say_lesson(self) -> None:
         if heading := self.curriculum.heading():
@@ -182,12 +182,20 @@ def open_training(
     for line in lineup.lines() if lineup and not state.timesteps else ():
         audience.say(line)
     balanced_options(config, spec)  # here and below: an error where it is needed would come too late
-    policies = [
-        Policy(
-            actor, spec.behaviors[actor.behavior], group_bounds(config), drawn_parameters(config, spec), lineup, kinds
-        )
-        for actor in make_actors(config, spec, config.accelerator)
-    ]
+    try:
+        policies = [
+            Policy(
+                actor,
+                spec.behaviors[actor.behavior],
+                group_bounds(config),
+                drawn_parameters(config, spec),
+                lineup,
+                kinds,
+            )
+            for actor in make_actors(config, spec, config.accelerator)
+        ]
+    except MemoryError as error:
+        raise ConfigError(f"a rollout does not fit into memory: {error}; choose fewer policy.rollout_steps") from error
     rollout_stretches(policies)
     for remark in demonstrate(policies, config, run, spec, resumed=state.timesteps > 0):
         audience.say(remark)
@@ -237,7 +245,7 @@ def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
     """
     metric = config.best_metric.removeprefix("-")
     known = policy.episodes.columns
-    if metric not in known and not is_trainers(metric):
+    if metric not in known and not is_builtin_metric(metric):
         raise ConfigError(f"best_metric: there is no metric {metric!r}; {policy.actor.name} has {', '.join(known)}")
     return metric, -1 if config.best_metric.startswith("-") else 1
 

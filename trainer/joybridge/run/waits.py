@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from joybridge.client.client import Session
 
-NAMED = 0.15  # of the time that is waited for one simulator alone, from which on it is named
-LEFT = 0.3  # likewise, from which on another one plays its arenas
-FAR = 2.0  # times all other waiting: only then is one that plays twice as much faster
+NAMED_SHARE = 0.15  # of the time that is waited for one simulator alone, from which on it is named
+LEFT_SHARE = 0.3  # likewise, from which on another one plays its arenas
+LONGER_FACTOR = 2.0  # times all other waiting: only then is one that plays twice as much faster
 CYCLES = 3  # in a row, because anything may stall once
 
 
@@ -56,8 +56,8 @@ class Waits:
             return None
         others = sum(seconds.values()) - seconds[slowest]
         alone = seconds[slowest] - others / (len(seconds) - 1)  # each of the others is waited for as long
-        self._last = [*self._last, Slow(slowest, alone / elapsed, fastest, alone > FAR * others)][-CYCLES:]
+        self._last = [*self._last, Slow(slowest, alone / elapsed, fastest, alone > LONGER_FACTOR * others)][-CYCLES:]
         if len(self._last) < CYCLES or any(one.address != slowest for one in self._last):
             return None
         least = min(self._last, key=lambda one: one.share)
-        return least._replace(far=all(one.far for one in self._last)) if least.share >= NAMED else None
+        return least._replace(far=all(one.far for one in self._last)) if least.share >= NAMED_SHARE else None

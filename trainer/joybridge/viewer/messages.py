@@ -35,11 +35,11 @@ from joybridge.viewer.controls import make_controls
 from joybridge.viewer.scores import Scores
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.viewer.rival import Rival
+    from joybridge.viewer.run_opponent import Rival
 
-LONGEST = 1 << 20  # bytes of a message from a page
+MAX_MESSAGE_BYTES = 1 << 20  # bytes of a message from a page
 QUALITY = 90  # of the JPEG pictures; lower values are not drawn faster
-MOST_SEED = 2**64 - 1
+MAX_SEED = 2**64 - 1
 
 
 class MessageError(JoybridgeError, ValueError):
@@ -101,13 +101,8 @@ def _refuse(value: object) -> NoReturn:
 def _settings(message: dict[str, Any]) -> Settings:
     seed, options, parameters = (message.get(key) for key in ("seed", "options", "parameters"))
     # A string: numbers of JavaScript have 53 bits.
-    if (
-        not isinstance(seed, str)
-        or not (seed.isascii() and seed.isdecimal())
-        or len(seed) > 20
-        or int(seed) > MOST_SEED
-    ):
-        raise MessageError(f"seed: got {str(seed)[:40]!r}, expected the digits of a number of 0..{MOST_SEED}")
+    if not isinstance(seed, str) or not (seed.isascii() and seed.isdecimal()) or len(seed) > 20 or int(seed) > MAX_SEED:
+        raise MessageError(f"seed: got {str(seed)[:40]!r}, expected the digits of a number of 0..{MAX_SEED}")
     if not isinstance(options, dict) or not all(isinstance(choice, str) for choice in options.values()):
         raise MessageError("options: expected an object with the choice of each")
     if not isinstance(parameters, dict):

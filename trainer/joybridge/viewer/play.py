@@ -21,7 +21,7 @@ from joybridge.contract.errors import JoybridgeError
 
 if TYPE_CHECKING:
     from joybridge.viewer.arena import Settings
-    from joybridge.viewer.tab import Against, LoadOthers
+    from joybridge.viewer.page_session import Against, LoadOthers
 
 # What serves the page is imported by the command that needs it: help and errors need no further package.
 
@@ -30,8 +30,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     """Run the command line, the command first, and return its exit status."""
     options = _parse(arguments, prog)
     from joybridge.viewer.arena import Settings
+    from joybridge.viewer.page_session import PageGame, play
     from joybridge.viewer.simulator import Simulator
-    from joybridge.viewer.tab import PageGame, play
     from joybridge.viewer.web import open_browser, open_website
 
     interrupt_on_signals()
@@ -154,7 +154,7 @@ def _policies(
         return None, None, settings
     try:
         from joybridge.run.others import is_run
-        from joybridge.viewer.rival import load_others, open_rival, run_settings
+        from joybridge.viewer.run_opponent import load_others, open_rival, run_settings
     except ModuleNotFoundError as error:
         used = " and ".join(argument for argument, names in given.items() if names)
         raise ConfigError(

@@ -48,8 +48,8 @@ def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     from joybridge.client.simulator_source import last_simulators
     from joybridge.run.folder import run_config
     from joybridge.run.own_code import check_code, trust
+    from joybridge.viewer.run_view import watch
     from joybridge.viewer.simulator import Simulator
-    from joybridge.viewer.watched import watch
     from joybridge.viewer.web import open_website
 
     run = Path(options.what)

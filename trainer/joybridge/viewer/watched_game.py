@@ -9,8 +9,8 @@ from websockets.sync.server import ServerConnection
 from joybridge.commands.look import decisions_apart
 from joybridge.contract.errors import JoybridgeError
 from joybridge.viewer.arena import Arena, Settings
+from joybridge.viewer.clock import LOOK_SECONDS, interval, pause
 from joybridge.viewer.messages import encode_picture, error_message, game_message, turn_message
-from joybridge.viewer.pace import LOOK_SECONDS, interval, pause
 
 
 def watch_game(page: ServerConnection, reach: Callable[[], str], game: str, settings: Settings, timeout: float) -> None:

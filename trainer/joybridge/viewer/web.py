@@ -25,7 +25,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
 from joybridge.config.errors import ConfigError
-from joybridge.viewer.messages import LONGEST
+from joybridge.viewer.messages import MAX_MESSAGE_BYTES
 
 HOST = "127.0.0.1"
 PORT = 5006  # a fixed one by default, because browsers remember controls per host and port
@@ -110,7 +110,7 @@ def open_website(
         sock=listening,
         process_request=website.answer,
         compression=None,
-        max_size=LONGEST,
+        max_size=MAX_MESSAGE_BYTES,
         logger=silent,
         server_header=None,
         close_timeout=1.0,

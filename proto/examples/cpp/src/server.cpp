@@ -232,7 +232,7 @@ void serve(const Games& games, const std::string& address, std::size_t most_sess
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);         // a second server on one port is an error
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);  // detects clients that are lost
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);
-  builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 5'000);
   const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
   if (!server || port == 0) {
     throw std::runtime_error(text("cannot listen on ", address, ": it is in use or not an address of this machine, or the files of TLS do not fit"));

@@ -1,7 +1,7 @@
 /// The gRPC server: the three calls, health, reflection, limits and shutdown.
 #pragma once
 
-#include "doors.hpp"
+#include "authentication.hpp"
 #include "game.hpp"
 
 namespace simulator {

@@ -25,7 +25,7 @@ try {
     console.log(scores(meteors, document, count("episodes", episodes, 1), BigInt(count("seed", seed, 0))));
   } else {
     const most = count("sessions", sessions, 1);
-    const [{ protection }, { serve }] = await Promise.all([import("./doors.js"), import("./server.js")]); // need gRPC
+    const [{ protection }, { serve }] = await Promise.all([import("./authentication.js"), import("./server.js")]); // need gRPC
     const running = await serve(GAMES, address, most, protection(address, files));
     console.log(`joybridge simulator listening on ${running.address}`);
     for (const signal of ["SIGINT", "SIGTERM"]) process.once(signal, () => void running.stop());

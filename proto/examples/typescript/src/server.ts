@@ -11,7 +11,7 @@ import { ReflectionService } from "@grpc/reflection";
 import { HealthImplementation } from "grpc-health-check";
 
 import { checkVersion, proto, read, Refusal, SERVICE, service, VERSION } from "./contract.js";
-import type { Protection } from "./doors.js";
+import type { Protection } from "./authentication.js";
 import { Session } from "./session.js";
 import { choose, type Games } from "./settings.js";
 import type { PlayResponse } from "./types/joybridge/v1/PlayResponse.js";

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from joybridge.adapters.pygame_programs.form import Form
-from joybridge.adapters.pygame_programs.processes import ProgramFault, ProgramProcesses
+from joybridge.adapters.pygame_programs.processes import MAX_TEXT_CHARS, ProgramFault, ProgramProcesses
 from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, WATCHED, as_json
 from joybridge.contract.tensors import NUMPY_TYPES, Array
+from joybridge.contract.text import printable
 from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.workers.link import Link
 
@@ -126,7 +127,8 @@ class Players:
             raise self._ended(arena) from error
         if kind == FAULT:
             fault = json.loads(message)
-            raise ArenaError(arena, f"the program has failed: {fault['text']}") from ProgramFault(fault["traceback"])
+            text = printable(fault["text"])[:MAX_TEXT_CHARS]
+            raise ArenaError(arena, f"the program has failed: {text}") from ProgramFault(fault["traceback"])
         return message
 
     def _ended(self, arena: int) -> ArenaError:
@@ -137,4 +139,5 @@ class Players:
         )
 
     def _too_slow(self, arena: int) -> ArenaError:
+        self._link(arena).kill()  # it has not even taken its alarm, as when it is stopped
         return ArenaError(arena, f"the program drew no frame in {self._seconds:g} s; seconds=60 allows it more")

@@ -4,6 +4,7 @@ import atexit
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -19,11 +20,13 @@ from typing import Any
 from joybridge.adapters.pygame_programs.settings import PygameSettings
 from joybridge.adapters.pygame_programs.wire import BRANCH, DONE, DOOR, FIRST, FORK, OWN_FOLDER, as_json
 from joybridge.adapters.settings import AdapterError
+from joybridge.contract.text import printable
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.workers.link import Link
 
 MODULE = "joybridge.adapters.pygame_programs.inside"
 FORK_SECONDS = 10.0  # for a fork to connect
+MAX_TEXT_CHARS = 600  # characters of what a program says of itself
 MAX_BRANCHES = 256  # stems of snapshots that are kept; those not used for longest end first
 
 
@@ -48,7 +51,7 @@ class ProgramProcesses:
     def start(self) -> dict[str, Any]:
         """Start the program anew, and return what its first look has shown. Raises AdapterError."""
         with self._lock:
-            self.end()
+            self._forget()
             self.folder = Path(tempfile.mkdtemp(prefix="joybridge-"))
             (self.folder / "settings.json").write_bytes(as_json(self.settings.inside()))
             self._door = socket.socket(socket.AF_UNIX)
@@ -72,12 +75,12 @@ class ProgramProcesses:
                         self._process.wait(FORK_SECONDS)
                 status = self._process.poll()
                 fate = f"no frame came in {seconds:g} s" if status is None else f"the process has ended with {status}"
-                self.end()
+                self._forget(players=True)
                 raise AdapterError(f"{fate}; its stack may be in the server's log") from error
             shown: dict[str, Any] = json.loads(message)
             if kind != FIRST:
-                self.end()
-                raise AdapterError(shown["text"]) from ProgramFault(shown["traceback"])
+                self._forget(players=True)
+                raise AdapterError(printable(shown["text"])[:MAX_TEXT_CHARS]) from ProgramFault(shown["traceback"])
             return shown
 
     def fork(self, told: list[Mapping[str, Any]]) -> list[Link]:
@@ -129,13 +132,20 @@ class ProgramProcesses:
             self._branches.clear()
 
     def end(self) -> None:
-        """End all processes: each does so when its link closes."""
+        """End all processes, also those that do not end when their link closes."""
+        self._forget(players=True)
+
+    def _forget(self, *, players: bool = False) -> None:
+        """End the first process, and with it the stems. players: also those that play, and what they have started."""
         with self._lock:
             self.forget_branches()
             for link in self._came.values():
                 link.close()
             self._came.clear()
             if self._process is not None:
+                if players:
+                    with suppress(ProcessLookupError):
+                        os.killpg(self._process.pid, signal.SIGKILL)
                 self._process.kill()
                 self._process.wait()
                 self._process = None

@@ -18,17 +18,17 @@ from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import END, FINE, METHOD, SERVICE
 from joybridge.simulator.batched_game import GameError
 
-LARGEST = 2**26  # bytes of a player's message; trainers of ML-Agents take 2**22
+MAX_MESSAGE_BYTES = 2**26  # bytes of a player's message; trainers of ML-Agents take 2**22
 LOOK_SECONDS = 0.5  # between two looks at whether the player is alive
 GRACE_SECONDS = 1.0  # for the last answer to arrive
 OPTIONS = [
-    ("grpc.max_receive_message_length", LARGEST),
+    ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
     ("grpc.max_send_message_length", -1),
     ("grpc.so_reuseport", 0),  # otherwise two servers could listen on one port
 ]
 
 GONE = "has gone; see its log, and start it again"
-SILENT = f"said nothing for {{:g}} s, or more than {LARGEST} bytes at once; see its log, or allow more time"
+SILENT = f"said nothing for {{:g}} s, or more than {MAX_MESSAGE_BYTES} bytes at once; see its log, or allow more time"
 
 
 class Call:

@@ -6,7 +6,7 @@ from joybridge.contract.tensors import Array
 from joybridge.games.beastly_rivals_full.state import DECISION_TICKS, HUNT, MAX_DECISIONS, OVER, Rules
 from joybridge.simulator import check_range
 
-FAR = 1e6  # larger than any number of units, degrees or rewards
+MAX_VALUE = 1e6  # larger than any number of units, degrees or rewards
 MAX_TICK = MAX_DECISIONS * DECISION_TICKS
 MAX_DELAY = 1000  # ticks; of what is planned
 PARTS = ("players", "beast", "ball")
@@ -49,4 +49,4 @@ def _range(name: str, dtype: np.dtype[np.generic], rules: Rules) -> tuple[float,
         return 0, MAX_TICK - 1
     if dtype.kind == "i":
         return -MAX_TICK, MAX_TICK + MAX_DELAY
-    return -FAR, FAR
+    return -MAX_VALUE, MAX_VALUE

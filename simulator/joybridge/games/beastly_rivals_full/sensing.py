@@ -28,7 +28,7 @@ from joybridge.v1 import bridge_pb2 as pb
 PLACE_UNIT = POINTER_X  # units; of all positions
 KILLS_UNIT, CHARGE_UNIT, PHASE_TICKS = 10.0, 15.0, 300.0
 BALL_TOP = HANDS + ABOVE
-FAR = 10.0  # the beast may leave the pitch, and a boost has no limit: its values are clipped
+MAX_DISTANCE = 10.0  # the beast may leave the pitch, and a boost has no limit: its values are clipped
 
 OWN = [
     "x", "z", "velocity x", "velocity z", "direction x", "direction z", "lives", "kills", "has the ball", "is hunted",
@@ -75,7 +75,9 @@ def sensors(players: int) -> list[pb.Sensor]:
             "the rivals, relative to the own player, in an order without meaning",
             elements=slots,
         ),
-        sensor("beast", [len(BEAST)], -FAR, FAR, "the beast, relative to the own player", elements=BEAST),
+        sensor(
+            "beast", [len(BEAST)], -MAX_DISTANCE, MAX_DISTANCE, "the beast, relative to the own player", elements=BEAST
+        ),
         sensor("ball", [len(BALL)], -2.2, 2.2, "the ball, relative to the own player", elements=BALL),
         sensor("match", [len(MATCH)], 0.0, 1.0, "the phase of the match, and what is left of it", elements=MATCH),
     ]
@@ -169,7 +171,7 @@ def _observe_beast(arena, j, values):
 
 @compiled
 def _far(value):
-    return min(max(value, -FAR), FAR)
+    return min(max(value, -MAX_DISTANCE), MAX_DISTANCE)
 
 
 @compiled

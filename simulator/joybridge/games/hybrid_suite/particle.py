@@ -17,7 +17,7 @@ KEPT, STEP = 0.75, 0.1  # of the velocity; s per decision
 FORCE = 2.0  # at full power
 NEAR = 0.2  # of the target, units
 REACHED_REWARD = 20.0
-FARTHEST = 10.0  # units: what a particle can reach in an episode, generously
+MAX_DISTANCE = 10.0  # units: what a particle can reach in an episode, generously
 PICTURE = (400, 400)  # width, height
 
 SENSORS = [
@@ -75,7 +75,7 @@ class ParticleGame(SuiteGame):
         super().check_arenas(arenas)
         check_range("decisions", arenas["decisions"], 0, self.limit - 1)
         for field in ("x", "y"):
-            check_range(field, arenas[field], -FARTHEST, FARTHEST)
+            check_range(field, arenas[field], -MAX_DISTANCE, MAX_DISTANCE)
             check_range(f"target_{field}", arenas[f"target_{field}"], -1.0, 1.0)
             check_range(f"v{field}", arenas[f"v{field}"], -1.0, 1.0)
         check_range("misses", arenas["misses"], 0, self.limit)

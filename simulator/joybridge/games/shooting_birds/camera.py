@@ -16,7 +16,7 @@ FIXED, EDGE, AXIS, DRAG = range(len(CAMERAS))
 
 SCREENS = 3
 SCREEN_WIDTH = 38.0  # units, between the walls
-FARTHEST = SCREEN_WIDTH * (SCREENS - 1) / 2  # from the field's middle to the camera
+MAX_CAMERA_X = SCREEN_WIDTH * (SCREENS - 1) / 2  # from the field's middle to the camera
 HALF_X, HALF_Y = 19.0, 11.5  # from the camera to the borders of the screen
 SCROLL_SPEED = 40.0  # units/s
 PUSH_BEGIN, PUSH_FULL = 15.0, 17.7  # from the middle of the screen: where `edge` begins to scroll, and is fastest
@@ -56,7 +56,7 @@ def scroll(arena, camera):
         shift = arena.scroll * SCROLL_SPEED * TICK
     else:
         shift = -arena.scroll * arena.vx * TICK  # the point of the field under the crosshair stays under it
-    place = min(max(arena.camera + shift, -FARTHEST), FARTHEST)
+    place = min(max(arena.camera + shift, -MAX_CAMERA_X), MAX_CAMERA_X)
     arena.x += place - arena.camera
     arena.camera = place
 
@@ -64,9 +64,9 @@ def scroll(arena, camera):
 @compiled
 def enter(arena, chance):
     """Return where a bird enters, anywhere outside the screen, for a chance in [0, 1)."""
-    left = FARTHEST + arena.camera  # width of the field to the left of the screen
-    place = chance * 2.0 * FARTHEST
-    return place - FARTHEST - HALF_X if place < left else place - left + arena.camera + HALF_X
+    left = MAX_CAMERA_X + arena.camera  # width of the field to the left of the screen
+    place = chance * 2.0 * MAX_CAMERA_X
+    return place - MAX_CAMERA_X - HALF_X if place < left else place - left + arena.camera + HALF_X
 
 
 @compiled

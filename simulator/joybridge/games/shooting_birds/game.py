@@ -208,7 +208,7 @@ class ShootingBirds(PointerGame):
         """Return what images show where every arena has a level of its own, or the field has several screens."""
         if not self.generated and self.screens == 1:
             return None
-        beyond = camera.FARTHEST if self.screens > 1 else 0.0
+        beyond = camera.MAX_CAMERA_X if self.screens > 1 else 0.0
         return picture.field_of(self.world.obstacles, arenas if self.generated else LEVELS, beyond)
 
     def restore(self, state: Mapping[str, Array]) -> None:
@@ -288,7 +288,7 @@ class ShootingBirds(PointerGame):
         check_range("bird size", arenas["birds"]["kind"], 0, 2)
         check_range("habit of a bird", arenas["birds"]["habit"], 0, foes.BLINKING)
         check_range("timer of a bird", arenas["birds"]["timer"], -foes.DASH_TICKS, 10**6)
-        farthest = camera.FARTHEST if self.screens > 1 else 0.0
+        farthest = camera.MAX_CAMERA_X if self.screens > 1 else 0.0
         check_range("camera", arenas["camera"], -farthest, farthest)
         check_range("scroll", arenas["scroll"], -1.0, 1.0)
         check_range("ticks without a bird in view", arenas["empty"], 0, r.EPISODE_TICKS)
@@ -328,4 +328,4 @@ def _observe_camera(arenas, position, hints):
         if hints.shape[1] == 2:
             hints[i, 0], hints[i, 1] = left / r.BIRDS, right / r.BIRDS
         if position.shape[1] == 1:
-            position[i, 0] = arenas[i].camera / camera.FARTHEST
+            position[i, 0] = arenas[i].camera / camera.MAX_CAMERA_X

@@ -65,7 +65,7 @@ class World(NamedTuple):
         """Return the most random numbers that one arena draws per call."""
         more = 0 if self.habit == foes.STRAIGHT else foes.BEGIN_DRAWS * (BIRDS + 1) + foes.STEER_DRAWS * BIRDS
         more += 2 * (BIRDS + 1) if self.fixed_level == GENERATED else 0
-        return MOST_DRAWS + more + (0 if self.camera == camera.FIXED else 2 * BIRDS + 1)
+        return MAX_DRAWS + more + (0 if self.camera == camera.FIXED else 2 * BIRDS + 1)
 
 
 BIRD = np.dtype(
@@ -98,7 +98,7 @@ ARENA = np.dtype(
 )  # fmt: skip
 
 # The most that one arena of straight birds draws per call: ten new birds, one hit bird, a new episode, phases.
-MOST_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
+MAX_DRAWS = 5 * (BIRDS + 1) + 4 + BIRDS
 
 
 def begin(arenas: "np.recarray[Any, Any]", streams: Streams, world: World) -> None:
@@ -231,7 +231,7 @@ def _shoot(arena, streams, i, world, rewards):
 @compiled
 def _fly(arena, streams, i, world):
     """Set the velocity of every bird, let those enter whose time it is, and replace those that have left."""
-    beyond = 0.0 if world.camera == camera.FIXED else camera.FARTHEST
+    beyond = 0.0 if world.camera == camera.FIXED else camera.MAX_CAMERA_X
     foes.steer(arena, streams, i, beyond)
     for bird in arena.birds:
         if bird.wait > 0:

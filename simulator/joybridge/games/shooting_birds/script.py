@@ -63,7 +63,7 @@ def _travel(arena, world, axes, choices):
     nearest, side = np.inf, 1.0
     for bird in arena.birds:
         away = bird.x - arena.camera
-        if bird.wait > 0 or abs(away) >= nearest or abs(bird.x) > camera.FARTHEST + REACH_X:
+        if bird.wait > 0 or abs(away) >= nearest or abs(bird.x) > camera.MAX_CAMERA_X + REACH_X:
             continue
         if not covered(bird.x, bird.y, bird.z, arena.level, world.obstacles):
             nearest, side = abs(away), 1.0 if away > 0.0 else -1.0

@@ -10,11 +10,12 @@ from typing import Any
 
 from joybridge.contract.places import PYGAME, program_name
 from joybridge.simulator.catalog import load_game, specs
+from joybridge.simulator.new_game.learning import layout, policy
 from joybridge.simulator.new_game.write import NewGameError, check_new, command, write_new
 from joybridge.simulator.program_options import split_arguments
 from joybridge.v1 import bridge_pb2 as pb
 
-ARENAS = 32  # processes, at most
+ARENAS = 16  # processes, at most
 HOOK = '''\
 """What {name} shows and pays. Each function is given the program's main module; delete what you do not need."""
 
@@ -97,19 +98,8 @@ def _config(spec: pb.GameSpec, keys: dict[str, list[str]], numbers: Sequence[Any
 # A start for {json.dumps(spec.name, ensure_ascii=False)}. `joybridge keys` lists all keys.
 game:
 {game}
-layout: bucket-7          # how the policy controls axes and buttons; others: hybrid, multiagent
+{layout(spec)}
 arenas: {min(ARENAS, spec.max_arenas):<18}# processes of the program
 total_timesteps: 300000   # more if the reward still rises at the end
 log_interval: 10000       # timesteps between two rows of metrics
-policy:
-  frame_stack: 2          # pictures that it sees at once; more if things move that two do not show
-  hidden_sizes: [128, 128]
-  rollout_steps: 64       # decisions of every arena between two updates
-  time_horizon: 64        # decisions after which the return is bootstrapped from the value
-  gamma: 0.97             # discount per decision; closer to 1 if rewards come late
-  scale_rewards: true
-  minibatch_size: 512
-  epochs: 3               # how often an update goes through its rollout; fewer if the reward breaks down
-  learning_rate: 1.0e-3   # lower if the reward fluctuates
-  entropy_coef: 0.01      # higher for more exploration; lower if the policy does not converge
-"""
+{policy(spec)}"""

@@ -9,13 +9,13 @@ import re
 import shlex
 from pathlib import Path
 
-from joybridge.contract.limits import element_count
+from joybridge.simulator.new_game.learning import images, layout, policy
 from joybridge.simulator.new_game.write import check_new, command, write_new
 from joybridge.simulator.running_server import describe_one
 from joybridge.v1 import bridge_pb2 as pb
 
 LANES = 64  # that learn from each update together, about
-ROLLOUT = 60  # decisions, at most
+IMAGE_LANES = 16  # the same, where they see images
 
 
 def write_config(address: str, game: str | None, folder: Path) -> str:
@@ -45,27 +45,14 @@ def _argument(name: str) -> str:
 
 def starter_config(spec: pb.GameSpec) -> str:
     """Return the text of a configuration that suits a spec."""
-    name, behaviors = json.dumps(spec.name, ensure_ascii=False), spec.behaviors
-    numbers = max(sum(element_count(sensor) for sensor in behavior.sensors) for behavior in behaviors)
-    units = 32 if numbers <= 8 else 64 if numbers <= 64 else 128
-    rollout = min(ROLLOUT, spec.max_episode_decisions or ROLLOUT)
-    lanes = max(behavior.agents_per_arena for behavior in behaviors)
-    arenas = max(1, min(LANES // lanes, spec.max_arenas))
+    name = json.dumps(spec.name, ensure_ascii=False)
+    lanes = max(behavior.agents_per_arena for behavior in spec.behaviors)
+    arenas = max(1, min((IMAGE_LANES if images(spec) else LANES) // lanes, spec.max_arenas))
     return f"""\
 # A start for {name}. `joybridge keys` lists all keys.
 game: {name}
-layout: hybrid            # how the policy controls axes and buttons; others: bucket-5, threshold-0.0, multiagent
+{layout(spec)}
 arenas: {arenas:<18}# played in parallel
 total_timesteps: 1000000  # more if the reward still rises at the end
-log_interval: 50000       # timesteps between two rows of metrics
-policy:
-  frame_stack: 1          # observations per network input; more if one observation does not show how things move
-  hidden_sizes: {f"[{units}, {units}]":<10}# units per hidden layer; an observation has {numbers} numbers
-  rollout_steps: {rollout:<9}# decisions of every arena between two updates
-  time_horizon: {rollout:<10}# decisions after which the return is bootstrapped from the value
-  gamma: 0.99             # discount per decision; closer to 1 if rewards come late
-  minibatch_size: 256
-  epochs: 10              # how often an update goes through its rollout; fewer if the reward breaks down
-  learning_rate: 2.0e-3   # lower if the reward fluctuates
-  entropy_coef: 0.003     # higher for more exploration; lower if the policy does not converge
-"""
+log_interval: {20000 if images(spec) else 50000}       # timesteps between two rows of metrics
+{policy(spec)}"""

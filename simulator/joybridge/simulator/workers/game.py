@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 from joybridge.contract.codec import ActArrays, Codec, Format, StepArrays, fill_act, lane_count
-from joybridge.contract.parts import join, part_of, split
+from joybridge.contract.sharding import join, part_of, split
 from joybridge.contract.tensors import Array
 from joybridge.simulator.batched_game import BatchedGame
 from joybridge.simulator.workers.link import ACT, DISTRIBUTE, DRAW, OBSERVE, RESET, START

@@ -1,12 +1,16 @@
 """What the server and a worker say to each other: a kind, a length, and JSON or a message of the contract."""
 
 import math
+import os
+import signal
 import socket
 import struct
+from contextlib import suppress
 from select import select
 from time import monotonic  # not by its module: programs may be given another clock there
 
 HEADER = struct.Struct("<cQ")  # kind and length
+MAX_MESSAGE_BYTES = 1 << 31  # bytes of a message
 READ_BYTES = 1 << 20  # that are read at once, at most
 CLOSING_SECONDS = 1.0  # for a worker to close its games when the server has let it go
 LOOK_SECONDS = 0.5  # after which a thread that waits may be stopped; see game_thread.py
@@ -34,11 +38,19 @@ class Link:
         """Return the next frame. Raises EOFError if the other end is closed, TimeoutError if nothing comes in time."""
         limit = monotonic() + seconds
         kind, size = HEADER.unpack(self._read(HEADER.size, limit))
+        if size > MAX_MESSAGE_BYTES:  # something else has written to the connection
+            raise EOFError
         return kind, bytes(self._read(size, limit))
 
     def waits(self, seconds: float) -> bool:
         """Return whether something comes, or the other end closes, in so many seconds."""
         return bool(select([self._socket], [], [], seconds)[0])
+
+    def kill(self) -> None:
+        """Kill the process that has connected to this one (Linux)."""
+        process, *_ = struct.unpack("iii", self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
 
     def close(self) -> None:
         """Close this end."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.fast.kernels import Action, Noise, compiled, sample
-from joybridge.ppo.fast.towers import Form, gaussians, heads
+from joybridge.ppo.fast.towers import NetworkShape, gaussians, heads
 
 
 def empty_action(noise: Noise) -> Action:
@@ -14,18 +14,18 @@ def empty_action(noise: Noise) -> Action:
 
 
 def decide(
-    weights: Array, form: Form, observations: Array, masks: Array, noise: Noise, likeliest: bool
+    weights: Array, shape: NetworkShape, observations: Array, masks: Array, noise: Noise, likeliest: bool
 ) -> tuple[Action, Array]:
     """Return an action and a value per row of `observations`; see `heads` and `sample`."""
     action, values = empty_action(noise), np.empty(len(observations), np.float32)
-    write_actions(weights, form, observations, masks, noise, likeliest, action, values)
+    write_actions(weights, shape, observations, masks, noise, likeliest, action, values)
     return action, values
 
 
 @compiled
 def write_actions(
     weights: Array,
-    form: Form,
+    shape: NetworkShape,
     observations: Array,
     masks: Array,
     noise: Noise,
@@ -34,11 +34,11 @@ def write_actions(
     values: Array,
 ) -> None:
     """Write what `decide` returns."""
-    outputs, values[:] = heads(weights, form, observations)
-    sample(outputs, gaussians(weights, form), masks, noise, likeliest, action)
+    outputs, values[:] = heads(weights, shape, observations)
+    sample(outputs, gaussians(weights, shape), masks, noise, likeliest, action)
 
 
 @compiled
-def write_heads(weights: Array, form: Form, observations: Array, outputs: Array, values: Array) -> None:
+def write_heads(weights: Array, shape: NetworkShape, observations: Array, outputs: Array, values: Array) -> None:
     """Write what `heads` returns."""
-    outputs[:], values[:] = heads(weights, form, observations)
+    outputs[:], values[:] = heads(weights, shape, observations)

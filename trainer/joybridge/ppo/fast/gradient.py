@@ -12,18 +12,28 @@ import numpy as np
 from torch import Tensor
 
 from joybridge.contract.tensors import Array
-from joybridge.ppo.fast.kernels import COUNT, NO_COUNTS, NO_MASKS, Gradient, Rows, Terms, compiled, loss_gradient, take
+from joybridge.ppo.fast.kernels import (
+    COUNT,
+    NO_COUNTS,
+    NO_MASKS,
+    Gradient,
+    Rows,
+    Terms,
+    compiled,
+    gather,
+    loss_gradient,
+)
 from joybridge.ppo.fast.towers import (
-    Form,
-    Kept,
+    ForwardCache,
+    NetworkShape,
     actor_begin,
     backward,
     critic_begin,
-    form,
     forward,
     gaussians,
     hidden_width,
     matrix,
+    shape_of,
 )
 from joybridge.ppo.loss import Batch, advantage_moments
 from joybridge.ppo.networks import Network, flatten_parameters
@@ -37,7 +47,7 @@ class ClosedFormGradient:
         """Work on `network`. threads: also the number of parts, so that results do not depend on the machine."""
         weights = flatten_parameters(network)
         assert weights.grad is not None
-        self.weights, self.gradient, self.form = weights.detach().numpy(), weights.grad.numpy(), form(network)
+        self.weights, self.gradient, self.shape = weights.detach().numpy(), weights.grad.numpy(), shape_of(network)
         self.threads = threads
         self.parts = np.zeros((threads, len(weights)), np.float32)
         self.workspaces = np.zeros((threads, 0), np.float32)
@@ -56,10 +66,10 @@ class ClosedFormGradient:
             batch.returns.numpy(),
         )
         parts = min(self.threads, len(rows))
-        size = workspace_size(self.form, math.ceil(len(rows) / parts))
+        size = workspace_size(self.shape, math.ceil(len(rows) / parts))
         if size > self.workspaces.shape[1]:
             self.workspaces = np.zeros((self.threads, size), np.float32)
-        given = self.weights, self.gradient, self.form, timesteps, rows.numpy()
+        given = self.weights, self.gradient, self.shape, timesteps, rows.numpy()
         mean, deviation = advantage_moments(batch.advantages[rows]) if coefficients.normalize_minibatch else (0.0, 1.0)
         terms = Terms(
             len(rows),
@@ -71,7 +81,7 @@ class ClosedFormGradient:
             1.0 / float(deviation),
             coefficients.sum_entropy,
         )
-        statistics: Array = np.empty((parts, COUNT + len(self.form.choices)))
+        statistics: Array = np.empty((parts, COUNT + len(self.shape.choices)))
         if self.threads == 1:
             part_gradient(*given, terms, self.workspaces[0, :size], statistics[0])
         else:
@@ -81,16 +91,16 @@ class ClosedFormGradient:
 
 
 @compiled
-def workspace_size(form: Form, rows: int) -> int:
+def workspace_size(shape: NetworkShape, rows: int) -> int:
     """Return how many numbers `part_gradient` works with, for so many rows."""
-    return rows * (form.widths[0] + 4 * hidden_width(form) + 2 * form.widths.max())  # type: ignore[no-any-return]
+    return rows * (shape.widths[0] + 4 * hidden_width(shape) + 2 * shape.widths.max())  # type: ignore[no-any-return]
 
 
 @compiled
 def part_gradient(
     weights: Array,
     gradient: Array,
-    form: Form,
+    shape: NetworkShape,
     batch: Rows,
     index: Array,
     terms: Terms,
@@ -102,40 +112,40 @@ def part_gradient(
     workspace: overwritten. The system may take as long to map new memory each time as the
     products take.
     """
-    n, inputs, hidden = len(index), form.widths[0], len(index) * hidden_width(form)
-    rows = take(batch, index, matrix(workspace, 0, n, inputs))
+    n, inputs, hidden = len(index), shape.widths[0], len(index) * hidden_width(shape)
+    rows = gather(batch, index, matrix(workspace, 0, n, inputs))
     pieces = workspace[n * inputs : n * inputs + 4 * hidden].reshape((4, hidden))
     spare = workspace[n * inputs + 4 * hidden :].reshape((2, -1))
-    kept, critic_kept = Kept(pieces[0], pieces[1]), Kept(pieces[2], pieces[3])
+    kept, critic_kept = ForwardCache(pieces[0], pieces[1]), ForwardCache(pieces[2], pieces[3])
 
-    outputs = forward(weights, form, actor_begin(form), form.columns, rows.observations, kept)
+    outputs = forward(weights, shape, actor_begin(shape), shape.columns, rows.observations, kept)
     value_outputs = outputs
-    if not form.shared:
-        value_outputs = forward(weights, form, critic_begin(form), 1, rows.observations, critic_kept)
-    estimates = value_outputs[:, -1] + weights[form.means]
-    if len(form.sums):
-        outputs = np.dot(outputs, form.sums)
+    if not shape.shared:
+        value_outputs = forward(weights, shape, critic_begin(shape), 1, rows.observations, critic_kept)
+    estimates = value_outputs[:, -1] + weights[shape.means]
+    if len(shape.sums):
+        outputs = np.dot(outputs, shape.sums)
 
     d_outputs, d_values = np.empty_like(outputs), np.empty(n, np.float32)
-    free = gaussians(gradient, form)
+    free = gaussians(gradient, shape)
     statistics[:] = loss_gradient(
         outputs,
         estimates,
-        gaussians(weights, form),
+        gaussians(weights, shape),
         rows,
         terms,
         Gradient(d_outputs, d_values, free.mean_bias, free.log_variance),
     )
 
-    if form.shared:
+    if shape.shared:
         d_outputs[:, -1] = d_values
     else:
-        critic = critic_begin(form)
-        backward(weights, gradient, form, critic, rows.observations, critic_kept, d_values.reshape((n, 1)), spare)
-    gradient[form.means] = d_values.sum()
-    if len(form.sums):
-        d_outputs = np.dot(d_outputs, form.sums.T)
-    backward(weights, gradient, form, actor_begin(form), rows.observations, kept, d_outputs, spare)
+        critic = critic_begin(shape)
+        backward(weights, gradient, shape, critic, rows.observations, critic_kept, d_values.reshape((n, 1)), spare)
+    gradient[shape.means] = d_values.sum()
+    if len(shape.sums):
+        d_outputs = np.dot(d_outputs, shape.sums.T)
+    backward(weights, gradient, shape, actor_begin(shape), rows.observations, kept, d_outputs, spare)
 
 
 @compiled
@@ -151,7 +161,7 @@ def add_up(parts: Array, total: Array) -> None:
 def gradient_in_parts(
     weights: Array,
     gradient: Array,
-    form: Form,
+    shape: NetworkShape,
     batch: Rows,
     index: Array,
     terms: Terms,
@@ -167,7 +177,7 @@ def gradient_in_parts(
     total, count = len(index), len(parts)
     for part in numba.prange(count):
         own = index[total * part // count : total * (part + 1) // count]
-        space = workspaces[part, : workspace_size(form, len(own))]
-        part_gradient(weights, parts[part], form, batch, own, terms, space, statistics[part])
+        space = workspaces[part, : workspace_size(shape, len(own))]
+        part_gradient(weights, parts[part], shape, batch, own, terms, space, statistics[part])
     add_up(parts, gradient)
     add_up(statistics, statistics[0])

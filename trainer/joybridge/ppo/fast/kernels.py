@@ -106,7 +106,7 @@ class Gradient(NamedTuple):
 
 
 @compiled
-def take(rows: Rows, index: Array, observations: Array) -> Rows:
+def gather(rows: Rows, index: Array, observations: Array) -> Rows:
     """Return the rows at `index`, int64 [n]. observations [n, observation]: where theirs are written."""
     n, branches, dimensions = len(index), rows.discrete.shape[1], rows.continuous.shape[1]
     taken = Rows(

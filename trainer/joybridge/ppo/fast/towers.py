@@ -20,7 +20,7 @@ SWISH, TANH, RELU, ELU = (list(ACTIVATIONS).index(name) for name in ("swish", "t
 NO_SUMS = np.zeros((0, 0), np.float32)
 
 
-class Form(NamedTuple):
+class NetworkShape(NamedTuple):
     """What is known about a network of dense layers beside its parameters."""
 
     widths: Array  # int64: of the input and of each hidden layer
@@ -33,11 +33,11 @@ class Form(NamedTuple):
     activation: int
 
 
-def form(network: Network) -> Form:
-    """Return the form of a network of dense layers."""
+def shape_of(network: Network) -> NetworkShape:
+    """Return the shape of a network of dense layers."""
     layers = network.actor.layers
     head = network.actor.head
-    return Form(
+    return NetworkShape(
         widths=np.array([*(layer.in_features for layer in layers), head.in_features], np.int64),
         choices=np.array(network.space.branches, np.int64),
         sums=NO_SUMS if network.sums is None else network.sums.numpy(),
@@ -99,40 +99,40 @@ def matrix(flat: Array, begin: int, rows: int, columns: int) -> Array:
 
 
 @compiled
-def hidden_width(form: Form) -> int:
+def hidden_width(shape: NetworkShape) -> int:
     """Return how many numbers the hidden layers of a tower keep per row."""
-    return form.widths[1:].sum()  # type: ignore[no-any-return]
+    return shape.widths[1:].sum()  # type: ignore[no-any-return]
 
 
 @compiled
-def tower_size(form: Form, outputs: int) -> int:
+def tower_size(shape: NetworkShape, outputs: int) -> int:
     """Return the number of parameters of a tower with a head of so many outputs."""
-    size = outputs * form.widths[-1]
-    for index in range(1, len(form.widths)):
-        size += (form.widths[index - 1] + 1) * form.widths[index]
+    size = outputs * shape.widths[-1]
+    for index in range(1, len(shape.widths)):
+        size += (shape.widths[index - 1] + 1) * shape.widths[index]
     return size  # type: ignore[no-any-return]
 
 
 @compiled
-def gaussians(flat: Array, form: Form) -> Head:
+def gaussians(flat: Array, shape: NetworkShape) -> Head:
     """Return mean_bias and log_variance, which are views of `flat`, with what is known about branches and actions."""
-    begin = form.means + 1
-    return Head(flat[: form.means], flat[begin : begin + form.free], form.choices)
+    begin = shape.means + 1
+    return Head(flat[: shape.means], flat[begin : begin + shape.free], shape.choices)
 
 
 @compiled
-def actor_begin(form: Form) -> int:
+def actor_begin(shape: NetworkShape) -> int:
     """Return where the parameters of the actor's tower begin: after mean_bias, value_bias and log_variance."""
-    return form.means + 1 + form.free
+    return shape.means + 1 + shape.free
 
 
 @compiled
-def critic_begin(form: Form) -> int:
+def critic_begin(shape: NetworkShape) -> int:
     """Return where the parameters of the critic's tower begin, if it has one of its own: after the actor's."""
-    return actor_begin(form) + tower_size(form, form.columns)
+    return actor_begin(shape) + tower_size(shape, shape.columns)
 
 
-class Kept(NamedTuple):
+class ForwardCache(NamedTuple):
     """What a pass through a tower keeps for the backward pass: flat, layer after layer, each [n, width]."""
 
     values: Array  # the outputs of hidden layers
@@ -140,29 +140,31 @@ class Kept(NamedTuple):
 
 
 @compiled
-def forward(weights: Array, form: Form, begin: int, outputs: int, features: Array, kept: Kept) -> Array:
+def forward(
+    weights: Array, shape: NetworkShape, begin: int, outputs: int, features: Array, kept: ForwardCache
+) -> Array:
     """Return the outputs of a tower's head, [n, outputs]. begin: of the tower's parameters in `weights`."""
     n, at = len(features), 0
-    for index in range(1, len(form.widths)):
-        inputs, width = form.widths[index - 1], form.widths[index]
+    for index in range(1, len(shape.widths)):
+        inputs, width = shape.widths[index - 1], shape.widths[index]
         value = matrix(kept.values, at, n, width)
         np.dot(features, matrix(weights, begin, width, inputs).T, value)
         begin += width * inputs
-        activate(form.activation, value, weights[begin : begin + width], matrix(kept.slopes, at, n, width))
+        activate(shape.activation, value, weights[begin : begin + width], matrix(kept.slopes, at, n, width))
         begin += width
         at += n * width
         features = value
-    return np.dot(features, matrix(weights, begin, outputs, form.widths[-1]).T)  # type: ignore[no-any-return]
+    return np.dot(features, matrix(weights, begin, outputs, shape.widths[-1]).T)  # type: ignore[no-any-return]
 
 
 @compiled
 def backward(
     weights: Array,
     gradient: Array,
-    form: Form,
+    shape: NetworkShape,
     begin: int,
     features: Array,
-    kept: Kept,
+    kept: ForwardCache,
     d_outputs: Array,
     spare: Array,
 ) -> None:
@@ -171,8 +173,8 @@ def backward(
     spare [2, n x largest width]: overwritten.
     """
     n, outputs = d_outputs.shape
-    widths = form.widths
-    begin, at = begin + tower_size(form, outputs), n * hidden_width(form)  # the ends; both move to the beginning
+    widths = shape.widths
+    begin, at = begin + tower_size(shape, outputs), n * hidden_width(shape)  # the ends; both move to the beginning
     d_values = d_outputs
     for back in range(len(widths)):
         index = len(widths) - 1 - back  # of the layer below the weights
@@ -196,21 +198,21 @@ def backward(
 
 
 @compiled
-def tower_outputs(weights: Array, form: Form, begin: int, outputs: int, features: Array) -> Array:
+def tower_outputs(weights: Array, shape: NetworkShape, begin: int, outputs: int, features: Array) -> Array:
     """Return the outputs of a tower's head, [n, outputs]."""
-    size = len(features) * hidden_width(form)
-    kept = Kept(np.empty(size, np.float32), np.empty(size, np.float32))
-    return forward(weights, form, begin, outputs, features, kept)
+    size = len(features) * hidden_width(shape)
+    kept = ForwardCache(np.empty(size, np.float32), np.empty(size, np.float32))
+    return forward(weights, shape, begin, outputs, features, kept)
 
 
 @compiled
-def heads(weights: Array, form: Form, observations: Array) -> tuple[Array, Array]:
+def heads(weights: Array, shape: NetworkShape, observations: Array) -> tuple[Array, Array]:
     """Return what `Network.heads` does: the actor's outputs [n, columns], and the values [n]."""
-    outputs = tower_outputs(weights, form, actor_begin(form), form.columns, observations)
-    if form.shared:
-        values = outputs[:, -1] + weights[form.means]
+    outputs = tower_outputs(weights, shape, actor_begin(shape), shape.columns, observations)
+    if shape.shared:
+        values = outputs[:, -1] + weights[shape.means]
     else:
-        values = tower_outputs(weights, form, critic_begin(form), 1, observations)[:, -1] + weights[form.means]
-    if len(form.sums):
-        outputs = np.dot(outputs, form.sums)
+        values = tower_outputs(weights, shape, critic_begin(shape), 1, observations)[:, -1] + weights[shape.means]
+    if len(shape.sums):
+        outputs = np.dot(outputs, shape.sums)
     return outputs, values

@@ -74,8 +74,16 @@ class _Text:
             values.add(float(re.sub(r"[,'_]", "", number)))
 
     def places(self) -> list[int]:
-        """Return which of its numbers have changed, the first if none has."""
-        return [at for at, values in enumerate(self.values) if len(values) > 1] or [0]
+        """Return which of its numbers have changed or may change, the first if none may."""
+        return [at for at in range(len(self.values)) if self._may_change(at)] or [0]
+
+    def _may_change(self, place: int) -> bool:
+        """Whether a number has changed, or a word of its own, as in "Popped 0  Lost 3", tells that it counts something.
+
+        The 1 of "P1: 5" and of "Player 1: 5" is a name, and the 20 of "3/20" a limit.
+        """
+        named = re.search(r"[A-Za-z]\W*[\s(\[=:]$", self._words[place]) and not self._words[place + 1].startswith(":")
+        return len(self.values[place]) > 1 or bool(named)
 
     def pattern(self, place: int) -> str:
         """Return a pattern with a group for one of the numbers, as short as words before it allow."""
@@ -87,7 +95,7 @@ class _Text:
                 if re.search("[A-Za-z]", "".join(self._words[: at + 1])):
                     return "".join(parts)
             elif at < len(self._numbers):
-                parts.append(self._digits(at) if len(self.values[at]) > 1 else re.escape(self._numbers[at]))
+                parts.append(self._digits(at) if self._may_change(at) else re.escape(self._numbers[at]))
         return "".join([*parts, "$"])
 
     def _literal(self, word: str) -> str:

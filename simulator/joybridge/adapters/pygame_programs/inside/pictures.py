@@ -14,7 +14,7 @@ import numpy.typing as npt
 from joybridge.adapters.pygame_programs.inside.display import Pixels
 from joybridge.contract.tensors import Array
 
-MOST_SAMPLES = 4  # along each side of a block
+MAX_SAMPLES = 4  # along each side of a block
 GRAY = (77, 150, 29)  # parts of 256 of red, green and blue, as in ITU-R BT.601
 
 
@@ -62,7 +62,7 @@ def _samples(pixels: int, wanted: int) -> tuple[npt.NDArray[np.intp], int]:
 
     The first samples of all wanted pixels come first, then their second ones: rows that lie together are summed faster.
     """
-    each = min(max(pixels // wanted, 1), MOST_SAMPLES)
+    each = min(max(pixels // wanted, 1), MAX_SAMPLES)
     indices = (2 * np.arange(wanted * each) + 1) * pixels // (2 * wanted * each)
     return indices.reshape(wanted, each).T.ravel(), each
 

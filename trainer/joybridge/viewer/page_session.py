@@ -27,7 +27,7 @@ from joybridge.viewer.simulator import Simulator
 
 if TYPE_CHECKING:  # it needs torch
     from joybridge.viewer.others import Others
-    from joybridge.viewer.rival import Rival
+    from joybridge.viewer.run_opponent import Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
 LoadOthers = Callable[[pb.GameSpec, Settings], "Others"]

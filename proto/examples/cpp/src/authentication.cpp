@@ -1,4 +1,4 @@
-#include "doors.hpp"
+#include "authentication.hpp"
 
 #include <grpcpp/security/auth_metadata_processor.h>
 
@@ -47,9 +47,9 @@ bool same(std::string_view sent, std::string_view wanted) {
 }
 
 /// Refuses every call but health without the token.
-class Door final : public grpc::AuthMetadataProcessor {
+class TokenProcessor final : public grpc::AuthMetadataProcessor {
  public:
-  explicit Door(const std::string& token) : wanted_("Bearer " + token) {}
+  explicit TokenProcessor(const std::string& token) : wanted_("Bearer " + token) {}
 
   bool IsBlocking() const override { return false; }
 
@@ -87,7 +87,7 @@ std::shared_ptr<grpc::ServerCredentials> server_credentials(const std::string& a
   } else {  // speaks to clients without TLS as InsecureServerCredentials does, which cannot look at a token
     credentials = grpc::experimental::LocalServerCredentials(LOCAL_TCP);
   }
-  if (!files.token.empty()) credentials->SetAuthMetadataProcessor(std::make_shared<Door>(read_token(files.token)));
+  if (!files.token.empty()) credentials->SetAuthMetadataProcessor(std::make_shared<TokenProcessor>(read_token(files.token)));
   return credentials;
 }
 

@@ -24,8 +24,8 @@ from joybridge.policy.actor import policy_state
 from joybridge.run.checkpoint import checkpoints
 from joybridge.run.run_state import load_state
 from joybridge.viewer.arena import Settings
+from joybridge.viewer.clock import LOOK_SECONDS, interval, pause
 from joybridge.viewer.messages import encode_picture, game_message, turn_message
-from joybridge.viewer.pace import LOOK_SECONDS, interval, pause
 from joybridge.viewer.scores import Scores
 
 

@@ -38,7 +38,7 @@ from joybridge.contract.text import printable
 from joybridge.contract.versions import mismatch
 from joybridge.gym import BridgeEnv
 from joybridge.simulator.__main__ import main
-from joybridge.simulator.doors import DoorError, Protection, load_protection
+from joybridge.simulator.authentication import ServerCredentials, ServerCredentialsError, load_server_credentials
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.session import Refusal, Session
 from joybridge.v1 import bridge_pb2 as pb
@@ -92,7 +92,7 @@ def guarded(files) -> Iterator[Guarded]:
 @pytest.mark.parametrize("place", ["127.0.0.1:0", "127.8.9.1:5005", "[::1]:0", "localhost:0", "unix:s"])
 def test_addresses_of_this_machine_alone_need_no_protection(place):
     assert is_local(place)
-    assert load_protection(place, None, None, None) == Protection()
+    assert load_server_credentials(place, None, None, None) == ServerCredentials()
 
 
 @pytest.mark.parametrize("place", ["0.0.0.0:0", "[::]:5005", "192.0.2.1:5005", "0:5005"])
@@ -100,9 +100,9 @@ def test_addresses_of_this_machine_alone_need_no_protection(place):
 def test_other_addresses_are_refused_without_both_tls_and_a_token(place, files):
     certificate, key, token = files
     for given_files in ((None, None, None), (certificate, key, None), (None, None, token)):
-        with pytest.raises(DoorError, match="needs --tls-cert, --tls-key and --token-file"):
-            load_protection(place, *given_files)
-    protection = load_protection(place, certificate, key, token)
+        with pytest.raises(ServerCredentialsError, match="needs --tls-cert, --tls-key and --token-file"):
+            load_server_credentials(place, *given_files)
+    protection = load_server_credentials(place, certificate, key, token)
     assert protection.token == TOKEN and TOKEN not in repr(protection)
 
 
@@ -115,8 +115,8 @@ def test_a_server_that_strangers_could_reach_does_not_start(capsys):
 
 
 def test_a_certificate_without_its_key_is_refused(files):
-    with pytest.raises(DoorError, match="TLS needs both --tls-cert and --tls-key"):
-        load_protection("127.0.0.1:0", files[0], None, None)
+    with pytest.raises(ServerCredentialsError, match="TLS needs both --tls-cert and --tls-key"):
+        load_server_credentials("127.0.0.1:0", files[0], None, None)
 
 
 def test_a_host_that_does_not_exist_is_named():
@@ -203,7 +203,7 @@ def test_a_key_of_another_certificate_or_with_a_password_is_refused(files, tmp_p
         other = tmp_path / options[0]
         subprocess.run(["openssl", *options, *password, "-out", str(other)], check=True, capture_output=True)
         with pytest.raises(CredentialsError, match=r"are no certificate and its key without a password"):
-            load_protection("127.0.0.1:0", certificate, other, token)
+            load_server_credentials("127.0.0.1:0", certificate, other, token)
 
 
 @pytest.mark.parametrize("damage", DAMAGES)

@@ -21,12 +21,12 @@ from joybridge.v1 import bridge_pb2 as pb
 HEALTH = "/grpc.health.v1.Health/"  # load balancers call it without a token
 
 
-class DoorError(JoybridgeError):
+class ServerCredentialsError(JoybridgeError):
     """A server would be open to strangers, or cannot be protected as asked for."""
 
 
 @dataclass(frozen=True)
-class Protection:
+class ServerCredentials:
     """What a client needs to call a server: its certificate, the token, both or nothing."""
 
     certificate: bytes | None = None  # PEM, with the chain; None: no TLS
@@ -41,19 +41,24 @@ class Protection:
         return int(server.add_secure_port(address, credentials))
 
 
-def load_protection(address: str, certificate: Path | None, key: Path | None, token: Path | None) -> Protection:
-    """Read the files of a server's protection. Raises DoorError if an address needs more, CredentialsError, OSError."""
+def load_server_credentials(
+    address: str, certificate: Path | None, key: Path | None, token: Path | None
+) -> ServerCredentials:
+    """Read the files of a server's protection.
+
+    Raises ServerCredentialsError if an address needs more, CredentialsError, OSError.
+    """
     if (certificate is None) != (key is None):
-        raise DoorError("TLS needs both --tls-cert and --tls-key")
+        raise ServerCredentialsError("TLS needs both --tls-cert and --tls-key")
     if not is_local(address) and (certificate is None or token is None):
-        raise DoorError(
+        raise ServerCredentialsError(
             f"{address} can be reached from other machines, which needs --tls-cert, --tls-key and --token-file; "
             "give them, or listen on 127.0.0.1 or unix:PATH"
         )
     secret = "" if token is None else read_token(token)
     if certificate is None or key is None:
-        return Protection(token=secret)
-    return Protection(*_read_pair(certificate, key), secret)
+        return ServerCredentials(token=secret)
+    return ServerCredentials(*_read_pair(certificate, key), secret)
 
 
 def _read_pair(certificate: Path, key: Path) -> tuple[bytes, bytes]:
@@ -74,7 +79,7 @@ def _no_password() -> str:
     raise ValueError("the key has a password")
 
 
-class Door(grpc.aio.ServerInterceptor):  # type: ignore[misc]  # gRPC has no types
+class TokenInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]  # gRPC has no types
     """Refuses calls without the token (UNAUTHENTICATED) and bytes that are no message (INVALID_ARGUMENT)."""
 
     def __init__(self, token: str) -> None:
