@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 from joybridge.client.client import Session
 from joybridge.client.command_line import add_own_game
@@ -395,7 +396,11 @@ def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypa
     options = Namespace(game=[], simulator=[], overrides=[])
     add_own_game(options, ["game.yaml"])
     load_config(tmp_path / "game.yaml", options.overrides)
-    assert '  # reward: "^Score: (\\\\d+)"  # 0 to ' in (tmp_path / "game.yaml").read_text()
+    written = (tmp_path / "game.yaml").read_text()
+    assert '  #   - "^Score: (\\\\d+)"  # 0 to ' in written and '  # done: "Game over"  # ' in written
+    paid = written.replace("  # reward:", "  reward:").replace("  #   - ", "    - ").replace("  # done:", "  done:")
+    keys = YAML(typ="safe").load(paid)["game"]
+    assert "^Score: (\\d+)" in keys["reward"] and keys["done"] == "Game over"
     (place,) = options.game
     assert place == "pygame:game.py keys=LEFT buttons=left hook=game_hook.py -- easy"
     game: Any = load_game(place)

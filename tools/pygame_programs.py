@@ -1,7 +1,7 @@
 r"""Play pygame programs of other packages twice, and go on from snapshots: is every frame the same? A row for each.
 
     python -m tools.pygame_programs pygame.examples.chimp "xboing keys=LEFT,RIGHT,SPACE" --frames 10000
-    python -m tools.pygame_programs "pygame.examples.aliens 'reward=Score: (\d+)'" --paid 1000
+    python -m tools.pygame_programs "pygame.examples.aliens 'reward=Score: (\d+)'" --paid 10
     python -m tools.pygame_programs --names NAMES --seed 46 --count 20
 
 The programs are installed by hand, beside this project. The second form shows what rewards pay in random play. The
@@ -25,7 +25,6 @@ from joybridge.adapters.pygame_programs.first_play import branch_off, playing, r
 from joybridge.adapters.pygame_programs.game import PygameGame
 from joybridge.adapters.pygame_programs.rerun import opened
 from joybridge.contract.errors import JoybridgeError
-from joybridge.contract.tensors import Array
 
 FRAMES = 10_000
 EPISODES = 1000  # at most: some programs end at once
@@ -55,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--snapshots", type=int, default=AFTER_SNAPSHOTS, help="frames after snapshots, 0: none; default %(default)s"
     )
-    parser.add_argument("--paid", type=int, metavar="DECISIONS", help="say what rewards have paid after so many")
+    parser.add_argument("--paid", type=int, metavar="EPISODES", help="say what rewards pay in so many episodes")
+    parser.add_argument("--decisions", type=int, default=400, help="of such an episode; default %(default)s")
     parser.add_argument("--names", type=Path, help="draw names from the lines of this file, and print them")
     parser.add_argument("--count", type=int, default=20, help="how many are drawn; default %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="of the draw and of what is played; default %(default)s")
@@ -64,9 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\n".join(draw(options.names.read_text(encoding="utf-8").split(), options.count, options.seed)))
         return 0
     if options.paid:
-        print(f"| program | paid in {options.paid:,} decisions |\n| --- | --- |")
+        print("| program | reward, and where it was paid |\n| --- | --- |")
         for program in options.programs:
-            print(f"| `{program}` | {paid(program, options.paid, options.seed)} |", flush=True)
+            text = paid(program, options.paid, options.decisions, options.seed)
+            print(f"| {program.partition(' ')[0]} | {text} |", flush=True)
         return 0
     print(f"| program | {options.frames:,} frames twice | after snapshots | seconds |\n| --- | --- | --- | --- |")
     rows = []
@@ -99,19 +100,19 @@ def look_at(program: str, frames: int, after_snapshots: int, seed: int) -> Row:
     return Row(program, f"{text}; served after {started:.1f} s", snapshots + note, time.monotonic() - begin, same)
 
 
-def paid(program: str, decisions: int, seed: int) -> str:
-    """Play a program at random and return how often each reward channel was paid, and how much."""
+def paid(program: str, episodes: int, decisions: int, seed: int) -> str:
+    """Play a program at random and return in how many episodes each reward channel was paid, and how much in all."""
     with opened(program, {}) as (_, game), playing(game.processes, game.look, interval=4) as (players, form):
-        rewards: list[Array] = []
-        for episode in range(seed, seed + EPISODES):
+        table = []  # of episodes and channels
+        for episode in range(seed, seed + episodes):
             players.begin([0], [episode])
-            rewards += [one.rewards for one in players.play(0, random_acts(form, episode, decisions - len(rewards)))]
-            if len(rewards) >= decisions:
-                break
-        table = np.array(rewards)
+            rewards = [one.rewards for one in players.play(0, random_acts(form, episode, decisions))]
+            table.append([np.count_nonzero(rewards, axis=0), np.sum(rewards, axis=0)])
+        often, sums = np.swapaxes(np.array(table), 0, 1)
     return "; ".join(
-        f"{name} in {np.count_nonzero(column)}, {column[column > 0].sum():+g} and {column[column < 0].sum():+g}"
-        for name, column in zip(game.look.channels, table.T, strict=True)
+        f"`{source}`: {np.count_nonzero(often[:, at])} of {episodes} episodes, "
+        f"{often[:, at].mean():.1f} times and {sums[:, at].mean():+.1f} in each"
+        for at, source in enumerate(game.settings.rewards.values())
     )
 
 

@@ -87,15 +87,19 @@ def _config(spec: pb.GameSpec, keys: dict[str, list[str]], numbers: Sequence[Any
     """
     shown = {key: values[0] if len(values) == 1 and key != "arguments" else values for key, values in keys.items()}
     game = "\n".join(f"  {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in shown.items())
+    if numbers:
+        game += "\n  # reward:  # one of these or several, without #; each pays the difference of its number"
     for number in numbers:
         seen = f"{number.low:g} to {number.high:g} in some seconds of random play"
-        game += f"\n  # reward: {json.dumps(number.reward, ensure_ascii=False)}  # {seen}"
+        game += f"\n  #   - {json.dumps(number.reward, ensure_ascii=False)}  # {seen}"
+    if "done" not in keys:
+        game += '\n  # done: "Game over"  # the episode ends when the program renders this text; write what yours says'
     return f"""\
 # A start for {json.dumps(spec.name, ensure_ascii=False)}. `joybridge keys` lists all keys.
 game:
 {game}
 {layout(spec)}
 arenas: {min(ARENAS, spec.max_arenas):<18}# processes of the program
-total_timesteps: 1000000  # more if the reward still rises at the end
-log_interval: 20000       # timesteps between two rows of metrics
+total_timesteps: 300000   # more if the reward still rises at the end
+log_interval: 10000       # timesteps between two rows of metrics
 {policy(spec)}"""
