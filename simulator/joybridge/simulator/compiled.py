@@ -13,6 +13,8 @@ from importlib.util import find_spec
 from threading import Lock
 from typing import Any, TypeVar, cast
 
+from joybridge.contract.machine_code import delete_stale
+
 F = TypeVar("F", bound=Callable[..., object])
 
 if find_spec("numba") is None:
@@ -62,6 +64,7 @@ def _prepare() -> None:
 def _dispatcher(function: Callable[..., object]) -> Any:
     import numba
 
+    delete_stale(function.__code__.co_filename)
     try:
         return numba.njit(cache=True, error_model="numpy")(function)
     except RuntimeError:  # neither the installation nor the user's cache folder can be written

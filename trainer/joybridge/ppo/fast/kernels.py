@@ -15,6 +15,7 @@ import numba
 import numpy as np
 
 from joybridge.config.metrics import STATISTICS
+from joybridge.contract.machine_code import delete_stale
 from joybridge.contract.tensors import Array
 
 LOG_2_PI = math.log(2 * math.pi)
@@ -34,6 +35,7 @@ def compiled(function: F, *, parallel: bool = False) -> F:
 
     parallel: iterations of numba.prange run in threads.
     """
+    delete_stale(function.__code__.co_filename)
     try:
         return numba.njit(cache=True, error_model="numpy", parallel=parallel)(function)  # type: ignore[no-any-return]
     except RuntimeError:
