@@ -43,7 +43,7 @@ from tools.paper import __main__ as paper
 
 ROOT = Path(__file__).parents[1]
 TIMESTEPS = 6_000
-DEADLINE_SECONDS = 120.0  # for a run to save its first checkpoint
+DEADLINE_SECONDS = 240.0  # for a run to save its first checkpoint
 TIMING = {"seconds", "timesteps_per_second", "simulate", "wire", "act", "learn"}
 
 

@@ -168,7 +168,9 @@ def test_a_game_is_watched(browser, simulator):
         tab.go(url)
         tab.wait(f"{TURN} > 3")
         assert not tab.value(SHOWN) and tab.text("#trained") == "random decisions"
-        hidden = "['curves-card', 'minds-card'].every((id) => document.getElementById(id).checkVisibility() === false)"
+        hidden = (
+            "['curves-card', 'outputs-card'].every((id) => document.getElementById(id).checkVisibility() === false)"
+        )
         assert tab.value(hidden)
         assert tab.errors == []
         tab.close()

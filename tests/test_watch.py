@@ -52,9 +52,9 @@ def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(sim
         ((time, reward),) = curves["policies"]["player"]["reward"]
         assert time == 64 and reward < 100
         assert game["name"] == "hybrid" and turn["timesteps"] == 64
-        (mind,) = turn["minds"]
-        (lane,) = mind["lanes"]
-        assert mind["policy"] == "player" and isinstance(lane["value"], float) and lane["axes"] == []
+        (outputs,) = turn["outputs"]
+        (lane,) = outputs["lanes"]
+        assert outputs["policy"] == "player" and isinstance(lane["value"], float) and lane["axes"] == []
         x, force, gear, press = (branch["choices"] for branch in lane["branches"])
         assert {choice["label"] for choice in x} == {"-1", "-0.5", "0", "0.5", "1"} and len(force) == 5
         assert {choice["label"] for choice in gear + press} >= {"press", "none"}
@@ -90,7 +90,7 @@ def test_a_page_sees_random_allowed_play_of_a_game_without_a_run(simulator, monk
         page = Page(url)
         assert page.take("lost")["text"] == "nobody is there: True"
         game, turn = page.begin()
-        assert game["name"] == "archer" and game["seed"] == "3" and "minds" not in turn
+        assert game["name"] == "archer" and game["seed"] == "3" and "outputs" not in turn
         turns, ended = [turn], list[Any]()
         while not ended:
             turns.append(page.take("turn"))

@@ -17,8 +17,8 @@ MAX_CHOICES = 12  # choices of a branch whose probabilities are shown, the likel
 
 
 @torch.inference_mode()
-def opinion(player: PolicyPlayer, spec: pb.GameSpec, steps: Sequence[StepArrays]) -> dict[str, Any]:
-    """Return what a policy thinks of the present observations: a value and probabilities per lane, for people."""
+def policy_outputs(player: PolicyPlayer, spec: pb.GameSpec, steps: Sequence[StepArrays]) -> dict[str, Any]:
+    """Return the outputs of a policy for the present observations, for people: a value and probabilities per lane."""
     actor = player.actor
     outputs = actor.network(to_tensors(player.observations, actor.accelerator))
     device = spec.behaviors[actor.behavior].device

@@ -19,7 +19,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.play.playing import Play, PlaySpec, open_play
-from joybridge.play.policy_outputs import opinion
+from joybridge.play.policy_outputs import policy_outputs
 from joybridge.policy.actor import policy_state
 from joybridge.run.checkpoint import checkpoints
 from joybridge.run.run_state import load_state
@@ -42,13 +42,13 @@ class Watched:
         self.turn = 0
         self.timesteps = play.timesteps
         self.picture: Array | None = None
-        self.minds: list[dict[str, Any]] = []
+        self.outputs: list[dict[str, Any]] = []
         self._view = play.view()
         self._decisions = play.decisions(1 if play.spec.HasField("picture") else 0)
 
     def play(self) -> None:
         """Play one decision. Raises SimulatorError."""
-        self.minds = [opinion(player, self.spec, self.steps) for player in self._play.players]
+        self.outputs = [policy_outputs(player, self.spec, self.steps) for player in self._play.players]
         played = next(self._decisions)
         self.turn += 1
         self.acts, self.steps = played.acts, played.after
@@ -99,7 +99,7 @@ def _watch_arena(page: ServerConnection, run: Path, watched: Watched, shown: dic
             looked = now
         if running:
             watched.play()
-            page.send(turn_message(watched, None, None, minds=watched.minds, timesteps=watched.timesteps))
+            page.send(turn_message(watched, None, None, outputs=watched.outputs, timesteps=watched.timesteps))
             if watched.picture is not None:
                 page.send(encode_picture(watched.picture))
         due = max(due, now) + interval(watched.spec) if running else now + LOOK_SECONDS

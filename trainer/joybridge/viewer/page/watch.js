@@ -53,14 +53,14 @@ function takeTurn(turn) {
   state.chosen = new Map(state.controls.flatMap((control, place) => ("branch" in control
     ? [[place, turn.behaviors[control.behavior].choices[panel.agent(control.behavior)][control.branch]]] : [])));
   panel.take(turn);
-  const random = !("minds" in turn); // a game without a run
-  $("curves-card").hidden = $("minds-card").hidden = random;
+  const random = !("outputs" in turn); // a game without a run
+  $("curves-card").hidden = $("outputs-card").hidden = random;
   $("trained").textContent = random ? "random decisions" : `after ${turn.timesteps.toLocaleString("en")} timesteps`;
-  $("minds").replaceChildren(...(turn.minds ?? []).flatMap(showMind));
+  $("outputs").replaceChildren(...(turn.outputs ?? []).flatMap(showOutputs));
 }
 
 // Returns the elements of what one policy thinks: of the first of its agents.
-function showMind({ policy, lanes }) {
+function showOutputs({ policy, lanes }) {
   const { value, branches, axes } = lanes[0];
   const bar = (label, share, text) => [element("span", {}, label), element("progress", { max: 1, value: share }),
     element("span", { className: "value" }, text)];
