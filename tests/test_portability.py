@@ -60,9 +60,10 @@ GUARDED = {  # where another function has made sure
     "simulator/joybridge/adapters/pygame_programs/inside/fences.py": {"resource", "/proc/self/fd/"},
     "simulator/joybridge/adapters/pygame_programs/inside/player.py": {"signal.setitimer"},
     "simulator/joybridge/adapters/pygame_programs/inside/stem.py": {"os.fork"},
-    "simulator/joybridge/adapters/pygame_programs/processes.py": {"socket.AF_UNIX"},
+    "simulator/joybridge/adapters/pygame_programs/processes.py": {"os.killpg", "signal.SIGKILL", "socket.AF_UNIX"},
     "simulator/joybridge/adapters/pygame_programs/wire.py": {"/proc/self/fd/", "socket.AF_UNIX"},
     "simulator/joybridge/simulator/local_socket.py": {"socket.AF_UNIX"},  # `offer` returns None before
+    "simulator/joybridge/simulator/workers/link.py": {"os.kill", "signal.SIGKILL"},  # where there is SO_PEERCRED
     "simulator/joybridge/simulator/workers/process.py": {
         "os.killpg",
         "signal.SIGKILL",

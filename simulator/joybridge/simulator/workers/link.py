@@ -47,10 +47,11 @@ class Link:
         return bool(select([self._socket], [], [], seconds)[0])
 
     def kill(self) -> None:
-        """Kill the process that has connected to this one (Linux)."""
-        process, *_ = struct.unpack("iii", self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-        with suppress(ProcessLookupError):
-            os.kill(process, signal.SIGKILL)
+        """Kill the process that has connected to this one, where the system says which one that is (Linux)."""
+        if hasattr(socket, "SO_PEERCRED"):
+            process, *_ = struct.unpack("iii", self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
 
     def close(self) -> None:
         """Close this end."""
