@@ -275,7 +275,10 @@ def test_a_program_that_hangs_or_fails_costs_its_session_a_sentence(tmp_path, li
 @pytest.mark.promise("X7")
 def test_nothing_of_a_program_that_stops_itself_or_has_forked_is_left(tmp_path, monkeypatch):
     monkeypatch.setenv(MARK, str(tmp_path))
-    deeds = "import ctypes, signal\nctypes.CDLL(None).fork()\n"
+    # The other process only waits: it must not read what the server says to this one.
+    deeds = (
+        "import ctypes, signal\nlibrary = ctypes.CDLL(None)\nif library.fork() == 0:\n    while True: library.pause()\n"
+    )
     body = "n = 0\n" + LOOP + "    n += 1\n    if n > 200: signal.raise_signal(signal.SIGSTOP)\n" + SHOW
     game: Any = program(tmp_path, deeds + HEAD + body, "seconds=0.3")
     with pytest.raises(GameError, match=r"drew no frame in 0\.3 s"):
