@@ -141,7 +141,7 @@ def _end_games() -> None:
     for thread in game_threads():
         thread.join(max(0.0, limit - time.monotonic()))
     if hanging := game_threads():
-        for thread in hanging:
+        for thread in filter(lambda thread: thread.works, hanging):  # others wait for a session that is gone
             log.error("the server ends although a game is still working:\n%s", thread.stack())
         logging.shutdown()
         os._exit(0)  # Python waits for no thread, but it may crash if a thread runs compiled code while it ends
