@@ -165,6 +165,20 @@ def test_a_signal_ends_a_server_whose_games_hang_and_the_log_says_where():
     assert text.count("hanging_games.py") == 2 and "time.sleep(FOREVER)" in text
 
 
+def test_a_thread_whose_session_has_not_ended_it_is_no_game_that_works():
+    program = """
+import asyncio
+from joybridge.simulator.game_thread import GameThread
+from joybridge.simulator.server import _end_games
+thread = GameThread(60.0)
+asyncio.run(thread.answer(int))
+_end_games()
+print(thread.is_alive())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("False\n", "")
+
+
 def test_a_signal_ends_a_server_whose_game_has_closed_standard_error():
     arguments = ["--address", "127.0.0.1:0", *games(*PLACES)]
     with server(*arguments, stderr=subprocess.PIPE) as process, Stream(process.address) as stream:

@@ -31,8 +31,6 @@ class TakesTooLong(BaseException):  # no Exception, because games catch those
 class GameThread(threading.Thread):
     """Runs the functions of one game, one after the other. It starts with the first one."""
 
-    works = False  # whether a function is running
-
     def __init__(self, seconds: float) -> None:
         """Allow `seconds` per function, which may be infinite."""
         super().__init__(name="game", daemon=True)
@@ -98,9 +96,7 @@ class GameThread(threading.Thread):
         """Run the functions; `Thread` calls this in the thread."""
         with suppress(TakesTooLong):  # it may arrive between two functions
             while (job := self._jobs.get()) is not None:
-                self.works = True
                 job()
-                self.works = False
 
     def stack(self) -> str:
         """Return where the thread is, as in a traceback."""

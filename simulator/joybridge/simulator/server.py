@@ -139,9 +139,10 @@ def _end_games() -> None:
     """Wait shortly for games that still work, then end the process with their stacks in the log."""
     limit = time.monotonic() + GAME_SECONDS
     for thread in game_threads():
+        thread.end()  # also where the event loop ended before the session did: a thread without a function then ends
         thread.join(max(0.0, limit - time.monotonic()))
     if hanging := game_threads():
-        for thread in filter(lambda thread: thread.works, hanging):  # others wait for a session that is gone
+        for thread in hanging:
             log.error("the server ends although a game is still working:\n%s", thread.stack())
         logging.shutdown()
         os._exit(0)  # Python waits for no thread, but it may crash if a thread runs compiled code while it ends

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from joybridge.adapters.pygame_programs.form import Form
-from joybridge.adapters.pygame_programs.processes import MAX_TEXT_CHARS, ProgramFault, ProgramProcesses
+from joybridge.adapters.pygame_programs.processes import ProgramFault, ProgramProcesses, said
 from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, WATCHED, as_json
 from joybridge.contract.tensors import NUMPY_TYPES, Array
-from joybridge.contract.text import printable
 from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.workers.link import Link
 
@@ -127,8 +126,9 @@ class Players:
             raise self._ended(arena) from error
         if kind == FAULT:
             fault = json.loads(message)
-            text = printable(fault["text"])[:MAX_TEXT_CHARS]
-            raise ArenaError(arena, f"the program has failed: {text}") from ProgramFault(fault["traceback"])
+            raise ArenaError(arena, f"the program has failed: {said(fault['text'])}") from ProgramFault(
+                fault["traceback"]
+            )
         return message
 
     def _ended(self, arena: int) -> ArenaError:

@@ -34,6 +34,11 @@ class ProgramFault(Exception):
     """Where an error was raised in a program, for the server's log."""
 
 
+def said(text: str) -> str:
+    """Return what a program says of itself without what could move the cursor, and not too long."""
+    return printable(text)[:MAX_TEXT_CHARS]
+
+
 class ProgramProcesses:
     """The first process of a program, and the stems that have branched off. Sessions in several threads share them."""
 
@@ -80,7 +85,7 @@ class ProgramProcesses:
             shown: dict[str, Any] = json.loads(message)
             if kind != FIRST:
                 self._forget(players=True)
-                raise AdapterError(printable(shown["text"])[:MAX_TEXT_CHARS]) from ProgramFault(shown["traceback"])
+                raise AdapterError(said(shown["text"])) from ProgramFault(shown["traceback"])
             return shown
 
     def fork(self, told: list[Mapping[str, Any]]) -> list[Link]:

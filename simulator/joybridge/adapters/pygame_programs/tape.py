@@ -24,7 +24,7 @@ from joybridge.adapters.pygame_programs.processes import ProgramProcesses
 from joybridge.adapters.pygame_programs.settings import PygameSettings
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
-from joybridge.pace import Pace
+from joybridge.progress import Progress
 from joybridge.simulator.batched_game import GameError
 
 FORMAT = 2
@@ -132,10 +132,10 @@ class Tape(NamedTuple):
 def write_tape(path: Path, rerun: Rerun, seed: int, acts: Iterable[bytes]) -> int:
     """Play an episode, write its tape, and return how many frames it has. Raises TapeError and GameError."""
     writer = TapeWriter(path, rerun.note(seed))
-    pace = Pace()
+    progress = Progress()
     for decision, (act, hashes) in enumerate(rerun.play(seed, acts), 1):
         writer.add(act, hashes, rerun.draw())
-        pace.reached(f"{decision:,} decisions are on the tape")
+        progress.report(f"{decision:,} decisions are on the tape")
     return writer.close()
 
 
@@ -161,7 +161,7 @@ def compare(tape: Tape, rerun: Rerun) -> int:
             f"the program is played with {', '.join(note['device'])}, the tape with {', '.join(tape.note['device'])}; "
             "name the former keys with keys=, buttons=, mouse= and wheel="
         )
-    begin, pace = 0, Pace()
+    begin, progress = 0, Progress()
     try:
         for decision, (_, hashes) in enumerate(rerun.play(tape.note["seed"], map(bytes, tape.acts))):
             expected = tape.hashes[begin : tape.ends[decision]]
@@ -172,7 +172,7 @@ def compare(tape: Tape, rerun: Rerun) -> int:
             if len(hashes) != len(expected):
                 raise TapeError(f"frame {begin + same}: the episode ends earlier or later than on the tape")
             begin += len(expected)
-            pace.reached(f"{begin:,} of {len(tape.hashes):,} frames are the same")
+            progress.report(f"{begin:,} of {len(tape.hashes):,} frames are the same")
     except GameError as error:
         raise TapeError(f"after frame {begin}: {error}") from error
     if begin != len(tape.hashes):
