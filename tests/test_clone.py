@@ -11,8 +11,8 @@ from joybridge.client.client import Session
 from joybridge.commands import clone
 from joybridge.commands.clone import main
 from joybridge.layouts import make_acts
-from joybridge.pace import Pace
 from joybridge.play.agent import load
+from joybridge.progress import Progress
 from joybridge.run.folder import run_config
 
 pytestmark = pytest.mark.usefixtures("signals")
@@ -73,7 +73,7 @@ def test_a_clone_knows_its_game_and_is_trained_further(demos, simulator, tmp_pat
 
 
 def test_the_same_seed_clones_the_same_and_the_best_pass_is_kept(demos, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(clone, "Pace", partial(Pace, seconds=0.0))  # every pass says how far it is
+    monkeypatch.setattr(clone, "Progress", partial(Progress, seconds=0.0))  # every pass says how far it is
     arrays = []
     for name in ("a", "b"):
         assert main(["clone", str(demos), "--passes", "30", "--run", str(tmp_path / name), *SMALL]) == 0

@@ -14,14 +14,14 @@ def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
-class Pace:
+class Progress:
     """Says how far a step is when nothing has been said of it for some seconds."""
 
     def __init__(self, say: Callable[[str], None] = say, seconds: float = SILENCE_SECONDS) -> None:
         """Begin a step. seconds: of silence."""
         self._say, self._seconds, self._said = say, seconds, time.monotonic()
 
-    def reached(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Say how far the step is, if it is time to."""
         if time.monotonic() - self._said >= self._seconds:
             self._say(text)

@@ -15,8 +15,8 @@ from joybridge.conformance.selection import select
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
-from joybridge.pace import Pace
 from joybridge.process import leave
+from joybridge.progress import Progress
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.conformance") -> int:
@@ -67,14 +67,14 @@ def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
     """Run the checks, print and write their results, and return the exit status."""
     begin = time.perf_counter()
     results: list[Result] = []
-    pace = Pace()
+    progress = Progress()
     credentials = load_credentials(options.tls_ca, options.token_file)
     for result in run_checks(options.address, options.game, options.deadline, checks, credentials, options.transport):
         results.append(result)
         if result.outcome in (FAILED, WARNING) or not options.quiet:
             print(*result.lines, sep="\n", flush=True)
         else:
-            pace.reached(f"{len(results)} checks are done")
+            progress.report(f"{len(results)} checks are done")
     print(f"\n{summary(results)} in {time.perf_counter() - begin:.1f} s")
     if sum(result.outcome == FAILED for result in results) > 1:
         names = ", ".join(repair_first(results, list(FAMILIES)))

@@ -17,7 +17,7 @@ from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.places import PYGAME, program_place
-from joybridge.pace import say
+from joybridge.progress import say
 
 LAST_SIMULATORS = "the simulators of the run's last training, if they answer; otherwise "
 ENVIRONMENTS = {"gym": "ID", "pettingzoo": "MODULE", "pygame": "PROGRAM", "unity": "BUILD", "unity-port": "PORT"}

@@ -15,7 +15,7 @@ from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import find_demonstrations, foreign_kind, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration
-from joybridge.pace import Pace, say
+from joybridge.progress import Progress, say
 from joybridge.run.folder import check_run, keep_config, keep_spec, run_name
 from joybridge.run.run_lock import locked
 
@@ -113,11 +113,11 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
     for actor in make_actors(config, spec, config.accelerator):
         given = show(actor, shown, config)
         say(given.remark)
-        best, pace = None, Pace()
+        best, progress = None, Progress()
         for result in fit(actor, given, passes):
             if result.best:
                 best = result
-            pace.reached(f"pass {result.passes}: loss {result.loss:.3f}, held out {result.held_out:.3f}")
+            progress.report(f"pass {result.passes}: loss {result.loss:.3f}, held out {result.held_out:.3f}")
         if best is None:
             raise DivergedError(f"{actor.name}: the loss is not finite; take a smaller policy.learning_rate")
         print(f"{actor.name}: pass {best.passes} is kept: loss {best.loss:.3f}, held out {best.held_out:.3f}")

@@ -14,7 +14,7 @@ from joybridge.client.launch import simulator_process
 from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.contract.places import PYGAME
-from joybridge.pace import say
+from joybridge.progress import say
 from joybridge.run.folder import play_config, run_spec
 from joybridge.v1 import bridge_pb2 as pb
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from joybridge.client.command_line import at_least, run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
-from joybridge.pace import say
 from joybridge.play.sweep import plot, read_sweep, table
+from joybridge.progress import say
 from joybridge.run.folder import play_config
 
 

@@ -16,7 +16,7 @@ from joybridge.client.command_line import (
 )
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.pace import say
+from joybridge.progress import say
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
 from joybridge.run.origin import remark

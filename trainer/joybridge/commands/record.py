@@ -7,8 +7,8 @@ from pathlib import Path
 from joybridge.client.command_line import run_command, say_next, seconds
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
-from joybridge.pace import say
 from joybridge.play.video_formats import video_format
+from joybridge.progress import say
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:

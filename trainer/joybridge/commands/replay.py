@@ -18,7 +18,7 @@ from joybridge.config.game_settings import read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.codec import StepArrays
 from joybridge.demonstrations.files import foreign_kind
-from joybridge.pace import say
+from joybridge.progress import say
 from joybridge.v1 import bridge_pb2 as pb
 
 

@@ -39,7 +39,7 @@ from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
 from joybridge.demonstrations.files import find_demonstrations
-from joybridge.pace import say
+from joybridge.progress import say
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, run_config, run_name
 from joybridge.run.own_code import check_code, sign_code, trust

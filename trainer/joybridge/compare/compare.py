@@ -45,7 +45,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.errors import JoybridgeError
-from joybridge.pace import say
+from joybridge.progress import say
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb

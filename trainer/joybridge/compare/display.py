@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from joybridge.compare.job import Job
-from joybridge.pace import Pace
+from joybridge.progress import Progress
 
 SILENCE_SECONDS = 60.0  # without a line, where output is no terminal: runs take minutes
 
@@ -25,7 +25,7 @@ class Display:
         self.jobs, self.ended, self.running = list(jobs), set(finished), set[Job]()
         self.rows = {job: job.last_row() for job in jobs}
         self.first = {job: self._done(job) if job.exact else 0 for job in jobs if job not in finished}  # nor failed
-        self.begin, self.pace = time.monotonic(), Pace(self._print, SILENCE_SECONDS)
+        self.begin, self.progress = time.monotonic(), Progress(self._print, SILENCE_SECONDS)
         self.live = Live(get_renderable=self.table, console=self.console, refresh_per_second=2, transient=True)
 
     def update(self, running: Sequence[Job]) -> None:
@@ -33,7 +33,7 @@ class Display:
         self.running = set(running)
         self.rows |= {job: job.last_row() for job in running}
         if not self.console.is_terminal:  # else a live table
-            self.pace.reached(f"{len(self.ended)} of {len(self.jobs)} runs finished; {self.time_left()}")
+            self.progress.report(f"{len(self.ended)} of {len(self.jobs)} runs finished; {self.time_left()}")
 
     def end(self, job: Job, failure: str | None) -> None:
         """Print that a job has ended, or why it failed. A failed job no longer counts for the time left."""

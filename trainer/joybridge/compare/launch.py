@@ -10,9 +10,9 @@ from joybridge.compare.job import Job, PeerJob, Process, start
 from joybridge.compare.variants import Variant, check_game, keep
 from joybridge.config.errors import ConfigError
 from joybridge.layouts import list_roles
-from joybridge.pace import say
 from joybridge.plugins import load
 from joybridge.policy.config_fit import check_fit, fitting_spec
+from joybridge.progress import say
 from joybridge.v1 import bridge_pb2 as pb
 
 

@@ -23,7 +23,7 @@ from joybridge.compare.rating import rate
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.pace import say
+from joybridge.progress import say
 from joybridge.run.folder import play_config, run_config
 from joybridge.run.matches import Match, read_matches, write_matches
 

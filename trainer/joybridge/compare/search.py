@@ -33,7 +33,7 @@ from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import column_name, is_builtin_metric
-from joybridge.pace import say
+from joybridge.progress import say
 from joybridge.run.run_lock import locked
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)  # it reports each study that is opened

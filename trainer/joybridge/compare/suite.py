@@ -19,7 +19,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import HELD_OUT, numbers
 from joybridge.contract.files import read_file
-from joybridge.pace import say
+from joybridge.progress import say
 
 MAX_BYTES = 2**26  # of the numbers of a comparison
 ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own

@@ -25,7 +25,7 @@ from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import metrics_name, read_rows
 from joybridge.contract.errors import JoybridgeError
-from joybridge.pace import Pace
+from joybridge.progress import Progress
 from joybridge.v1 import bridge_pb2 as pb
 
 FIRST_TRIALS = 3  # trials; if all of them fail, the others would as well
@@ -107,7 +107,7 @@ def train(made: Search, parallel: int, begin: Callable[[Job], Process]) -> None:
     running: dict[Training, Process] = {}
     try:
         with made.console.status("") as line:
-            pace = Pace(lambda text: made.console.print(text, soft_wrap=True, markup=False), SILENCE_SECONDS)
+            progress = Progress(lambda text: made.console.print(text, soft_wrap=True, markup=False), SILENCE_SECONDS)
             while interrupted or running or made.wanted:
                 while len(running) < parallel and (interrupted or made.wanted):
                     trial = next_trial(made, interrupted, parallel)
@@ -125,7 +125,7 @@ def train(made: Search, parallel: int, begin: Callable[[Job], Process]) -> None:
                 ended = f"{len(made.trials) - len(running)} of {made.options.trials} trials have ended"
                 line.update(ended)
                 if not made.console.is_terminal:
-                    pace.reached("; ".join([ended, *map(str, running)]))
+                    progress.report("; ".join([ended, *map(str, running)]))
                 time.sleep(POLL_SECONDS)
     finally:
         end(list(running.values()))

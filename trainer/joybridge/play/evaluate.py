@@ -9,10 +9,10 @@ import numpy as np
 from joybridge.client.sharded_session import single_sessions
 from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
-from joybridge.pace import Pace
 from joybridge.play.input_statistics import InputMeasures, Inputs
 from joybridge.play.playing import Change, Play, PlaySpec, open_play
 from joybridge.policy.episodes import Episodes, equal_shares
+from joybridge.progress import Progress
 
 CONFIDENCE = 1.96  # standard errors in a 95 % interval
 
@@ -152,14 +152,14 @@ def _play(
 ) -> dict[str, Episodes]:
     """Play until every arena has finished its share of episodes; return these."""
     tables = {player.actor.name: Episodes(player.lanes, player.actor.metrics) for player in play.players}
-    pace = Pace(say)
+    progress = Progress(say)
     for number, decision in enumerate(play.decisions(), 1):
         for player, rewards in zip(play.players, decision.rewards, strict=True):
             behavior = player.actor.behavior
             tables[player.actor.name].add(decision.after[behavior], rewards, played=play.held[behavior])
         for index, measures in measured:
             measures.add(decision.before[index], decision.acts[index], decision.after[index])
-        pace.reached(f"{number:,} decisions")
+        progress.report(f"{number:,} decisions")
         if all(tables[player.actor.name].has(shares, play.held[player.actor.behavior]) for player in play.players):
             break
     for table in tables.values():

@@ -6,11 +6,11 @@ from itertools import islice
 from pathlib import Path
 
 from joybridge.config.errors import ConfigError
-from joybridge.pace import Pace
 from joybridge.play.input_overlay import Inputs
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
+from joybridge.progress import Progress
 from joybridge.v1 import bridge_pb2 as pb
 
 FASTEST = 30.0  # frames per second; faster games are recorded every few decisions, at their own pace
@@ -30,14 +30,14 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
         every = math.ceil(pace / FASTEST)
         frames = round(seconds * pace / every)
         view, overlay = play.view(), Inputs(play.spec) if inputs else None
-        progress = Pace(say)
+        progress = Progress(say)
         height = view.height + (overlay.height if overlay else 0)
         with VideoFile(output, view.width, height, pace / every) as video:
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
                     seen = view.beside(picture, decision.after, play.remembered())
                     video.write(overlay.below(seen, decision.acts) if overlay else seen)
-                progress.reached(f"{number // every} of {frames} frames")
+                progress.report(f"{number // every} of {frames} frames")
     return frames
 
 

@@ -11,13 +11,13 @@ from joybridge.client.sharded_session import session_spec
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import Array
-from joybridge.pace import Pace
 from joybridge.policy.actor import Actor, make_actors, trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.players import Players
 from joybridge.policy.seats import Result
 from joybridge.policy.table import Guest, Table
 from joybridge.ppo.threads import use_one_thread
+from joybridge.progress import Progress
 from joybridge.run.checkpoint import checkpoints, read_checkpoint
 from joybridge.run.pool import load_pooled, pooled, thinned
 from joybridge.v1 import bridge_pb2 as pb
@@ -89,7 +89,7 @@ def play_tournament(
         seated.begin(session.steps)
         rounds, played = -(-matches // arenas), [0] * arenas
         results: list[Result] = []
-        pace = Pace(say)
+        progress = Progress(say)
         while min(played) < rounds:
             steps = session.step(seated.act(session.steps))
             for result in table.seats.finish(steps):
@@ -99,7 +99,7 @@ def play_tournament(
                 played[arena] += 1
                 table.seats.deal(arena, deal(len(players), table.seats.count, seed, arena, played[arena]))
             seated.store(steps)
-            pace.reached(f"{len(results):,} of {rounds * arenas:,} matches")
+            progress.report(f"{len(results):,} of {rounds * arenas:,} matches")
     return results
 
 
