@@ -2,9 +2,11 @@
 
 import re
 import tomllib
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -17,7 +19,9 @@ def normal(name):
 
 def pins(path):
     """Return the version of each package in a file, and how many hashes follow it."""
-    found = re.findall(r"^([\w.-]+)==([^ #;\n]+)(.*(?:\n +--hash=sha256:[0-9a-f]{64}.*)*)", path.read_text(), re.M)
+    found = re.findall(
+        r"^([\w.-]+)(?:\[[\w,]+\])?==([^ #;\n]+)(.*(?:\n +--hash=sha256:[0-9a-f]{64}.*)*)", path.read_text(), re.M
+    )
     return {normal(name): (version, rest.count("--hash=")) for name, version, rest in found}
 
 
@@ -43,6 +47,16 @@ def test_every_package_of_the_constraints_has_hashes_of_that_version():
     other = {name: (HASHES[name][0], version) for name, (version, _) in CONSTRAINTS.items() if name in HASHES}
     assert [name for name, (ours, theirs) in other.items() if ours != theirs] == []
     assert [name for name, (_, hashes) in HASHES.items() if not hashes] == []
+
+
+@pytest.mark.promise("X5")
+def test_a_package_that_is_asked_for_with_its_extras_has_hashes_with_them():
+    """Otherwise pip says that it has no version."""
+    wishes = [Requirement(wish) for one in distributions() if normal(one.name) in HASHES for wish in one.requires or ()]
+    with_extras = [wish for wish in wishes if wish.extras and (wish.marker is None or wish.marker.evaluate())]
+    assert with_extras
+    text = (ROOT / "hashes.txt").read_text()
+    assert [str(one) for one in with_extras if f"{one.name}[{','.join(sorted(one.extras))}]==" not in text] == []
 
 
 @pytest.mark.promise("X5")

@@ -30,6 +30,7 @@ def main() -> int:
             return MISSING
     extras = ["--extra", "dev", "--extra", "docs", "--constraint", "constraints.txt"]
     form = ["--universal", "--python-version", "3.11", "--generate-hashes", "--no-annotate", "--no-header", "--quiet"]
+    form.append("--no-strip-extras")  # pip asks for the hashes of coverage[toml], not of coverage
     done = subprocess.run(
         [str(ENVIRONMENT / "bin/uv"), "pip", "compile", "pyproject.toml", *extras, *form, "--override", "-"],
         cwd=ROOT,
