@@ -16,7 +16,7 @@ from joybridge.contract.versions import PINGED_REVISION
 from joybridge.v1 import bridge_pb2 as pb
 
 ATTEMPTS = 10  # to open a stream
-PAUSE_SECONDS = 0.002  # between two calls, after which the end of the stream may have come
+PAUSE_SECONDS = 0.002  # in which the end of a stream may have come
 SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 # Without a byte of the server, until it is asked whether it is there; for its answer. gRPC's own threads ask and
 # answer, so a game that works for long does not look like a machine that has disappeared.
@@ -137,8 +137,11 @@ class ClientStream:
         if self._channel is not None:
             self._call.cancel()
             await self._channel.close()
+            if self._listening is not None:
+                await asyncio.wait([self._listening])
             # The connection lives as long as something refers to these.
             self._channel = self._call = self._listening = None
+            await asyncio.sleep(PAUSE_SECONDS)  # gRPC refers to the call until the loop hears of its end
 
     async def _prepare(self) -> None:
         """Get ready for a request.
