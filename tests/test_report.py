@@ -30,8 +30,10 @@ from tools.paper.statistics import (
     UNTESTED,
     Sample,
     above,
+    above_effect,
     above_p,
     alike,
+    alike_effect,
     alike_p,
     differ,
     interquartile_mean,
@@ -40,6 +42,7 @@ from tools.paper.statistics import (
     pooled,
     sample,
     steadier,
+    steadier_effect,
     variance_p,
     welch_p,
 )
@@ -185,6 +188,23 @@ def test_the_p_value_of_a_higher_mean_is_that_of_the_t_test_and_agrees_with_the_
     expected = max(ttest_ind(values, each, equal_var=False).pvalue for each in others)
     assert above_p(*samples) == (1.0 if first < 8 else pytest.approx(expected))
     assert (above_p(*samples) < 0.05) == (above(*samples) == HOLDS)
+
+
+def test_the_difference_is_that_of_the_pair_of_the_p_value_with_its_interval():
+    values, near, far = [20.0, 22.0, 25.0], [14.0, 18.0, 19.0], [2.0, 3.0]
+    low, high = ttest_ind(values, near, equal_var=False).confidence_interval(0.95)
+    middle = (sum(values) - sum(near)) / 3
+    assert above_effect([sample(values)], [sample(far), sample(near)]) == pytest.approx((middle, low, high))
+    low, high = ttest_ind(values, far, equal_var=False).confidence_interval(0.95)
+    assert alike_effect([sample(each) for each in (far, near, values)], [])[1:] == pytest.approx((low, high))
+
+
+def test_the_interval_of_a_ratio_of_deviations_ends_where_the_f_test_begins_to_reject():
+    calm, wild = Sample(0.0, 2.0, 5, 4), Sample(0.0, 6.0, 8, 7)
+    ratio, low, high = steadier_effect([calm], [wild])
+    assert ratio == pytest.approx(3.0)
+    for end in (low, high):
+        assert variance_p(Sample(0.0, 2.0 * end, 5, 4), wild) == pytest.approx(0.05)
 
 
 def test_means_are_equivalent_if_the_90_percent_interval_of_their_difference_is_within_the_bound():
@@ -398,9 +418,9 @@ SHOWN = (
     "| Shooting Birds bucket-11, seed 0 | 136.0 | 137.6 ± 5.6 | inside | 129.9 | 135.9 ± 5.2 | 0.28 | 6.1 |",
     "| Beastly Rivals threshold-0.0, seed 0 | 150.0 | 93.2 ± 6.7 | above | 150.0 |",
     # Verdicts. Policies of shorter trainings do not decide.
-    "The bucket approach scores higher than the threshold approach | Shooting Birds | **not tested** |  |  | holds |",
-    "| Blinking hardly matters: policies almost never blink | Beastly Rivals | **holds** at 30 M |  |  | no logs |",
-    "| Half hidden birds are hit | Shooting Birds | **undecided** at 3 M |  |  | no logs |",
+    "scores higher than the threshold approach | Shooting Birds | **not tested** |  |  |  |  | holds |",
+    "policies almost never blink | Beastly Rivals | **holds** at 30 M | 1 | 1 of 1 |  |  | no logs |",
+    "| Half hidden birds are hit | Shooting Birds | **undecided** at 3 M | 3 | ",
     "The logs contradict claim 18, Beastly Rivals: threshold-0.0 93.2 ± 3.4 (10)",
     # Behavior
     "| threshold-0.0-s0 | 0.5 | 210 | 0.12 | 0.13 | 30000075 |",

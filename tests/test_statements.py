@@ -236,7 +236,7 @@ def test_a_statement_holds_fails_or_is_undecided(text):
     def word(*truths):
         names = [f"bucket-3-s{seed}" for seed in range(len(truths))]
         made = {name: FIGURES[text](true) for name, true in zip(names, truths, strict=True)}
-        return judge_statement(statement, policies(statement.game, made))[0]
+        return judge_statement(statement, policies(statement.game, made)).word
 
     assert word(True, True, True) == HOLDS and word(False, False, False) == FAILS
     assert word(True, False, True) == UNDECIDED
@@ -253,24 +253,27 @@ def test_dense_regions_are_skipped_if_threshold_hits_fewer_there_than_the_others
     wobble = (0.9, 1.0, 1.1)
     figures = {f"threshold-0.0-s{n}": {"dense_hits": threshold * share} for n, share in enumerate(wobble)}
     figures |= {f"bucket-11-s{n}": {"dense_hits": 0.7 * share} for n, share in enumerate(wobble)}
-    assert judge_statement(statement, policies(statement.game, figures))[0] == word
+    assert judge_statement(statement, policies(statement.game, figures)).word == word
     del figures["threshold-0.0-s0"]
-    assert judge_statement(statement, policies(statement.game, figures))[0] == UNTESTED
+    assert judge_statement(statement, policies(statement.game, figures)).word == UNTESTED
 
 
 def test_the_longest_training_of_enough_policies_counts():
     statement = STATEMENTS[1]
     early = policies(statement.game, three("side_changes", 1.0, 1.0, 1.1), 3_000_150)
     late = policies(statement.game, three("side_changes", 5.0, 5.0, 5.1))
-    assert judge_statement(statement, early + late)[::2] == (HOLDS, "at 30 M")
-    word, evidence, where = judge_statement(statement, early + late[:2])
-    assert (word, where) == (UNDECIDED, "at 3 M")  # the paper speaks of trained policies
-    assert evidence.startswith("at 3 M 1.03 [0.90, 1.18] over 3 policies: bucket-11-s0 1, ")
+    verdict = judge_statement(statement, early + late)
+    assert (verdict.word, verdict.where) == (HOLDS, "at 30 M")
+    verdict = judge_statement(statement, early + late[:2])
+    assert (verdict.word, verdict.where) == (UNDECIDED, "at 3 M")  # the paper speaks of trained policies
+    assert (verdict.runs, verdict.effect) == ("3", "1.03 [0.90, 1.18]")
+    assert verdict.evidence.startswith("at 3 M 1.03 [0.90, 1.18] over 3 policies: bucket-11-s0 1, ")
     others = [("shooting_birds/hybrid-s0", late[0][1]), ("shooting_birds/mine", late[0][1])]  # not of the paper
-    word, evidence, where = judge_statement(statement, early + late[:2] + others)
-    assert where == "at 3 M" and evidence.endswith("; not counted, at 30 M: bucket-11-s0 5, bucket-3-s0 5, hybrid-s0 5")
-    assert judge_statement(statement, [])[0] == UNTESTED
-    assert judge_statement(statement, policies(statement.game, three("side_changes", 0.0, 0.0, 0.0)))[0] == FAILS
+    verdict = judge_statement(statement, early + late[:2] + others)
+    assert verdict.where == "at 3 M"
+    assert verdict.evidence.endswith("; not counted, at 30 M: bucket-11-s0 5, bucket-3-s0 5, hybrid-s0 5")
+    assert judge_statement(statement, []).word == UNTESTED
+    assert judge_statement(statement, policies(statement.game, three("side_changes", 0.0, 0.0, 0.0))).word == FAILS
 
 
 def test_clocks_of_policies_whose_deaths_alone_were_counted_have_a_lower_bound():

@@ -21,15 +21,20 @@ from tools.paper.statistics import (
     HOLDS,
     UNDECIDED,
     UNTESTED,
+    Estimate,
     Rule,
     Sample,
+    Verdict,
     above,
+    above_effect,
     above_p,
     alike,
+    alike_effect,
     alike_p,
     pooled,
     sample,
     steadier,
+    steadier_effect,
     steadier_p,
 )
 
@@ -47,19 +52,14 @@ P_VALUES: Mapping[Rule, Callable[[Sequence[Sample], Sequence[Sample]], float]] =
     alike: alike_p,
     steadier: steadier_p,
 }
+EFFECTS: Mapping[Rule, Callable[[Sequence[Sample], Sequence[Sample]], Estimate]] = {
+    above: above_effect,
+    alike: alike_effect,
+    steadier: steadier_effect,
+}
 
 Figures = Mapping[str, Any]  # of one trained policy
 Behavior = Mapping[str, Figures]  # results/behavior.json, by "GAME/RUN"
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a claim holds, and the figures behind it."""
-
-    word: str
-    evidence: str
-    where: str = ""  # the number of timesteps at which runs were compared
-    p: float | None = None  # of the runs if the claim were false, where a test has one
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,10 @@ class Comparison:
     def p(self, samples: Sequence[Sample]) -> float:
         """Return the p value of the rule's test."""
         return P_VALUES[self.rule](samples[: len(self.first)], samples[len(self.first) :])
+
+    def effect(self, samples: Sequence[Sample]) -> Estimate:
+        """Return what the rule's test is about, with its 95 % interval."""
+        return EFFECTS[self.rule](samples[: len(self.first)], samples[len(self.first) :])
 
 
 @dataclass(frozen=True)
@@ -188,7 +192,7 @@ def judge_claims(results: Results, behavior: Behavior, shorter: Behavior | None 
     return [
         *(Judged(c.text, c.game, judges[c.measure](c, results), judge_logs(c)) for c in COMPARISONS),
         *(Judged(claim.text, RIVALS, _judge_behavior(claim, behavior), None) for claim in BEHAVIORS),
-        *(Judged(each.text, each.game, Verdict(*judge_statement(each, policies)), None) for each in STATEMENTS),
+        *(Judged(each.text, each.game, judge_statement(each, policies), None) for each in STATEMENTS),
     ]
 
 
@@ -228,7 +232,8 @@ def _judge_rewards(claim: Comparison, results: Results) -> Verdict:
         return Verdict(UNTESTED, f"needs longer runs, because the original does not show it {both}: {evidence}")
     if least == 1:
         ours = [pooled(each, theirs) for each, theirs in zip(ours, logs, strict=True)]
-    return Verdict(claim.decide(ours), evidence, where, claim.p(ours))
+    effect = ("sd × " if claim.rule is steadier else "") + _estimate(claim.effect(ours))
+    return Verdict(claim.decide(ours), evidence, where, claim.p(ours), _runs(ours), effect)
 
 
 def _judge_accuracies(claim: Comparison, results: Results) -> Verdict:
@@ -239,7 +244,8 @@ def _judge_accuracies(claim: Comparison, results: Results) -> Verdict:
     if lacking:
         return Verdict(UNTESTED, f"needs complete runs of {', '.join(lacking)}" + (f"; {evidence}" if evidence else ""))
     printed = [f"{layout} {100 * paper_figures(claim.game, layout)['accuracy']:g} %" for layout in claim.layouts]
-    return Verdict(claim.decide(list(known.values())), f"{evidence}; in the paper {', '.join(printed)}")
+    verdict = f"{evidence}; in the paper {', '.join(printed)}"
+    return Verdict(claim.decide(list(known.values())), verdict, runs=_runs(list(known.values())))
 
 
 def _judge_hours(claim: Comparison, results: Results) -> Verdict:
@@ -254,7 +260,14 @@ def _judge_hours(claim: Comparison, results: Results) -> Verdict:
     ratios = sample([math.log(slow / fast) for slow, fast in turns])
     hours = [geometric_mean(each) for each in zip(*turns, strict=True)]
     pair = [ratios, Sample(0.0, 0.0, len(turns), 0)]
-    return Verdict(claim.decide(pair), f"{_hours(claim, hours)} ({len(turns)})", p=claim.p(pair))
+    low, middle, high = (100 * (math.exp(each) - 1) for each in sorted(claim.effect(pair)))
+    return Verdict(
+        claim.decide(pair),
+        f"{_hours(claim, hours)} ({len(turns)})",
+        p=claim.p(pair),
+        runs=f"{len(turns)}, {len(turns)}",
+        effect=f"{middle:+.0f} % [{low:+.0f}, {high:+.0f}]",
+    )
 
 
 def _judge_behavior(claim: BehaviorClaim, behavior: Behavior) -> Verdict:
@@ -270,7 +283,9 @@ def _judge_behavior(claim: BehaviorClaim, behavior: Behavior) -> Verdict:
         return Verdict(UNTESTED, "needs `python -m tools.paper.behavior` on complete runs of the paper's approaches")
     words = [holds for _, holds in shown.values()]
     word = HOLDS if all(words) else UNDECIDED if any(words) else FAILS
-    return Verdict(word, "; ".join(f"{name} {text}" for name, (text, _) in shown.items()), f"at {COMPLETE / 1e6:g} M")
+    found = "; ".join(f"{name} {text}" for name, (text, _) in shown.items())
+    effect = f"{sum(words)} of {len(words)}"
+    return Verdict(word, found, f"at {COMPLETE / 1e6:g} M", runs=f"{len(words)}", effect=effect)
 
 
 def _experiments(claim: Comparison, results: Results) -> list[Experiment]:
@@ -290,6 +305,15 @@ def _list(layouts: Sequence[str], samples: Sequence[Sample]) -> str:
         f"{layout} {each.mean:.1f}" + (f" ± {each.std:.1f}" if each.runs > 1 else "") + f" ({each.runs})"
         for layout, each in zip(layouts, samples, strict=True)
     )
+
+
+def _runs(samples: Sequence[Sample]) -> str:
+    return ", ".join(f"{each.runs}" for each in samples)
+
+
+def _estimate(estimate: Estimate) -> str:
+    value, low, high = estimate
+    return f"{value:.1f} [{low:.1f}, {high:.1f}]"
 
 
 def _hours(claim: Comparison, hours: Sequence[float]) -> str:

@@ -45,6 +45,9 @@ one at a time on an otherwise idle machine."""
 RULES = """\
 All tests use the 5 % level. Beside the p value of a test stands the same corrected for the number of all claims that
 are tested so (Holm's method); verdicts use the former. Of a claim about several pairs, it is the largest of the pairs.
+*Runs* are ours, layout by layout, or the number of policies. *Difference* is in points, with its 95 % interval, between
+the pair of the p value; of stability, how many times as large one standard deviation over runs is as the other (*sd
+×*); of training time, percent; of behavior, the measure itself or how many policies show it.
 
 - **Reward**: Welch's t test. A few runs do not show how much results vary, so our standard deviation is pooled with
   that of the original's ten runs. Rewards are *alike* if they do not differ significantly and the confidence interval

@@ -14,7 +14,7 @@ from typing import Any
 from joybridge.compare import RunName
 from joybridge.games.beastly_rivals import rules as rivals
 from tools.paper.runs import COMPLETE, GAMES, LAYOUTS, MARK
-from tools.paper.statistics import FAILS, HOLDS, UNDECIDED, UNTESTED, Sample, margin, sample
+from tools.paper.statistics import FAILS, HOLDS, UNDECIDED, UNTESTED, Sample, Verdict, margin, sample
 
 Figures = Mapping[str, Any]  # of one trained policy, as in behavior.json
 Policies = Sequence[tuple[str, Figures]]  # by "GAME/RUN"
@@ -91,8 +91,8 @@ STATEMENTS = (
 )
 
 
-def judge_statement(statement: Statement, policies: Policies) -> tuple[str, str, str]:
-    """Return the verdict, the figures behind it, and at how many timesteps, as in "at 3 M"."""
+def judge_statement(statement: Statement, policies: Policies) -> Verdict:
+    """Judge a statement at the largest number of timesteps that enough policies have trained."""
     by_mark: dict[int, list[tuple[str, str, float]]] = {}  # name, layout and figure of each policy
     for name, layout, policy in _of_game(statement.game, policies):
         with suppress(KeyError):  # it was measured before there was this figure
@@ -105,11 +105,12 @@ def judge_statement(statement: Statement, policies: Policies) -> tuple[str, str,
         where = f"at {mark / 1e6:g} M"
         if estimate := _estimate(statement, [(layout, figure) for _, layout, figure in counted]):
             value, low, high = estimate
-            evidence = f"{where} {value:.2f} [{low:.2f}, {high:.2f}] over {len(counted)} policies: {_list(counted)}"
+            effect = f"{value:.2f} [{low:.2f}, {high:.2f}]"
+            evidence = f"{where} {effect} over {len(counted)} policies: {_list(counted)}{longer}"
             word = _word(statement, low, high) if mark >= COMPLETE else UNDECIDED  # it is said of trained policies
-            return word, f"{evidence}{longer}", where
+            return Verdict(word, evidence, where, runs=f"{len(counted)}", effect=effect)
         longer += f"; not counted, {where}: {_list(found)}"
-    return UNTESTED, f"needs `python -m tools.paper.behavior` on {ENOUGH} runs of the paper's approaches", ""
+    return Verdict(UNTESTED, f"needs `python -m tools.paper.behavior` on {ENOUGH} runs of the paper's approaches")
 
 
 def _list(found: Sequence[tuple[str, str, float]]) -> str:

@@ -27,6 +27,19 @@ class Sample:
     freedom: int  # degrees of freedom of `std`
 
 
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a claim holds, and the figures behind it."""
+
+    word: str
+    evidence: str
+    where: str = ""  # the number of timesteps at which runs were compared
+    p: float | None = None  # of the runs if the claim were false, where a test has one
+    runs: str = ""  # how many were compared, layout by layout
+    effect: str = ""  # how large the difference is, with its 95 % interval
+
+
+Estimate = tuple[float, float, float]  # a value and its 95 % interval
 Rule = Callable[[Sequence[Sample], Sequence[Sample]], str]  # compares the first samples with the second
 
 
@@ -110,6 +123,28 @@ def steadier_p(first: Sequence[Sample], second: Sequence[Sample]) -> float:
     return float(f_distribution.sf(wild / max(calm, 1e-9), wild_freedom, calm_freedom))
 
 
+def above_effect(first: Sequence[Sample], second: Sequence[Sample]) -> Estimate:
+    """Return the difference of two means: of the pair whose p value `above_p` is."""
+    pairs = [(a, b) for a in first for b in second]
+    return _difference(*max(pairs, key=lambda pair: _exceeds_p(pair[0].mean - pair[1].mean, *pair)))
+
+
+def alike_effect(first: Sequence[Sample], second: Sequence[Sample]) -> Estimate:
+    """Return the difference of the two of all means whose interval reaches farthest from 0."""
+    samples = [*first, *second]
+    differences = [_difference(a, b) for i, a in enumerate(samples) for b in samples[:i]]
+    return max(differences, key=lambda each: max(-each[1], each[2]))
+
+
+def steadier_effect(first: Sequence[Sample], second: Sequence[Sample]) -> Estimate:
+    """Return how many times the standard deviation over runs of the first samples that of the second is."""
+    (calm, calm_freedom), (wild, wild_freedom) = _variance(first), _variance(second)
+    ratio = wild / max(calm, 1e-9)
+    ends = f_distribution.ppf([1 - SIGNIFICANCE / 2, SIGNIFICANCE / 2], wild_freedom, calm_freedom)
+    low, high = (math.sqrt(ratio / end) for end in ends)
+    return math.sqrt(ratio), low, high
+
+
 def interval(values: Sequence[float]) -> tuple[float, float] | None:
     """Return the 95 % bootstrap confidence interval of the mean, or None for a single value."""
     if len(values) < 2:
@@ -130,6 +165,12 @@ def _welch(a: Sample, b: Sample) -> tuple[float, float]:
     if not variance:
         return 0.0, 1.0
     return math.sqrt(variance), variance**2 / sum(error**2 / freedom for error, freedom in errors)
+
+
+def _difference(a: Sample, b: Sample) -> Estimate:
+    """Return the difference of two means with Welch's interval."""
+    middle, half = a.mean - b.mean, margin(a, b)
+    return middle, middle - half, middle + half
 
 
 def _exceeds_p(difference: float, a: Sample, b: Sample) -> float:

@@ -136,17 +136,19 @@ def behaviors(behavior: Behavior) -> list[str]:
 
 
 def claims(judged: Sequence[Judged]) -> str:
-    """Return a table of the claims with our verdict, its p value alone and by Holm's method, and the logs' verdict."""
+    """Return a table of the claims with our verdict, the runs and the difference behind it, and the logs' verdict."""
     tested = [claim.here.p for claim in judged if claim.here.p is not None]
     corrected = iter(holm(tested))
     return table(
-        ("", "the paper's claim", "game", "here", "p", "p, Holm", "the original's logs"),
+        ("", "the paper's claim", "game", "here", "runs", "difference, 95 %", "p", "p, Holm", "the original's logs"),
         [
             (
                 f"{number}",
                 claim.text,
                 TITLES[claim.game],
                 f"**{claim.here.word}** {claim.here.where}".strip(),
+                claim.here.runs,
+                claim.here.effect,
                 *(("", "") if claim.here.p is None else (f"{claim.here.p:.2g}", f"{next(corrected):.2g}")),
                 claim.logs.word if claim.logs else "no logs",
             )
