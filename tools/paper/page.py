@@ -52,9 +52,11 @@ the pair of the p value; of stability, how many times as large one standard devi
 - **Reward**: Welch's t test. A few runs do not show how much results vary, so our standard deviation is pooled with
   that of the original's ten runs. Rewards are *alike* if they do not differ significantly and the confidence interval
   of the difference is within 10 points; the p value is that of two one-sided tests (TOST) with this bound.
-- **Stability**: an F test of the variances over runs.
+- **Stability**: an F test of the variances over runs, pooled over the layouts of each side: where `threshold-0.1` and
+  `threshold-0.5` vary more than `threshold-0.0`, they decide (the numbers below show each).
 - Both are tested at the largest number of timesteps that runs of all layouts of a claim have reached. Before 30 M
-  timesteps, they are tested only if the original's runs confirm the claim both there and at 30 M.
+  timesteps, they are tested only if the original's runs confirm the claim both there and at 30 M. So shorter runs can
+  confirm a claim, but hardly refute it.
 - **Training time**: a t test of the logarithms of the ratios of the hours in figure 14, pair by pair.
 - **Click accuracy** of complete runs: a difference counts if it is larger than one percentage point.
 - **Behavior**: a claim *holds* if all complete runs of the paper's layouts show it, and *does not hold* if none does.
