@@ -177,8 +177,8 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 def test_what_a_person_holds_is_demonstrated_and_what_chance_plays_is_not(tmp_path, simulator):
     with closing(Arena(simulator, "ferry", Settings(3, {}, {}), 30.0, tmp_path)) as arena:
-        for seat in (1, 1, 1, None):
-            arena.play(Pressed([[0.5], []], [[], [1]]), seat)
+        for seats in ([1], [1], [1], range(3)):
+            arena.play(dict.fromkeys(seats, Pressed([[0.5], []], [[], [1]])))
         described = arena.spec
     (stretch,) = load_demonstration(tmp_path / "ferry-0001.demo", described).stretches
     held = [[stretch.demonstrated(number, index).tolist() for index in (0, 1)] for number in range(4)]

@@ -30,8 +30,8 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer import web
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.controls import Choice, Stick, make_controls
-from joybridge.viewer.page_session import PageGame, play
-from joybridge.viewer.run_opponent import load_others, open_rival, run_settings
+from joybridge.viewer.page_session import PageGame, welcome
+from joybridge.viewer.run_opponent import load_others, open_rival, rate_people, run_settings
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.web import open_website
 from tests.support.games import PICTURE
@@ -61,8 +61,12 @@ class Page:
 
     def take(self, *kinds):
         """Return the next message of one of these types; a turn has its picture."""
+        return self.take_within(SECONDS, *kinds)
+
+    def take_within(self, seconds, *kinds):
+        """Return the next message of one of these types, each of which comes within so many seconds."""
         while True:
-            message = json.loads(self._socket.recv(SECONDS))
+            message = json.loads(self._socket.recv(seconds))
             for drawn in (message, message.get("rival")) if message["type"] == "turn" else ():
                 if drawn and drawn["picture"]:
                     drawn["picture"] = self._socket.recv(SECONDS)
@@ -89,10 +93,8 @@ class Page:
 
 
 @contextmanager
-def website(source, game, settings=SETTINGS, against=None, others=None):
-    with open_website(
-        0, lambda page: play(page, source, PageGame(game, SECONDS, against, others=others), settings)
-    ) as url:
+def website(source, game, settings=SETTINGS, **more):
+    with open_website(0, welcome(source, PageGame(game, SECONDS, **more), settings)) as url:
         yield url
 
 
@@ -325,16 +327,16 @@ def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
     run = begun(simulator, tmp_path / "run", "ferry", {})
     pressed = ([[0.5], []], [[], [1]])
     with (
-        website(Simulator(simulator, ()), "ferry", others=partial(load_others, [str(run)], "ferry", "")) as url,
+        website(Simulator(simulator, ()), "ferry", others=partial(load_others, [str(run)], "ferry")) as url,
         Session(simulator, "ferry", arenas=1, seed=3) as session,
     ):
-        page, policies = Page(url), load_others([str(run)], "ferry", "", session.spec, SETTINGS)
+        page, policies = Page(url), load_others([str(run)], "ferry", session.spec, SETTINGS)
         assert page.begin()[0]["seat"] == 0
         policies.begin(session.steps)
         for number in range(30):
             seat = number // 10  # the person takes another one
             turn = page.act(*pressed, seat=seat)["behaviors"]
-            acts = policies.act(session.steps, seat)
+            acts = policies.act(session.steps)
             if seat == 0:
                 acts[0].axes[0] = 0.5
             else:
@@ -348,8 +350,9 @@ def test_policies_hold_the_seats_that_the_person_does_not(simulator, tmp_path):
 
 def test_matches_of_a_person_with_one_seat_go_to_the_log_that_rate_reads(simulator, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    others = partial(load_others, ["script:perfect"], "noughts", "Ada")
-    with website(Simulator(simulator, ()), "noughts", others=others) as url:
+    others = partial(load_others, ["script:perfect"], "noughts")
+    rated = partial(rate_people, ["script:perfect"], ["Ada"])
+    with website(Simulator(simulator, ()), "noughts", others=others, rated=rated) as url:
         page, ends = Page(url), 0
         page.begin()
         for _ in range(30):
@@ -360,6 +363,84 @@ def test_matches_of_a_person_with_one_seat_go_to_the_log_that_rate_reads(simulat
     matches = read_matches(tmp_path / "rating")
     assert ends > 2 and len(matches) in (ends, ends + 1)  # one may end with its first decision
     assert all(match.players == ("script:perfect", "Ada") and match.places[0] <= match.places[1] for match in matches)
+
+
+def together(url):
+    """Return two pages that have begun a match together."""
+    one = Page(url)
+    assert one.take("waiting")["text"].startswith("1 of 2 players are here")
+    other = Page(url)
+    for seat, page in enumerate((one, other)):
+        game, _ = page.begin()
+        assert (game["seat"], game["fixed"]) == (seat, True)
+    return one, other
+
+
+def test_two_people_play_one_match_and_it_waits_for_both(simulator):
+    pressed = ([[0.5], []], [[], [1]])
+    with website(Simulator(simulator, ()), "ferry", people=2) as url:
+        one, other = together(url)
+        assert one.take("people")["text"] == "you are player 1; waits for you, player 2"
+        other.send("clock", running=True)
+        assert one.take("people")["text"] == "you are player 1; waits for you"
+        one.send("act", turn=0, id=7, seat=2, axes=[[0.25], []], choices=[[], [0]], decide=True)  # its seat is 0
+        with pytest.raises(TimeoutError):
+            one.take_within(0.2, "turn")
+        other.send("act", turn=0, id=9, seat=None, axes=pressed[0], choices=pressed[1], decide=True)
+        turns = [page.take("turn") for page in (one, other)]
+        assert [turn.pop("played") for turn in turns] == [7, 9] and turns[0] == turns[1]
+        assert turns[0]["behaviors"][0]["axes"] == [[0.25]] and turns[0]["behaviors"][1]["choices"][0] == [1]
+        one.send("start", seed="5", options={}, parameters={})
+        assert [page.begin()[0]["seed"] for page in (one, other)] == ["5", "5"]
+        one.close()
+        other.close()
+
+
+def test_a_page_that_finds_no_place_is_sent_away_and_takes_one_that_is_free(simulator):
+    with website(Simulator(simulator, ()), "noughts", people=2) as url:
+        one, other = together(url)
+        with pytest.raises(ConnectionClosed, match="All 2 places are taken"):
+            Page(url).take("game")
+        one.close()
+        assert other.take("waiting")["text"].startswith("1 of 2 players are here")
+        third = Page(url)
+        assert [page.begin()[0]["seat"] for page in (third, other)] == [0, 1]
+        third.close()
+        other.close()
+
+
+def test_a_match_of_two_people_who_agree_is_rated(simulator, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rated = partial(rate_people, [], ["Ada", "Bob"])
+    with website(Simulator(simulator, ()), "noughts", people=2, rated=rated) as url:
+        pages = together(url)
+        ended: list[dict[str, float]] = []
+        while not ended:
+            for page in pages:
+                page.send("act", turn=page.turn["turn"], id=0, seat=None, axes=[[]], choices=[[0]], decide=True)
+            for page in pages:
+                page.turn = page.take("turn")
+            ended = pages[0].turn["ended"]
+        for page in pages:
+            page.close()
+    (match,) = read_matches(tmp_path / "rating")
+    scores = sorted(ended, key=lambda end: end["seat"])
+    ahead = np.sign(scores[0]["score"] - scores[1]["score"])
+    assert match.players == ("Ada", "Bob") and np.sign(match.places[1] - match.places[0]) == ahead
+
+
+@pytest.mark.usefixtures("signals")
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["noughts", "--players", "3"], "--players: got 3, expected at most 2, the seats of noughts"),
+        (["noughts", "--players", "2", "--others", "script:perfect"], "has 2 seats, and people hold them"),
+        (["ferry", "--players", "2", "--rate", "A", "--rate", "B"], "has 3 seats, and chance would hold some"),
+    ],
+)
+def test_people_and_others_need_seats(simulator, capsys, arguments, text):
+    assert main(["play", *arguments, "--simulator", simulator, "--no-browser"]) == 1
+    assert text in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("signals")
@@ -373,7 +454,7 @@ def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):
     settings = run_settings("--against", run, "hybrid", SETTINGS)
     assert settings == Settings(3, {"masks": "off"}, {})
     with (
-        website(Simulator(simulator, ()), "hybrid", settings, partial(open_rival, run)) as url,
+        website(Simulator(simulator, ()), "hybrid", settings, against=partial(open_rival, run)) as url,
         open_play(PlaySpec(run, simulator, seed=3)) as alone,
     ):
         page, score, ends = Page(url), 0.0, 0

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 import pytest
 
 from joybridge.viewer.arena import Settings
-from joybridge.viewer.page_session import PageGame, play
+from joybridge.viewer.page_session import PageGame, welcome
 from joybridge.viewer.run_view import watch
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.watched_game import watch_game
@@ -46,7 +46,7 @@ def visit(browser, simulator):
             settings = Settings(seed=1, options=options, parameters={})
             source = source or Simulator(simulator, ())
             url = open_pages.enter_context(
-                open_website(0, lambda page: play(page, source, PageGame(game, SECONDS), settings)),
+                open_website(0, welcome(source, PageGame(game, SECONDS), settings)),
             )
             tab = browser.tab()
             open_pages.callback(tab.close)

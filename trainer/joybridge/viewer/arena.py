@@ -1,6 +1,6 @@
-"""One arena of a game as a person plays it: its session, its scores and the seats that the person does not hold."""
+"""One arena of a game as people play it: its session, its scores and the seats that they do not hold."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,7 +17,8 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.scores import Scores
 
 if TYPE_CHECKING:  # it needs torch
-    from joybridge.viewer.others import Others
+    from joybridge.policy.players import Players
+    from joybridge.viewer.rated import RatedMatches
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Arena:
     """An arena, from its first episode until it is closed.
 
     turn: number of decisions so far. acts: what was played last, per behavior. picture: uint8 [height, width, 3], or
-    None. others: who hold the seats that the person does not; None: chance does.
+    None. others: who hold the seats that people do not; None: chance does. rated: the log of its matches, if people
+    want to be rated.
     """
 
     def __init__(self, address: str, game: str, settings: Settings, timeout: float, demos: Path | None = None) -> None:
@@ -66,7 +68,8 @@ class Arena:
         self.acts = make_acts(spec, 1)
         self.turn = 0
         self.picture: Array | None = None
-        self.others: Others | None = None
+        self.others: Players | None = None
+        self.rated: RatedMatches | None = None
         self._drawn = [0] if spec.HasField("picture") else []
         self._rng = np.random.default_rng(settings.seed)
 
@@ -75,35 +78,36 @@ class Arena:
         """The present observations, masks and who decides."""
         return self.session.steps
 
-    def seat(self, others: "Others") -> None:
-        """Let others hold the seats that the person does not. Call this before the first decision."""
+    def seat(self, others: "Players") -> None:
+        """Let others hold the seats that people do not. Call this before the first decision."""
         others.begin(self.steps)
         self.others = others
 
-    def play(self, pressed: Pressed, seat: int | None, *, draw: bool = True) -> None:
-        """Play one decision. seat: the one that the person holds, None: all; `others` or chance play in the rest.
+    def play(self, pressed: Mapping[int, Pressed], *, draw: bool = True) -> None:
+        """Play one decision. pressed: by people, by the seat that they hold; `others` or chance play in the rest.
 
         draw: make a picture, if the game can be drawn. Where a choice is forbidden, an allowed one is played. Raises
-        SimulatorError.
+        SimulatorError, and StorageError where a match cannot be logged.
         """
-        held = None if seat is None else self.scores.seats[seat]
-        # For all seats: the person may take another one.
-        decided = self.others.act(self.steps, seat) if self.others else None
+        if self.rated:
+            self.rated.hold(pressed)
+        decided = self.others.act(self.steps) if self.others else None  # for all seats: people may take other ones
         for index, (behavior, act, step) in enumerate(zip(self.spec.behaviors, self.acts, self.steps, strict=True)):
             if decided:
                 others = decided[index]
                 act.axes[:], act.choices[:], act.scripts = others.axes, others.choices, others.scripts
-            elif held is not None:
+            elif len(pressed) < len(self.scores.seats):
                 press_at_random(behavior.device, act, self._rng)
-            if held is None or held.behavior == index:
-                lanes = slice(None) if held is None else held.agent
-                act.axes[lanes] = _in_range(pressed.axes[index], behavior.device)
-                act.choices[lanes] = pressed.choices[index]
-                if act.scripts is not None:
-                    act.scripts[lanes] = 0
+            for seat, given in pressed.items():
+                held = self.scores.seats[seat]
+                if held.behavior == index:
+                    act.axes[held.agent] = _in_range(given.axes[index], behavior.device)
+                    act.choices[held.agent] = given.choices[index]
+                    if act.scripts is not None:
+                        act.scripts[held.agent] = 0
             obey_masks(act, step, self._rng)
         if self._demonstration:
-            self._demonstration.hold(self._lanes(seat))
+            self._demonstration.hold(self._lanes(pressed))
         self._step(draw=draw)
 
     def play_at_random(self, every: int) -> None:
@@ -118,16 +122,18 @@ class Arena:
         steps, pictures = self.session.step_and_draw(self.acts, self._drawn if draw else [])
         if self.others:
             self.others.store(steps)
+        if self.rated:
+            self.rated.take(steps)
         self.turn += 1
         self.picture = pictures[0] if pictures else None
         self.scores.take(steps)
 
-    def _lanes(self, seat: int | None) -> list[list[int]] | None:
-        """Return the lanes of each behavior that the person holds, None: all."""
-        if seat is None:
+    def _lanes(self, seats: Collection[int]) -> list[list[int]] | None:
+        """Return the lanes of each behavior that are among some seats, None: all."""
+        if len(seats) == len(self.scores.seats):
             return None
-        held = self.scores.seats[seat]
-        return [[held.agent] if index == held.behavior else [] for index in range(len(self.spec.behaviors))]
+        held = [self.scores.seats[seat] for seat in seats]
+        return [[one.agent for one in held if one.behavior == index] for index in range(len(self.spec.behaviors))]
 
     def close(self) -> None:
         """End the session; the simulator frees the arena."""

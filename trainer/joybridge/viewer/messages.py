@@ -11,6 +11,8 @@ To a page:
     game    the game, its settings and the controls; then a first turn
     turn    the state after a decision; for each `picture` that is true, a binary message with a JPEG
             follows: of the arena, then of the rival
+    people  of several people that play together: for whom the game waits
+    waiting how many people are still missing before they begin
     lost    the simulator cannot be reached; it is tried again until it answers
     refused the settings cannot be played; or the page sent what is no message
 """
@@ -154,8 +156,8 @@ def _number(value: object, name: str) -> float:
     raise MessageError(f"{name}: got {str(value)[:40]!r}, expected a number")
 
 
-def game_message(arena: Shown, seat: int | None = None) -> str:
-    """Return the message `game`. seat: the one that the person holds at first, None: all."""
+def game_message(arena: Shown, seat: int | None = None, *, fixed: bool = False) -> str:
+    """Return the message `game`. seat: the one that the person holds at first, None: all. fixed: it holds no other."""
     spec, settings = arena.spec, arena.settings
     chosen = choose_options(spec.options, settings.options, spec.name)
     return _write(
@@ -183,6 +185,7 @@ def game_message(arena: Shown, seat: int | None = None) -> str:
         ],
         seats=[one._asdict() for one in arena.scores.seats],
         seat=seat,
+        fixed=fixed,
         controls=[asdict(control) for control in make_controls(spec)],
     )
 
@@ -223,6 +226,19 @@ def _rival(rival: "Rival") -> dict[str, Any]:
         "ended": scores.ended,
         "picture": rival.picture is not None,
     }
+
+
+def people_message(place: int, awaited: Sequence[int]) -> str:
+    """Return the message `people`. place: of the page. awaited: the places of those who do not let the game run."""
+    names = ["you" if other == place else f"player {other + 1}" for other in awaited]
+    return _write("people", text=f"you are player {place + 1}" + (f"; waits for {', '.join(names)}" if names else ""))
+
+
+def waiting_message(here: int, places: int) -> str:
+    """Return the message `waiting`."""
+    return _write(
+        "waiting", text=f"{here} of {places} players are here. The others open the same URL in tabs of their own."
+    )
 
 
 def error_message(kind: str, error: Exception) -> str:

@@ -1,18 +1,20 @@
-"""Play with one page: take its messages, and play a decision whenever the game's clock or the page says so."""
+"""Play with the pages of a room: take their messages, and play a decision whenever the game's clock or they say so."""
 
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from websockets.sync.server import ServerConnection
 
 from joybridge.client.errors import SimulatorLost
+from joybridge.config.errors import ConfigError
 from joybridge.contract.errors import JoybridgeError
 from joybridge.v1 import bridge_pb2 as pb
-from joybridge.viewer.arena import Arena, Settings
+from joybridge.viewer.arena import Arena, Pressed, Settings
 from joybridge.viewer.messages import (
     Act,
     Clock,
@@ -20,17 +22,19 @@ from joybridge.viewer.messages import (
     encode_picture,
     error_message,
     game_message,
+    people_message,
     read_message,
     turn_message,
 )
+from joybridge.viewer.room import PageLeft, Room
 from joybridge.viewer.simulator import Simulator
 
-if TYPE_CHECKING:  # it needs torch
-    from joybridge.viewer.others import Others
+if TYPE_CHECKING:  # they need torch
+    from joybridge.policy.players import Players
+    from joybridge.viewer.rated import RatedMatches
     from joybridge.viewer.run_opponent import Rival
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
-LoadOthers = Callable[[pb.GameSpec, Settings], "Others"]
 
 LATE = 2  # decisions that are made up for, after a delay
 RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
@@ -38,97 +42,157 @@ RETRY_SECONDS = 0.5  # between two attempts to reach a lost simulator
 
 @dataclass(frozen=True)
 class PageGame:
-    """What is played with a page."""
+    """What is played with the pages of a room."""
 
     game: str
     timeout: float  # seconds to wait for an answer of the simulator
+    people: int = 1  # how many pages hold a seat each; 1: every page plays an arena of its own, and may take any seat
     against: Against | None = None  # opens the rival of each session
     demos: Path | None = None  # the folder in which each session is recorded
-    others: LoadOthers | None = None  # loads the policies that hold the other seats
+    others: "Callable[[pb.GameSpec, Settings], Players] | None" = None  # loads who hold the other seats
+    rated: "Callable[[pb.GameSpec], RatedMatches] | None" = None  # opens the log of the matches
 
 
-def play(page: ServerConnection, simulator: Simulator, what: PageGame, settings: Settings) -> None:
-    """Play a game with a page until the page goes away, which raises ConnectionClosed.
+def welcome(simulator: Simulator, what: PageGame, settings: Settings) -> Callable[[ServerConnection], None]:
+    """Return a function that takes a page until it goes away. Pages begin under these settings."""
 
-    Begin under `settings`, and again with those that the page asks for. A simulator that is lost is tried again until
-    it answers.
+    def open_room() -> Room:
+        room = Room(what.people)
+        Thread(target=play, args=(room, simulator, what, settings), daemon=True).start()
+        return room
+
+    if what.people > 1:
+        return open_room().enter
+    return lambda page: open_room().enter(page)
+
+
+def play(room: Room, simulator: Simulator, what: PageGame, settings: Settings) -> None:
+    """Play a game with the pages of a room; return when the only page has gone away.
+
+    Begin under `settings`, and again with those that a page asks for. Where there are places for several pages, wait
+    for all of them, and again whenever one has gone away. A simulator that is lost is tried again until it answers.
     """
-    while True:
-        try:
-            address = simulator.reach()
-            with (
-                closing(Arena(address, what.game, settings, what.timeout, what.demos)) as arena,
-                what.against(address, settings) if what.against else nullcontext() as rival,
-            ):
-                if what.others:
-                    arena.seat(what.others(arena.spec, settings))
-                settings = _play_arena(page, arena, rival)
-        except SimulatorLost as error:
-            page.send(error_message("lost", error))
-            settings = _wait_for_start(page, RETRY_SECONDS) or settings
-        except JoybridgeError as error:
-            page.send(error_message("refused", error))
-            settings = _wait_for_start(page, None) or settings
+    try:
+        while True:
+            room.gather()
+            try:
+                settings = _play_session(room, simulator, what, settings)
+            except PageLeft:
+                if room.places == 1:
+                    return
+    finally:
+        room.close()
 
 
-def _wait_for_start(page: ServerConnection, seconds: float | None) -> Settings | None:
-    """Return the settings that the page asks for; None if it does not within so many seconds."""
+def _play_session(room: Room, simulator: Simulator, what: PageGame, settings: Settings) -> Settings:
+    """Play an arena until a page asks for other settings, and return them, or the same ones to try again."""
+    try:
+        address = simulator.reach()
+        with (
+            closing(Arena(address, what.game, settings, what.timeout, what.demos)) as arena,
+            what.against(address, settings) if what.against else nullcontext() as rival,
+        ):
+            if len(arena.scores.seats) < room.places:
+                raise ConfigError(f"{room.places} people play, and the game has {len(arena.scores.seats)} seats")
+            if what.others:
+                arena.seat(what.others(arena.spec, settings))
+            if what.rated:
+                arena.rated = what.rated(arena.spec)
+            return _play_arena(room, arena, rival)
+    except SimulatorLost as error:
+        room.send_all(error_message("lost", error))
+        return _wait_for_start(room, RETRY_SECONDS) or settings
+    except JoybridgeError as error:
+        room.send_all(error_message("refused", error))
+        return _wait_for_start(room, None) or settings
+
+
+def _wait_for_start(room: Room, seconds: float | None) -> Settings | None:
+    """Return the settings that a page asks for; None if none does within so many seconds. Raises PageLeft."""
     end = None if seconds is None else time.monotonic() + seconds
     while True:
         try:
-            message = _receive(page, None, None if end is None else end - time.monotonic())
+            _, message = _receive(room, None, None if end is None else end - time.monotonic())
         except TimeoutError:
             return None
         if isinstance(message, Settings):
             return message
 
 
-def _play_arena(page: ServerConnection, arena: Arena, rival: "Rival | None") -> Settings:
-    """Play until the page asks for other settings, which are returned.
+def _play_arena(room: Room, arena: Arena, rival: "Rival | None") -> Settings:
+    """Play until a page asks for other settings, which are returned. Raises PageLeft.
 
-    A decision needs an act of the page for its turn, so nothing is played that the page has not seen. The pace of the
-    game comes before its pictures: when it is late, every other one is left out.
+    A decision needs an act of every page for its turn, so nothing is played that a page has not seen, and the game
+    waits for everybody. Its pace comes before its pictures: when it is late, every other one is left out.
     """
     interval = arena.spec.tick_seconds * arena.spec.decision_interval
-    act: Act | None = None
-    running, due, drew = False, 0.0, False
-    page.send(game_message(arena, 0 if arena.others else None))
-    page.send(turn_message(arena, None, rival))
+    acts: dict[int, Act] = {}  # by the place of the page
+    running: set[int] = set()  # the places whose pages let the game run
+    due, drew = 0.0, False
+    places = range(room.places)
+    for place in places:
+        room.send(place, game_message(arena, _seat(room, arena, place), fixed=room.places > 1))
+        room.send(place, turn_message(arena, None, rival))
+    _tell(room, running)
     while True:
         now = time.monotonic()
-        ticking = running and interval > 0
-        if act is None or not (act.decide or ticking):
+        ticking = interval > 0 and len(running) == room.places
+        decided = len(acts) == room.places and all(act.decide for act in acts.values())
+        if not decided and (len(acts) < room.places or not ticking):
             wait = None
-        elif act.decide or now >= due:
+        elif decided or now >= due:
             drew = not (drew and ticking and now > due + interval)
-            arena.play(act.pressed, act.seat, draw=drew)
+            arena.play(_pressed(room, arena, acts), draw=drew)
             if rival:
                 rival.play()
-            page.send(turn_message(arena, act.id, rival))
+            for place in places:
+                room.send(place, turn_message(arena, acts[place].id, rival))
             for picture in (arena.picture, rival.picture if rival else None):
                 if picture is not None:
-                    page.send(encode_picture(picture))
-            act, due = None, max(due, now - LATE * interval) + interval
+                    room.send_all(encode_picture(picture))
+            acts, due = {}, max(due, now - LATE * interval) + interval
             continue
         else:
             wait = due - now
         try:
-            message = _receive(page, arena, wait)
+            place, message = _receive(room, arena, wait)
         except TimeoutError:
             continue
         if isinstance(message, Settings):
             return message
         if isinstance(message, Clock):
-            running, due = message.running, time.monotonic()
+            running = running | {place} if message.running else running - {place}
+            due = time.monotonic()
+            _tell(room, running)
         elif isinstance(message, Act) and message.turn == arena.turn:
-            act = message
+            acts[place] = message
 
 
-def _receive(page: ServerConnection, arena: Arena | None, seconds: float | None) -> Settings | Clock | Act | None:
-    """Return the next message of the page, None for one that is refused. Raises TimeoutError and ConnectionClosed."""
-    data = page.recv(None if seconds is None else max(0.0, seconds))
+def _seat(room: Room, arena: Arena, place: int) -> int | None:
+    """Return the seat that a page holds at first; None: all."""
+    return place if room.places > 1 else 0 if arena.others else None
+
+
+def _pressed(room: Room, arena: Arena, acts: dict[int, Act]) -> dict[int, Pressed]:
+    """Return what is pressed in the seats that people hold: of several people each has a fixed one."""
+    if room.places > 1:
+        return {place: act.pressed for place, act in acts.items()}
+    seats = range(len(arena.scores.seats)) if acts[0].seat is None else [acts[0].seat]
+    return dict.fromkeys(seats, acts[0].pressed)
+
+
+def _tell(room: Room, running: set[int]) -> None:
+    """Tell people that play together for whom the game waits."""
+    if room.places > 1:
+        for place in range(room.places):
+            room.send(place, people_message(place, [other for other in range(room.places) if other not in running]))
+
+
+def _receive(room: Room, arena: Arena | None, seconds: float | None) -> tuple[int, Settings | Clock | Act | None]:
+    """Return the place and the next message, None for one that is refused. Raises TimeoutError and PageLeft."""
+    place, data = room.receive(seconds)
     try:
-        return read_message(data, arena)
+        return place, read_message(data, arena)
     except MessageError as error:
-        page.send(error_message("refused", error))
-        return None
+        room.send(place, error_message("refused", error))
+        return place, None

@@ -3,12 +3,14 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING
 
 from joybridge.client.client import describe
+from joybridge.client.command_line import at_least
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.config.errors import ConfigError
@@ -21,7 +23,7 @@ from joybridge.contract.errors import JoybridgeError
 
 if TYPE_CHECKING:
     from joybridge.viewer.arena import Settings
-    from joybridge.viewer.page_session import Against, LoadOthers
+    from joybridge.viewer.page_session import PageGame
 
 # What serves the page is imported by the command that needs it: help and errors need no further package.
 
@@ -30,7 +32,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     """Run the command line, the command first, and return its exit status."""
     options = _parse(arguments, prog)
     from joybridge.viewer.arena import Settings
-    from joybridge.viewer.page_session import PageGame, play
+    from joybridge.viewer.page_session import welcome
     from joybridge.viewer.simulator import Simulator
     from joybridge.viewer.web import open_browser, open_website
 
@@ -44,15 +46,14 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
         game, games = choose_game(options.what, options.game, place)
         with Simulator(place, games) as simulator:
-            against, others, settings = _policies(options.against, options.others, options.rate, game, settings)
+            what, settings = _what(options, game, settings)
             spec = describe(simulator.reach(), game, settings.options)
             check_settings(settings.options, settings.parameters, spec)
-            if others and sum(lane_count(behavior, 1) for behavior in spec.behaviors) < 2:
-                raise ConfigError(f"--others: {game} has one seat, and you hold it; leave --others out")
-            what = PageGame(game, options.timeout, against, options.demos, others)
-            with open_website(options.port, lambda page: play(page, simulator, what, settings)) as url:
+            _check_seats(options, game, sum(lane_count(behavior, 1) for behavior in spec.behaviors))
+            with open_website(options.port, welcome(simulator, what, settings)) as url:
                 recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
-                print(f"play {game} at {url}\n{recorded}Ctrl-C ends it", flush=True)
+                together = f"open it in {what.people} tabs, one for each player\n" if what.people > 1 else ""
+                print(f"play {game} at {url}\n{together}{recorded}Ctrl-C ends it", flush=True)
                 if not options.no_browser:
                     open_browser(url)
                 Event().wait()
@@ -117,11 +118,21 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "policy.json; given several times, they take seats in turn; without it these seats play random decisions",
     )
     play.add_argument(
+        "--players",
+        type=at_least(1),
+        default=1,
+        metavar="N",
+        help="people who play one match together, each in a tab of their own, in the first seats; it waits until all "
+        "are there; default 1: every tab plays a game of its own",
+    )
+    play.add_argument(
         "--rate",
-        default="",
+        action="append",
+        default=[],
         metavar="NAME",
-        help="with --others: add your matches under this name to the log in the folder rating of their first run, or "
-        "of the current folder, for `joybridge rate`; only those count in which you hold one seat all the time",
+        help="add your matches under this name to the log in the folder rating of the first run of --others, or of the "
+        "current folder, for `joybridge rate`; only those count in which you hold one seat all the time; with "
+        "--players, once for each of them who agrees to be rated, in the order of their seats",
     )
     play.add_argument(
         "--demos",
@@ -136,8 +147,12 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         play.error(f"argument --seed: got {options.seed}, expected 0..2^64-1")
     if options.port is not None and not 0 <= options.port < 2**16:
         play.error(f"argument --port: got {options.port}, expected 0..65535")
-    if options.rate and not options.others:
+    if options.rate and len(options.rate) != options.players:
+        play.error(f"--rate: got {len(options.rate)} names, expected one for each of {options.players} players")
+    if options.rate and options.players == 1 and not options.others:
         play.error("--rate needs others to play against; name them with --others")
+    if options.against and options.players > 1:
+        play.error("--against lets a policy play beside one person; leave it out, or --players")
     if not 0 < options.timeout < float("inf"):
         play.error(f"argument --timeout: got {options.timeout:g}, expected a positive number of seconds")
     if (options.tls_ca or options.token_file) and not options.simulator:
@@ -145,23 +160,43 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     return options
 
 
-def _policies(
-    against: Path | None, others: Sequence[str], person: str, game: str, settings: "Settings"
-) -> "tuple[Against | None, LoadOthers | None, Settings]":
-    """Return what opens the rival, what loads the other seats, and the settings to begin with. Raises ConfigError."""
-    given = {"--against": [str(against)] if against else [], "--others": others}
+def _check_seats(options: argparse.Namespace, game: str, seats: int) -> None:
+    """Raise ConfigError if there is no seat for others, or not one for everybody, or if chance would be rated."""
+    if options.players > seats:
+        raise ConfigError(f"--players: got {options.players}, expected at most {seats}, the seats of {game}")
+    if options.others and options.players == seats:
+        whose = "you hold it" if seats == 1 else "people hold them"
+        raise ConfigError(
+            f"--others: {game} has {'one seat' if seats == 1 else f'{seats} seats'}, and {whose}; leave --others out"
+        )
+    if options.rate and not options.others and options.players < seats:
+        raise ConfigError(f"--rate: {game} has {seats} seats, and chance would hold some; name others with --others")
+
+
+def _what(options: argparse.Namespace, game: str, settings: "Settings") -> "tuple[PageGame, Settings]":
+    """Return what pages play, and the settings to begin with. Raises ConfigError."""
+    from joybridge.viewer.page_session import PageGame
+
+    what = PageGame(game, options.timeout, options.players, demos=options.demos)
+    against = [str(options.against)] if options.against else []
+    given = {"--against": against, "--others": options.others, "--rate": options.rate}
     if not any(given.values()):
-        return None, None, settings
+        return what, settings
     try:
         from joybridge.run.others import is_run
-        from joybridge.viewer.run_opponent import load_others, open_rival, run_settings
+        from joybridge.viewer.run_opponent import load_others, open_rival, rate_people, run_settings
     except ModuleNotFoundError as error:
         used = " and ".join(argument for argument, names in given.items() if names)
         raise ConfigError(
             f"{used}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
         ) from None
-    for argument, names in given.items():
-        for run in filter(is_run, names):
+    for argument in ("--against", "--others"):
+        for run in filter(is_run, given[argument]):
             settings = run_settings(argument, Path(run), game, settings)
-    rival = partial(open_rival, against) if against else None
-    return rival, partial(load_others, others, game, person) if others else None, settings
+    what = replace(
+        what,
+        against=partial(open_rival, options.against) if against else None,
+        others=partial(load_others, options.others, game) if options.others else None,
+        rated=partial(rate_people, options.others, options.rate) if options.rate else None,
+    )
+    return what, settings

@@ -1,7 +1,7 @@
-"""Matches of a person who wants to be rated: each goes to the log that `joybridge rate` fits ratings to."""
+"""Matches of people who want to be rated: each goes to the log that `joybridge rate` fits ratings to."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from threading import Lock
 
@@ -12,29 +12,31 @@ from joybridge.policy.seats import Seats
 from joybridge.run.matches import Match, read_matches, write_matches
 from joybridge.v1 import bridge_pb2 as pb
 
-_WRITING = Lock()  # each tab plays in a thread
+_WRITING = Lock()  # each arena is played in a thread
 
 
 class RatedMatches:
-    """The matches of one arena. Only those count in which the person held one seat from the beginning to the end."""
+    """The matches of one arena. Only those count in which everybody held one seat from the beginning to the end."""
 
-    def __init__(self, folder: Path, spec: pb.GameSpec, others: Sequence[str], person: str) -> None:
-        """folder: of the log. others: who holds each seat that the person does not. person: its name."""
-        self._folder, self._others, self._person = folder, others, person
+    def __init__(self, folder: Path, spec: pb.GameSpec, others: Sequence[str], people: Sequence[str]) -> None:
+        """folder: of the log. others: who holds each seat that people do not. people: their names, by their seats."""
+        self._folder, self._others, self._people = folder, others, people
         self._seats = Seats(spec, 1)
-        self._held: set[int | None] = set()  # what the person has held in the present match; None: all seats
+        self._held: set[tuple[int, ...]] = set()  # the seats that people have held in the present match
         self._begin()
 
-    def hold(self, seat: int | None) -> None:
-        """Note the seat that the person holds in the next decision, None: all."""
-        self._held.add(seat)
+    def hold(self, seats: Iterable[int]) -> None:
+        """Note the seats that people hold in the next decision."""
+        self._held.add(tuple(sorted(seats)))
 
     def take(self, steps: Sequence[StepArrays]) -> None:
         """Take what followed; a match that is over goes to the log. Raises StorageError and CheckpointError."""
         for result in self._seats.finish(steps):
-            if len(self._held) == 1 and (seat := next(iter(self._held))) is not None:
+            held = next(iter(self._held))
+            if len(self._held) == 1 and len(held) == len(self._people):
                 players = [*self._others]
-                players[seat] = self._person
+                for seat, person in zip(held, self._people, strict=True):
+                    players[seat] = person
                 match = Match(players=tuple(players), places=tuple(result.places.tolist()), seed=int(time.time()))
                 with _WRITING:
                     self._folder.mkdir(parents=True, exist_ok=True)

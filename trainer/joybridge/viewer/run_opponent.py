@@ -9,6 +9,7 @@ import numpy as np
 from joybridge.config.config import make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import fixed
+from joybridge.contract.codec import lane_count
 from joybridge.contract.tensors import Array
 from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.policy.players import Players
@@ -18,7 +19,6 @@ from joybridge.run.folder import play_config
 from joybridge.run.others import is_run, load_other
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
-from joybridge.viewer.others import Others
 from joybridge.viewer.rated import RatedMatches
 from joybridge.viewer.scores import Scores
 
@@ -50,12 +50,11 @@ def open_rival(run: Path, address: str, settings: Settings) -> Iterator[Rival]:
         yield Rival(play)
 
 
-def load_others(names: Sequence[str], game: str, person: str, spec: pb.GameSpec, settings: Settings) -> Others:
-    """Return who holds the seats that the person does not, in turn.
+def load_others(names: Sequence[str], game: str, spec: pb.GameSpec, settings: Settings) -> Players:
+    """Return who hold the seats that people do not, in turn.
 
-    names: see `load_other`; the first run among them says what limits their hands, and has the log of matches.
-    person: under which its matches are rated; "": they are not. spec: of the game under these settings. Raises
-    CheckpointError and ConfigError.
+    names: see `load_other`; the first run among them says what limits their hands. spec: of the game under these
+    settings. Raises CheckpointError and ConfigError.
     """
     runs = [Path(name) for name in names if is_run(name)]
     settled = {"game": game, "options": settings.options, "parameters": settings.parameters}
@@ -63,14 +62,20 @@ def load_others(names: Sequence[str], game: str, person: str, spec: pb.GameSpec,
     players, table = Players([], config, spec, 1, settings.seed), Table(spec, 1, settings.seed)
     for number, name in enumerate(names):
         table.join(number, load_other(name, game, spec))
-    holders = np.arange(table.seats.count) % len(names)
-    table.seats.begin(0, holders)
+    table.seats.begin(0, np.arange(table.seats.count) % len(names))
     players.seat(table)
-    if not person:
-        return Others(players, None)
-    called = [rated_name(name) for name in names]
-    folder = (runs[0] if runs else Path()) / "rating"
-    return Others(players, RatedMatches(folder, spec, [called[holder] for holder in holders], person))
+    return players
+
+
+def rate_people(names: Sequence[str], people: Sequence[str], spec: pb.GameSpec) -> RatedMatches:
+    """Return the log of matches between people and others. names: of the others, see `load_others`.
+
+    It is in the folder `rating` of the first run among them, or of the current folder.
+    """
+    folder = next((Path(name) for name in names if is_run(name)), Path()) / "rating"
+    called = [rated_name(name) for name in names] or [""]  # without others, people hold all seats
+    seats = sum(lane_count(behavior, 1) for behavior in spec.behaviors)
+    return RatedMatches(folder, spec, [called[seat % len(called)] for seat in range(seats)], people)
 
 
 def rated_name(name: str) -> str:

@@ -37,6 +37,7 @@ export class Panel {
       ...names.map((name, index) => element("option", { value: index }, name)));
     $("seat").value = this.state.seat ?? "";
     $("seat-label").hidden = names.length < 2;
+    $("seat").disabled = game.fixed;
     this.channels = game.seats.map((seat) => game.behaviors[seat.behavior].channels.map(() => 0));
     this.ended = [];
     $("rival-ended").textContent = "";

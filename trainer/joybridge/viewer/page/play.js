@@ -12,6 +12,7 @@ import { editSettings } from "./settings.js";
 const $ = (id) => document.getElementById(id);
 const RETRY_MS = 1000;
 const OTHERS_MS = 500; // before others decide in a game without a clock
+const TAKEN = 4001; // the code with which the server closes the socket of a page that has found no place
 const NEVER = "Trying again. If you have started joybridge play again, open the URL that it printed.";
 
 const state = {
@@ -36,9 +37,10 @@ function connect() {
   socket.binaryType = "blob";
   state.socket = socket;
   socket.onmessage = (event) => (typeof event.data === "string" ? take(JSON.parse(event.data)) : draw(event.data));
-  socket.onclose = () => {
+  socket.onclose = ({ code, reason }) => {
     hold();
-    curtain("Not connected", NEVER, { trouble: true });
+    if (code === TAKEN) curtain("Somebody else plays", reason);
+    else curtain("Not connected", NEVER, { trouble: true });
     setTimeout(connect, RETRY_MS);
   };
 }
@@ -50,7 +52,11 @@ function send(message) {
 function take(message) {
   if (message.type === "game") begin(message);
   else if (message.type === "turn") takeTurn(message);
-  else if (message.type === "lost") {
+  else if (message.type === "people") $("people").textContent = message.text;
+  else if (message.type === "waiting") {
+    hold();
+    curtain("Waiting for others", message.text);
+  } else if (message.type === "lost") {
     hold();
     curtain("The simulator is gone", `${message.text}. Trying again …`, { trouble: true });
   } else if (message.type === "refused") {
@@ -62,7 +68,7 @@ function take(message) {
 
 function begin(game) {
   const wanted = state.wanted;
-  if (wanted && state.game?.name === game.name && !same(wanted, game)) { // a new connection: the page's settings again
+  if (wanted && !game.fixed && state.game?.name === game.name && !same(wanted, game)) { // a new connection: the page's settings again
     send({ type: "start", ...wanted });
     state.wanted = null;
     return;
