@@ -23,6 +23,7 @@ pytestmark = [
 
 TITLE = "document.querySelector('#curtain-title').textContent"
 TURN = "Number(document.querySelector('#decision').textContent.split(' ')[1] ?? -1)"
+CLICK = f"{TITLE}.startsWith('Click or press Enter')"
 SHOWN = "document.querySelector('#curtain').classList.contains('shown')"
 
 
@@ -42,18 +43,17 @@ def visit(browser, simulator):
     """Yield a function that opens a page that plays a game of the shared simulator."""
     with ExitStack() as open_pages:
 
-        def visit(game, source=None, **options):
+        def visit(game, source=None, people=1, **options):
             settings = Settings(seed=1, options=options, parameters={})
-            source = source or Simulator(simulator, ())
-            url = open_pages.enter_context(
-                open_website(0, welcome(source, PageGame(game, SECONDS), settings)),
-            )
-            tab = browser.tab()
-            open_pages.callback(tab.close)
-            tab.size(1280, 900)
-            tab.go(url)
-            tab.wait(f"{TITLE}.startsWith('Click or press Enter')")
-            return tab
+            what = PageGame(game, SECONDS, people)
+            url = open_pages.enter_context(open_website(0, welcome(source or Simulator(simulator, ()), what, settings)))
+            tabs = [browser.tab() for _ in range(people)]
+            for number, tab in enumerate(tabs, 1):
+                open_pages.callback(tab.close)
+                tab.size(1280, 900)
+                tab.go(url)
+                tab.wait(f"{TITLE} === 'Waiting for others'" if number < people else CLICK)
+            return tabs[0] if people == 1 else tabs
 
         yield visit
 
@@ -98,6 +98,28 @@ def test_keys_take_turns_and_a_forbidden_choice_is_seen_as_such(visit):
     tab.wait(f"{TITLE} === 'The episode is over'")
     assert "player 1" in tab.text("#episodes") and "score" in tab.text("#curtain-text")
     assert tab.errors == []
+
+
+def test_two_people_play_one_match_in_two_tabs(visit):
+    one, other = visit("noughts", people=2)
+    one.wait(CLICK)
+    one.key("Enter", "Enter")
+    one.key("Digit1", "1")
+    one.wait("document.querySelector('#people').textContent === 'you are player 1; waits for player 2'")
+    other.key("Enter", "Enter")
+    for number, (tab, digit) in enumerate(((one, "1"), (other, "5"), (one, "2"), (other, "8"), (one, "3")), 1):
+        if number > 1:
+            tab.key(f"Digit{digit}", digit)
+        tab.call("Page.bringToFront")  # a hidden page is not painted
+        tab.wait(f"{TURN} === {number}")
+        assert tab.value("document.querySelector('#seat').disabled")
+    for tab in (one, other):
+        tab.call("Page.bringToFront")
+        tab.wait(f"{TITLE} === 'The episode is over'")
+        assert tab.errors == []
+    other.go("about:blank")
+    one.call("Page.bringToFront")
+    one.wait(f"{TITLE} === 'Waiting for others'")
 
 
 def test_changed_controls_are_remembered(visit):

@@ -164,8 +164,8 @@ def _play_arena(room: Room, arena: Arena, rival: "Rival | None") -> Settings:
             running = running | {place} if message.running else running - {place}
             due = time.monotonic()
             _tell(room, running)
-        elif isinstance(message, Act) and message.turn == arena.turn:
-            acts[place] = message
+        elif isinstance(message, Act) and message.turn == arena.turn and not (place in acts and acts[place].decide):
+            acts[place] = message  # who has decided waits for the others, and nothing that is pressed meanwhile counts
 
 
 def _seat(room: Room, arena: Arena, place: int) -> int | None:

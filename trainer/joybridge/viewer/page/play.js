@@ -276,7 +276,8 @@ document.addEventListener("pointerlockchange", () => {
   if (locked && !document.pointerLockElement && state.running) pause(); // Escape ends the lock
   locked = document.pointerLockElement !== null;
 });
-document.addEventListener("visibilitychange", () => { if (document.hidden && state.running) pause(); });
+// The game of several people goes on, as their tabs may be in one window.
+document.addEventListener("visibilitychange", () => { if (document.hidden && state.running && !state.game.fixed) pause(); });
 
 setInterval(() => {
   const now = performance.now(), sorted = figures.latencies.toSorted((a, b) => a - b);
