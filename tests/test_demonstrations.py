@@ -186,6 +186,30 @@ def test_what_a_person_holds_is_demonstrated_and_what_chance_plays_is_not(tmp_pa
     assert all(act[1].choices[0, 0] == 1 for act in stretch.acts)
 
 
+def test_nobody_learns_from_an_episode_that_is_discarded_while_it_is_played_or_after_its_end(tmp_path, simulator):
+    with closing(Arena(simulator, "hybrid", Settings(3, {}, {}), 30.0, tmp_path)) as arena:
+        lengths, discarded = [0], []
+        while len(lengths) < 6:
+            arena.play({0: Pressed([[0.5, 0.5]], [[0, 0]])}, draw=False)
+            lengths[-1] += 1
+            over = bool(arena.scores.ended)
+            if len(lengths) == 2 and lengths[-1] == 1 and not over:
+                arena.discard()  # the second, while it is played
+            if over and len(lengths) == 4:
+                arena.discard()  # the fourth, which has just ended
+            discarded.append((len(lengths), arena.discarded))
+            lengths += [0] * over
+        arena.discard()  # the fifth, after which nothing is played
+        described = arena.spec
+    (stretch,) = load_demonstration(tmp_path / "hybrid-0001.demo", described).stretches
+    episodes = np.repeat(np.arange(1, 6), lengths[:5])
+    shown = [bool(stretch.demonstrated(number, 0)[0]) for number in range(len(stretch.acts))]
+    assert min(lengths[:5]) > 1
+    assert shown == [number in (1, 3) for number in episodes]
+    assert [said for number, said in discarded if number == 2] == [True] * lengths[1]
+    assert not any(said for number, said in discarded if number in (1, 3, 5))
+
+
 @pytest.mark.parametrize("lane", [0.5, 1.0, True, "0", None, -1, 2])
 def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
     with Session(simulator, "hybrid", arenas=2, seed=1) as session:

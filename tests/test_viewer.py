@@ -263,6 +263,21 @@ def test_an_act_for_an_earlier_turn_is_not_played(page):
     assert page.act([[0.5, 1.0]], [[0, 0]])["behaviors"][0]["axes"] == [[0.5, 1.0]]
 
 
+def test_a_page_learns_that_it_is_recorded_and_discards_an_episode(simulator, tmp_path):
+    with website(Simulator(simulator, ()), "hybrid", demos=tmp_path) as url:
+        page = Page(url)
+        page.begin()
+        assert page.take("recorded") == {"type": "recorded", "folder": str(tmp_path), "discarded": False}
+        page.act([[0.0, 1.0]], [[0, 0]])
+        page.send("discard")
+        assert page.take("recorded")["discarded"]
+        while not page.act([[0.0, 1.0]], [[0, 0]])["ended"]:
+            pass
+        page.act([[0.0, 1.0]], [[0, 0]])
+        assert not page.take("recorded")["discarded"]
+        page.close()
+
+
 def test_a_page_plays_again_under_other_settings(page):
     page.begin()
     page.send("start", seed=str(2**64 - 1), options={"masks": "off"}, parameters={"drift": 0.0})

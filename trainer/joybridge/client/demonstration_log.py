@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from joybridge.client.recording import Kind, Record, Writer, heading
+from joybridge.client.recording import COUNT, Kind, Record, Writer, heading
 from joybridge.config.files import storing
 from joybridge.config.metrics import metrics_name
 from joybridge.contract.codec import StepArrays, fill_step
@@ -46,6 +46,11 @@ class DemonstrationLog:
             self._held = held
             self._waiting.append(Record(Kind.HELD, json.dumps(held).encode()))
 
+    def discard(self, decisions: int) -> None:
+        """Say that the last decisions are demonstrated by nobody after all. Raises StorageError."""
+        if self.path is not None:
+            self._append([Record(Kind.DISCARDED, COUNT.pack(decisions))])
+
     def sent(self, request: pb.PlayRequest) -> None:
         """Note a request."""
         if request.act.draw:  # pictures change nothing
@@ -54,19 +59,22 @@ class DemonstrationLog:
 
     def came(self, steps: Sequence[StepArrays]) -> None:
         """Append the last request and the step that answers it. Raises StorageError."""
-        data = self._writer.encode([*self._waiting, _step(steps)])
+        self._append([*self._waiting, _step(steps)])
         self._waiting = []
-        with storing(self._folder):
-            if self.path is None:
-                self.path = self._new_file()
-            with self.path.open("ab", buffering=0) as file:
-                file.write(data)
 
     def saved(self, parts: Mapping[str, bytes]) -> None:
         """Do nothing: a snapshot changes nothing in a session."""
 
     def failed(self, error: str) -> None:
         """Do nothing: all that was played is in the file."""
+
+    def _append(self, records: Sequence[Record]) -> None:
+        data = self._writer.encode(records)
+        with storing(self._folder):
+            if self.path is None:
+                self.path = self._new_file()
+            with self.path.open("ab", buffering=0) as file:
+                file.write(data)
 
     def _new_file(self) -> Path:
         """Make the next file of the game in the folder, with its first line, and return its path."""

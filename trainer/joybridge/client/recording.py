@@ -44,16 +44,16 @@ __all__ = [
 MAX_FILE_BYTES = 1 << 30  # bytes; a folder may hold several
 FORMAT = 2
 ENTRY_HEADER = struct.Struct("<cI")
-CHECK = struct.Struct("<I")
+CHECK = COUNT = struct.Struct("<I")
 
 
 class Kind:
     """What a record holds."""
 
     SPEC = b"G"  # a GameSpec, before the first request
-    HELD = (
-        b"H"  # from the next request on: whose decisions are demonstrated, a JSON list of lanes per behavior; or null
-    )
+    # From the next request on: whose decisions are demonstrated, a JSON list of lanes per behavior; or null.
+    HELD = b"H"
+    DISCARDED = b"X"  # how many of the last decisions are demonstrated by nobody after all, a uint32
     REQUEST = b"Q"  # a PlayRequest; the first has Start
     STEP = b"S"  # the Step that answered it, without pictures and times
     DIGEST = b"D"  # instead of STEP: its `digest`, a uint32
@@ -197,6 +197,10 @@ def _exchanges(records: Sequence[Record]) -> tuple[pb.GameSpec | None, list[Exch
                 spec = pb.GameSpec.FromString(body)
             case Kind.HELD:
                 held = json.loads(body)
+            case Kind.DISCARDED:
+                (count,) = COUNT.unpack(body)
+                for exchange in exchanges[max(0, len(exchanges) - count) :]:
+                    exchange.held = [[] for _ in spec.behaviors] if spec else None
             case Kind.REQUEST:
                 exchanges.append(Exchange(_request(body), held))
             case Kind.STEP:

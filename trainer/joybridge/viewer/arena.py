@@ -42,7 +42,8 @@ class Arena:
 
     turn: number of decisions so far. acts: what was played last, per behavior. picture: uint8 [height, width, 3], or
     None. others: who hold the seats that people do not; None: chance does. rated: the log of its matches, if people
-    want to be rated.
+    want to be rated. discarded: whether nobody learns from the present episode, or from the last one if no decision has
+    been played since.
     """
 
     def __init__(self, address: str, game: str, settings: Settings, timeout: float, demos: Path | None = None) -> None:
@@ -62,6 +63,8 @@ class Arena:
             timeout=timeout,
         )
         self.settings = settings
+        self.discarded = False
+        self._since = self._last = 0  # decisions of the present episode, and of the one before
         self._demonstration = self.session.record_demonstration(demos) if demos else None
         self.spec = spec = self.session.spec
         self.scores = Scores(spec)
@@ -107,8 +110,21 @@ class Arena:
                         act.scripts[held.agent] = 0
             obey_masks(act, step, self._rng)
         if self._demonstration:
-            self._demonstration.hold(self._lanes(pressed))
+            self.discarded = self.discarded and self._since > 0
+            self._demonstration.hold(self._lanes([] if self.discarded else pressed))
         self._step(draw=draw)
+        self._since += 1
+        if any(end["seat"] in pressed for end in self.scores.ended):
+            self._since, self._last = 0, self._since
+
+    def discard(self) -> None:
+        """Let nobody learn from the present episode, or from the last one if no decision has been played since.
+
+        Raises StorageError.
+        """
+        if self._demonstration and not self.discarded:
+            self._demonstration.discard(self._since or self._last)
+            self.discarded = True
 
     def play_at_random(self, every: int) -> None:
         """Play one random allowed decision; what is pressed changes every so many decisions. Raises SimulatorError."""

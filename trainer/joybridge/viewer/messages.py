@@ -3,6 +3,7 @@
 From a page, read by `read_message`:
     start   seed, options, parameters      play from the beginning under these settings
     clock   running                        let the game run at its own speed, or hold it
+    discard                                let nobody learn from the present episode, or from the one that just ended
     act     turn, id, seat, axes, choices, decide
             what is pressed; `turn` must be that of the last message `turn`. It is played once it is time, or, with
             `decide`, at once. `id` is any number; the page learns from `played` which act was played.
@@ -11,6 +12,7 @@ To a page:
     game    the game, its settings and the controls; then a first turn
     turn    the state after a decision; for each `picture` that is true, a binary message with a JPEG
             follows: of the arena, then of the rival
+    recorded where what is played is recorded, and whether the episode is discarded
     people  of several people that play together: for whom the game waits
     waiting how many people are still missing before they begin
     lost    the simulator cannot be reached; it is tried again until it answers
@@ -22,6 +24,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol
 
 from PIL import Image
@@ -69,6 +72,10 @@ class Clock(NamedTuple):
     running: bool
 
 
+class Discard(NamedTuple):
+    """Nobody shall learn from this episode."""
+
+
 class Act(NamedTuple):
     """What is pressed in a turn."""
 
@@ -79,7 +86,10 @@ class Act(NamedTuple):
     decide: bool
 
 
-def read_message(data: str | bytes, arena: Arena | None) -> Settings | Clock | Act:
+Message = Settings | Clock | Discard | Act
+
+
+def read_message(data: str | bytes, arena: Arena | None) -> Message:
     """Return the message in what a page has sent; without an arena there is nothing to act on. Raises MessageError."""
     try:
         message = json.loads(data, parse_constant=_refuse)
@@ -91,13 +101,15 @@ def read_message(data: str | bytes, arena: Arena | None) -> Settings | Clock | A
         return _settings(message)
     if kind == "clock" and isinstance(message.get("running"), bool):
         return Clock(message["running"])
+    if kind == "discard":
+        return Discard()
     if kind == "act" and arena is not None:
         return _act(message, arena)
     return _refuse(message)
 
 
 def _refuse(value: object) -> NoReturn:
-    raise MessageError(f"got {str(value)[:100]!r}, expected a message of the type start, clock or act")
+    raise MessageError(f"got {str(value)[:100]!r}, expected a message of the type start, clock, discard or act")
 
 
 def _settings(message: dict[str, Any]) -> Settings:
@@ -226,6 +238,11 @@ def _rival(rival: "Rival") -> dict[str, Any]:
         "ended": scores.ended,
         "picture": rival.picture is not None,
     }
+
+
+def recorded_message(folder: Path, *, discarded: bool) -> str:
+    """Return the message `recorded`."""
+    return _write("recorded", folder=str(folder), discarded=discarded)
 
 
 def people_message(place: int, awaited: Sequence[int]) -> str:

@@ -18,12 +18,15 @@ from joybridge.viewer.arena import Arena, Pressed, Settings
 from joybridge.viewer.messages import (
     Act,
     Clock,
+    Discard,
+    Message,
     MessageError,
     encode_picture,
     error_message,
     game_message,
     people_message,
     read_message,
+    recorded_message,
     turn_message,
 )
 from joybridge.viewer.room import PageLeft, Room
@@ -98,7 +101,7 @@ def _play_session(room: Room, simulator: Simulator, what: PageGame, settings: Se
                 arena.seat(what.others(arena.spec, settings))
             if what.rated:
                 arena.rated = what.rated(arena.spec)
-            return _play_arena(room, arena, rival)
+            return _play_arena(room, arena, rival, what.demos)
     except SimulatorLost as error:
         room.send_all(error_message("lost", error))
         return _wait_for_start(room, RETRY_SECONDS) or settings
@@ -119,8 +122,8 @@ def _wait_for_start(room: Room, seconds: float | None) -> Settings | None:
             return message
 
 
-def _play_arena(room: Room, arena: Arena, rival: "Rival | None") -> Settings:
-    """Play until a page asks for other settings, which are returned. Raises PageLeft.
+def _play_arena(room: Room, arena: Arena, rival: "Rival | None", demos: Path | None) -> Settings:
+    """Play until a page asks for other settings, which are returned. demos: where it is recorded. Raises PageLeft.
 
     A decision needs an act of every page for its turn, so nothing is played that a page has not seen, and the game
     waits for everybody. Its pace comes before its pictures: when it is late, every other one is left out.
@@ -129,12 +132,16 @@ def _play_arena(room: Room, arena: Arena, rival: "Rival | None") -> Settings:
     acts: dict[int, Act] = {}  # by the place of the page
     running: set[int] = set()  # the places whose pages let the game run
     due, drew = 0.0, False
+    told: bool | None = None  # whether the pages know that the episode is discarded
     places = range(room.places)
     for place in places:
         room.send(place, game_message(arena, _seat(room, arena, place), fixed=room.places > 1))
         room.send(place, turn_message(arena, None, rival))
     _tell(room, running)
     while True:
+        if demos and told != arena.discarded:
+            room.send_all(recorded_message(demos, discarded=arena.discarded))
+            told = arena.discarded
         now = time.monotonic()
         ticking = interval > 0 and len(running) == room.places
         decided = len(acts) == room.places and all(act.decide for act in acts.values())
@@ -160,7 +167,9 @@ def _play_arena(room: Room, arena: Arena, rival: "Rival | None") -> Settings:
             continue
         if isinstance(message, Settings):
             return message
-        if isinstance(message, Clock):
+        if isinstance(message, Discard):
+            arena.discard()
+        elif isinstance(message, Clock):
             running = running | {place} if message.running else running - {place}
             due = time.monotonic()
             _tell(room, running)
@@ -188,7 +197,7 @@ def _tell(room: Room, running: set[int]) -> None:
             room.send(place, people_message(place, [other for other in range(room.places) if other not in running]))
 
 
-def _receive(room: Room, arena: Arena | None, seconds: float | None) -> tuple[int, Settings | Clock | Act | None]:
+def _receive(room: Room, arena: Arena | None, seconds: float | None) -> tuple[int, Message | None]:
     """Return the place and the next message, None for one that is refused. Raises TimeoutError and PageLeft."""
     place, data = room.receive(seconds)
     try:

@@ -52,7 +52,12 @@ function send(message) {
 function take(message) {
   if (message.type === "game") begin(message);
   else if (message.type === "turn") takeTurn(message);
-  else if (message.type === "people") $("people").textContent = message.text;
+  else if (message.type === "recorded") {
+    $("recorded").hidden = $("discard").hidden = false;
+    $("recorded").textContent = `● recorded in ${message.folder}`;
+    $("discard").disabled = message.discarded;
+    $("discard").textContent = message.discarded ? "Episode discarded" : "Discard episode";
+  } else if (message.type === "people") $("people").textContent = message.text;
   else if (message.type === "waiting") {
     hold();
     curtain("Waiting for others", message.text);
@@ -249,6 +254,7 @@ function curtain(title, text, { trouble = false, keys = false } = {}) {
 $("stage").addEventListener("click", () => (state.running ? null : run()));
 $("pause").addEventListener("click", () => (state.running ? pause() : run()));
 $("step").addEventListener("click", step);
+$("discard").addEventListener("click", () => { send({ type: "discard" }); $("stage").focus(); });
 $("seat").addEventListener("change", () => {
   state.seat = $("seat").value === "" ? null : Number($("seat").value);
   panel.buildScores();
