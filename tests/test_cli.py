@@ -50,6 +50,8 @@ def test_the_installed_command_finds_games_of_the_current_folder(tmp_path):
     )
     assert (listed.returncode, listed.stderr) == (0, "")
     assert listed.stdout.startswith("near_game: ")
+    assert listed.stdout.count("\n  behavior ") == 1  # the other games are only named
+    assert "served beside it: beastly_rivals, " in listed.stdout
 
 
 def test_a_simulator_whose_games_are_not_installed_is_not_started(monkeypatch):

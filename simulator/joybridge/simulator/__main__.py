@@ -6,8 +6,9 @@ import logging
 import math
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 
 from joybridge.cli import open_streams
 from joybridge.contract.address import DEFAULT_ADDRESS, address
@@ -16,7 +17,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
 from joybridge.simulator.authentication import load_server_credentials
 from joybridge.simulator.catalog import load_games, specs
-from joybridge.simulator.listing import listing
+from joybridge.simulator.listing import WIDTH, listing
 from joybridge.simulator.new_game.program import write_program
 from joybridge.simulator.new_game.starter import write_config
 from joybridge.simulator.new_game.write import NewGameError, write_game
@@ -64,7 +65,12 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         if options.game:  # the script `joybridge`, unlike `python -m`, does not search the current folder
             sys.path.insert(0, str(Path.cwd()))
         if options.command == "list":
-            print(listing(_specs(options)))
+            specs = _specs(options)
+            shown = specs[: len(options.game)] or specs  # those that are named stand first, and are what is asked for
+            print(listing(shown))
+            if others := [spec.name for spec in specs[len(shown) :]]:
+                named = f"served beside it: {', '.join(others)}; `joybridge list` alone describes them"
+                print("\n" + fill(named, WIDTH))
         else:
             _serve(options)
     except (JoybridgeError, OSError) as error:
@@ -88,7 +94,7 @@ def _place(parser: argparse.ArgumentParser, options: argparse.Namespace) -> str:
         parser.error(f"--host and --port: {error}")
 
 
-def _specs(options: argparse.Namespace) -> Iterable[pb.GameSpec]:
+def _specs(options: argparse.Namespace) -> list[pb.GameSpec]:
     """Return the default specs of the games that `joybridge list` lists. Raises JoybridgeError."""
     if options.simulator is None:
         return [next(specs(game)) for game in load_games(options.game).values()]
