@@ -4,6 +4,7 @@ import http.client
 import json
 import re
 import socket
+import threading
 import time
 from contextlib import closing, contextmanager
 from functools import partial
@@ -36,6 +37,7 @@ from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.web import open_website
 from tests.support.games import PICTURE
 from tests.support.wire import SECONDS
+from tools.chaos.process import wait_until
 
 SETTINGS = Settings(seed=3, options={}, parameters={})
 
@@ -295,6 +297,16 @@ def test_settings_that_cannot_be_played_are_refused_and_others_are_played_after_
     assert "drift" in page.take("refused")["text"]
     page.send("start", seed="1", options={}, parameters={})
     assert page.begin()[0]["seed"] == "1"
+
+
+def test_a_page_that_goes_away_leaves_no_thread(hybrid):
+    before = threading.active_count()
+    for _ in range(20):
+        Page(hybrid).close()
+    page = Page(hybrid)
+    page.begin()
+    page.close()
+    assert wait_until(lambda: threading.active_count() <= before)
 
 
 def test_two_pages_play_games_of_their_own(page, hybrid):

@@ -16,12 +16,11 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from websockets.sync.server import ServerConnection
 
 from joybridge.client.client import describe
 from joybridge.contract.tensors import Array
 from joybridge.viewer.arena import Settings
-from joybridge.viewer.page_session import PageGame, play
+from joybridge.viewer.page_session import PageGame, welcome
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.web import open_website
 from tests.support.chromium import Tab, chromium
@@ -97,10 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for game in options.games:
             spec = describe(simulator.reach(), game, {})
 
-            def serve(page: ServerConnection, game: str = game) -> None:
-                play(page, simulator, PageGame(game, TIMEOUT), Settings(1, {}, {}))
-
-            with open_website(0, serve) as url:
+            with open_website(0, welcome(simulator, PageGame(game, TIMEOUT), Settings(1, {}, {}))) as url:
                 print(f"{game}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
                 tab = browser.tab()
                 bench(tab, url, spec.decision_interval, options.seconds)

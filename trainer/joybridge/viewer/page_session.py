@@ -77,8 +77,8 @@ def play(room: Room, simulator: Simulator, what: PageGame, settings: Settings) -
     """
     try:
         while True:
-            room.gather()
             try:
+                room.gather()
                 settings = _play_session(room, simulator, what, settings)
             except PageLeft:
                 if room.places == 1:

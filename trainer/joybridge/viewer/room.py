@@ -37,9 +37,8 @@ class Room:
         self.places = places
         self._seated: list[ServerConnection | None] = [None] * places
         self._playing: list[ServerConnection] = []  # those with which the present game began
-        self._received: Queue[tuple[ServerConnection, str | bytes | None]] = Queue(
-            UNREAD
-        )  # None: it came, or went away
+        # None instead of a message: the page has come, or gone away.
+        self._received: Queue[tuple[ServerConnection, str | bytes | None]] = Queue(UNREAD)
         self._lock = Lock()
 
     def enter(self, page: ServerConnection) -> None:
@@ -60,11 +59,13 @@ class Room:
             self._received.put((page, None))
 
     def gather(self) -> None:
-        """Wait until all places are taken; those who wait learn how many are."""
+        """Wait until all places are taken; those who wait learn how many are. Raises PageLeft if the only one has."""
         while None in (seated := list(self._seated)):
             self._playing = [page for page in seated if page is not None]
             self.send_all(waiting_message(len(self._playing), self.places))
-            self._received.get()
+            page, _ = self._received.get()
+            if self.places == 1 and page not in self._seated:
+                raise PageLeft
         self._playing = [page for page in seated if page is not None]
 
     def send(self, place: int, message: str | bytes) -> None:
