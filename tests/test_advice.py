@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
 from joybridge.run.advice import SAME_DECISIONS, Adviser

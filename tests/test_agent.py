@@ -8,8 +8,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig
 from joybridge.config.errors import ConfigError
+from joybridge.config.policy_config import MemoryConfig, PolicyConfig
 from joybridge.contract.tensors import TensorError
 from joybridge.play.agent import load
 from joybridge.play.playing import PlaySpec, open_play

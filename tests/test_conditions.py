@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig
 from joybridge.config.errors import ConfigError
+from joybridge.config.policy_config import MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace, JointTable, make_acts, make_layouts
 from joybridge.layouts.conditions import Conditions

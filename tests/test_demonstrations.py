@@ -21,9 +21,10 @@ from joybridge.client.recording import Kind, Record, RecordingError, Writer, loa
 from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.commands.replay import FaultFound, replay
 from joybridge.commands.replay import main as replay_main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration

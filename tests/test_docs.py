@@ -15,8 +15,9 @@ from ruamel.yaml import YAML
 
 from joybridge.cli import commands as all_commands
 from joybridge.cli import main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.keys import SCHEMA, all_keys
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.v1 import bridge_pb2 as pb
 from tests.test_public_api import PROMISED
 from tools.docs import errors, promises, reference, search

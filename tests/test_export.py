@@ -18,7 +18,8 @@ import torch
 from joybridge import cli
 from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import MemoryConfig, PolicyConfig
 from joybridge.play import export as exporting
 from joybridge.play.export import compare
 from joybridge.play.playing import PlaySpec, open_play

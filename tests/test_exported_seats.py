@@ -11,8 +11,9 @@ from onnx import helper
 
 from joybridge.cli import main
 from joybridge.client.client import Session, describe
-from joybridge.config.config import Config, OpponentsConfig, PolicyConfig
+from joybridge.config.config import Config, OpponentsConfig
 from joybridge.config.errors import ConfigError
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import trained_actors
 from joybridge.policy.document import FORMAT

@@ -21,8 +21,9 @@ from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 import joybridge.gym
 from joybridge.client.client import Session, SimulatorError, SimulatorLost, describe
 from joybridge.client.launch import simulator_process
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays
 from joybridge.games import BUILT_IN
 from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv, sample_allowed

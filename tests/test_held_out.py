@@ -4,8 +4,9 @@ import shutil
 
 import pytest
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.metrics import read_rows
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.errors import JoybridgeError
 from joybridge.play.evaluate import evaluate
 from joybridge.play.playing import PlaySpec

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace
 from joybridge.policy.actor import make_actors

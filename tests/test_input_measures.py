@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from joybridge.cli import main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.layouts.device_names import rest_choice
 from joybridge.play.input_statistics import InputMeasures, Inputs

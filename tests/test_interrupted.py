@@ -9,8 +9,9 @@ import pytest
 
 from joybridge.client.recording import load_recording
 from joybridge.commands.replay import FaultFound, replay
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.metrics import read_rows
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays, Codec, StepArrays, fill_step
 from joybridge.contract.sharding import join, rows_of
 from joybridge.contract.tensors import TensorError

@@ -6,8 +6,9 @@ import pytest
 from pydantic import BaseModel
 
 from joybridge.cli import main
-from joybridge.config.config import FORMS, Config, load_config
+from joybridge.config.config import Config, load_config
 from joybridge.config.keys import INDENT, WIDTH, listing
+from joybridge.config.wrong_keys import FORMS
 
 LINES = list(listing())
 WRITTEN = [line[:INDENT].strip() for line in LINES if line[0] != " "]

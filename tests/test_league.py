@@ -7,9 +7,10 @@ import pytest
 
 from joybridge.client.client import describe
 from joybridge.config.arrays import select
-from joybridge.config.config import Config, OpponentsConfig, PolicyConfig, make_config
+from joybridge.config.config import Config, OpponentsConfig, make_config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.play.tournament import find_trained, load_actors
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy

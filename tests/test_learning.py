@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from joybridge.client.launch import simulator_process
-from joybridge.config.config import Config, PolicyConfig, load_config
+from joybridge.config.config import Config, load_config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.play.evaluate import evaluate
 from joybridge.play.playing import PlaySpec
 from joybridge.run.train import train

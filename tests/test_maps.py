@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays
 from joybridge.layouts import ActionSpace, JointTable, Map, make_layouts
 from joybridge.policy.actor import make_actors

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, HandConfig, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig
+from joybridge.config.policy_config import MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import make_acts
 from joybridge.play.playing import PlaySpec, open_play

@@ -17,7 +17,8 @@ from joybridge.adapters.spaces import AgentSpaces
 from joybridge.cli import main
 from joybridge.client.client import Session
 from joybridge.client.recording import RecordingError
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.episodes import finished_episodes, join_episodes
 from joybridge.demonstrations.files import find_demonstrations, load_demonstration

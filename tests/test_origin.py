@@ -11,8 +11,9 @@ import pytest
 
 from joybridge.cli import main
 from joybridge.commands.runs import main as runs_main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.checkpoint import load_checkpoint, save_checkpoint
 from joybridge.run.folder import keep_spec, run_spec
 from joybridge.run.origin import FILE, differences, keep_origin, own_origin, remark, run_origins

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, UntrustedRunError
 from joybridge.config.metrics import read_rows
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.policy.actor import make_actors
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config

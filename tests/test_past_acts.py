@@ -7,7 +7,8 @@ import pytest
 
 from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.config.config import Config, HandConfig, PolicyConfig
+from joybridge.config.config import Config, HandConfig
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import TensorError
 from joybridge.demonstrations.cloning import targets

@@ -10,7 +10,8 @@ import pytest
 
 from joybridge.cli import main
 from joybridge.client.simulator_source import FILE, SimulatorSource, last_simulators, remember
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.train import train
 from tests.support.games import PLACES
 

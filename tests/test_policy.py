@@ -9,9 +9,10 @@ import pytest
 import torch
 from numba.core.serialize import _numba_unpickle
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import STATISTICS
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import Codec, StepArrays, pack_act
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import make_actors

@@ -9,7 +9,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from joybridge.config.config import MemoryConfig
+from joybridge.config.policy_config import MemoryConfig
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player

@@ -9,7 +9,8 @@ from PIL import Image
 
 from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.play.memory_strip import ABOVE, BELOW, DARK, GAP, ROW
 from joybridge.play.policy_view import BACKGROUND, MARGIN, PolicyView

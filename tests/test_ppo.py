@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.metrics import STATISTICS
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.layouts import ActionSpace
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.fast.gradient import ClosedFormGradient

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from joybridge.config.config import Config, PolicyConfig, dump_config, load_config
+from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.keys import listing
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.config.presets import PRESETS
 from joybridge.layouts import make_layouts
 from joybridge.policy.actor import make_actors

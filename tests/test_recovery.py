@@ -11,8 +11,9 @@ import pytest
 
 from joybridge.client.errors import SimulatorLost, SimulatorShutDown
 from joybridge.client.launch import simulator_process
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.metrics import read_rows
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.recovery import recovering
 from joybridge.run.run_state import RunState

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.scaling import LIMIT, Scaling, make_scaling
 from joybridge.ppo.moments import Moments

@@ -6,8 +6,9 @@ import sys
 import pytest
 
 from joybridge.cli import main
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.metrics import read_rows
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.sinks import SINKS
 from joybridge.run.train import train
 from joybridge.run.training import Audience

@@ -14,7 +14,8 @@ from joybridge.client.client import describe
 from joybridge.compare import rate as rating_command
 from joybridge.compare import rating_page
 from joybridge.compare.rating import rate
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.sharding import rows_of
 from joybridge.layouts import make_acts

@@ -21,7 +21,8 @@ from websockets.sync.client import connect
 
 from joybridge.cli import main
 from joybridge.client.client import Session
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.matches import read_matches

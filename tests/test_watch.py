@@ -7,7 +7,8 @@ import pytest
 
 from joybridge.cli import main
 from joybridge.client.errors import SimulatorLost
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.train import train
 from joybridge.viewer import run_view, watched_game
 from joybridge.viewer import watch as watching

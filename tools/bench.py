@@ -35,7 +35,8 @@ from gymnasium.vector import AsyncVectorEnv
 
 from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
-from joybridge.config.config import PolicyConfig, load_config
+from joybridge.config.config import load_config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.memory import keep_memory
 from joybridge.contract.spec import choose_options

@@ -16,7 +16,8 @@ import numpy as np
 
 from joybridge.cli import main
 from joybridge.client.client import Session
-from joybridge.config.config import Config, MemoryConfig, PolicyConfig
+from joybridge.config.config import Config
+from joybridge.config.policy_config import MemoryConfig, PolicyConfig
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts

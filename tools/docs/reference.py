@@ -9,8 +9,8 @@ from unittest import mock
 
 from joybridge.cli import commands as all_commands
 from joybridge.cli import main
-from joybridge.config.config import FORMS, OTHER_NAMES
 from joybridge.config.keys import all_keys
+from joybridge.config.wrong_keys import FORMS, OTHER_NAMES
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 WIDTH = "96"  # columns of the help of a command

@@ -2,8 +2,9 @@
 
 import json
 
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.keys import SCHEMA
+from joybridge.config.policy_config import PolicyConfig
 
 
 def schema() -> str:

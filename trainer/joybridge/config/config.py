@@ -1,8 +1,6 @@
 """The configuration of a run: every key with its default and meaning, checked. Files hold only what differs."""
 
-import difflib
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -12,8 +10,9 @@ from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml,
 from joybridge.config.errors import ConfigError
 from joybridge.config.games import SEVERAL, GameConfig, Games
 from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.config.presets import preset_of
-from joybridge.contract.text import printable
+from joybridge.config.wrong_keys import wrong_key
 from joybridge.plugins import load
 
 MAY_CHANGE = (  # in a resumed run
@@ -33,154 +32,7 @@ OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_d
 # What a configuration may change when a policy plays.
 PLAYABLE_KEYS = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")
 
-# How the value of a key is written that holds several values, or values by name.
-FORMS = {
-    "options": "options.NAME=CHOICE",
-    "parameters": "parameters.NAME=VALUE",
-    "hand": "hand.KEY=VALUE",
-    "memory": "policy.memory.KEY=VALUE",
-    "opponents": "opponents.KEY=VALUE",
-    "policy": "policy.KEY=VALUE",
-    "policies": "policies.NAME.KEY=VALUE",
-    "shares": "opponents.shares.NAME=SHARE",
-    "reward_weights": "policy.reward_weights.CHANNEL=WEIGHT",
-}
-
-CODE = r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$"  # module:name
-MAX_VALUE_CHARS = 200  # characters of a wrong value in an error
-
-# Names of other libraries, and short ones, with the key to use instead.
-OTHER_NAMES = {
-    "num_envs": "arenas", "n_envs": "arenas", "num_agents": "arenas", "max_steps": "total_timesteps",
-    "total_steps": "total_timesteps", "num_timesteps": "total_timesteps", "summary_freq": "log_interval",
-    "save_freq": "checkpoint_interval", "checkpoint_freq": "checkpoint_interval", "device": "accelerator",
-    "action_space": "layout", "n_steps": "policy.rollout_steps", "num_steps": "policy.rollout_steps",
-    "rollout": "policy.rollout_steps", "rollout_length": "policy.rollout_steps", "buffer_size": "policy.rollout_steps",
-    "n_stack": "policy.frame_stack", "stacked_vectors": "policy.frame_stack", "hidden_units": "policy.hidden_sizes",
-    "net_arch": "policy.hidden_sizes", "batch_size": "policy.minibatch_size",
-    "sgd_minibatch_size": "policy.minibatch_size", "n_epochs": "policy.epochs", "num_epoch": "policy.epochs",
-    "num_epochs": "policy.epochs", "update_epochs": "policy.epochs", "lr": "policy.learning_rate",
-    "ent_coef": "policy.entropy_coef", "beta": "policy.entropy_coef", "clip_coef": "policy.clip_range",
-    "epsilon": "policy.clip_range", "clip_eps": "policy.clip_range", "discount": "policy.gamma",
-    "lam": "policy.gae_lambda", "lambd": "policy.gae_lambda", "gae": "policy.gae_lambda",
-    "reward_signals": "policy.reward_weights", "activation_fn": "policy.activation",
-    "lr_schedule": "policy.learning_rate_schedule", "anneal_lr": "policy.learning_rate_schedule",
-    "beta_schedule": "policy.entropy_coef_schedule", "epsilon_schedule": "policy.clip_range_schedule",
-    "grad_clip": "policy.max_grad_norm", "kl_target": "policy.target_kl", "normalize": "policy.scale_observations",
-    "norm_obs": "policy.scale_observations", "norm_reward": "policy.scale_rewards",
-    "value_coef": "policy.vf_coef", "vf_loss_coeff": "policy.vf_coef", "clip_range_vf": "policy.clip_vloss",
-    "clip_value_loss": "policy.clip_vloss", "norm_adv": "policy.normalize_advantage",
-    "orthogonal_init": "policy.ortho_init", "log_std": "policy.log_std_init",
-    "adam_epsilon": "policy.adam_eps", "keep": "keep_checkpoints", "stop": "stop_at", "best": "best_metric",
-    "groups": "pipeline_groups", "restarts": "max_restarts",
-}  # fmt: skip
-
-Schedule = Literal["linear", "constant"]
-
 T = TypeVar("T", bound=BaseModel)
-
-
-class MemoryConfig(Checked):
-    """What one policy remembers of an episode."""
-
-    kind: Literal["none", "gru", "lstm"] = Field("none", description="a recurrent layer behind the hidden layers")
-    size: int = Field(64, ge=1, le=65_536, description="units of it")
-    length: int = Field(32, ge=1, description="decisions through which gradients flow back in time")
-
-
-class PolicyConfig(Checked):
-    """What one policy observes, its rewards, and how it learns."""
-
-    sensors: list[str] | None = Field(None, min_length=1, description="names of the sensors it sees; null: all")
-    reward_weights: dict[str, float] = Field({}, description="weights of reward channels; others as in the game")
-    penalty_ramp: int = Field(
-        0,
-        ge=0,
-        description="timesteps over which negative rewards grow from a tenth to their weight; against "
-        "policies that learn to do nothing, because a miss costs and hits are rare at first",
-    )
-    scale_observations: Literal["none", "bounds", "running"] = Field(
-        "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
-    )
-    scale_rewards: bool = Field(False, description="divide rewards by the deviation of the returns so far")
-    image_encoder: Literal["auto", "none", "windows", "simple", "nature", "impala"] = Field(
-        "auto",
-        description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
-        "are plain numbers",
-    )
-    network: str | None = Field(
-        None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
-    )
-    shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
-    frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
-    remember_acts: int = Field(
-        0, ge=0, le=1000, description="last actions and rewards that it sees beside the sensors, oldest first"
-    )
-    hidden_sizes: list[Annotated[int, Field(ge=1, le=65_536)]] = Field(
-        [100, 100], min_length=1, description="units per hidden layer"
-    )
-    activation: Literal["swish", "tanh", "relu", "elu"] = Field("swish", description="of the hidden layers")
-    memory: MemoryConfig = Field(MemoryConfig(), description="what it remembers of an episode")
-    shared_body: bool | None = Field(
-        None, description="one body for actor and critic; null: only if there are no Gaussians"
-    )
-    ortho_init: bool = Field(
-        False,
-        description="begin with orthogonal weights, of gain √2, policy heads 0.01, value 1; false: from a "
-        "truncated normal, as ML-Agents",
-    )
-    log_std_init: float | dict[str, float] = Field(
-        0.0,
-        description="logarithm of the deviation that Gaussians begin with, in thirds of half an axis's range, of "
-        "all or by the names of axes; 1.0986, log 3: half the range",
-    )
-    rollout_steps: int = Field(59, ge=1, le=2**24, description="decisions per lane between two updates")
-    time_horizon: int = Field(59, ge=1, description="decisions after which advantages are cut")
-    minibatch_size: int = Field(256, ge=1, description="timesteps per step of the optimizer")
-    epochs: int = Field(4, ge=1, description="how often an update goes through its rollout")
-    learning_rate: float = Field(3.25e-4, gt=0, description="step size of Adam")
-    adam_eps: float = Field(1e-8, gt=0, description="what Adam adds to its denominators")
-    weight_decay: float = Field(
-        0.0,
-        ge=0,
-        description="of AdamW: each step multiplies all parameters by 1 - learning_rate * weight_decay",
-    )
-    learning_rate_schedule: Schedule = Field("linear", description="linear: falls to 1e-10 at the end of the run")
-    entropy_coef: float = Field(0.05, ge=0, description="coefficient of the entropy bonus")
-    entropy_coef_schedule: Schedule = Field("linear", description="linear: falls to 1e-5 at the end of the run")
-    entropy: Literal["sum", "mean"] = Field(
-        "mean",
-        description="of a decision, over its continuous actions; over branches it is always the sum. With sum, "
-        "one `entropy_coef` means the same for axes and branches",
-    )
-    clip_range: float = Field(0.2, gt=0, lt=1, description="clip range of PPO")
-    clip_range_schedule: Schedule = Field("linear", description="linear: falls to 0.1 at the end of the run")
-    normalize_advantage: Literal["rollout", "minibatch", "none"] = Field(
-        "rollout", description="of what advantages get mean 0 and deviation 1"
-    )
-    vf_coef: float = Field(0.5, ge=0, description="coefficient of the mean squared error of values")
-    clip_vloss: bool = Field(True, description="values clip as the policy does, by the same range")
-    max_grad_norm: float | None = Field(
-        None, gt=0, description="longest gradient of the whole network; a longer one is shortened to it"
-    )
-    target_kl: float | None = Field(
-        None, gt=0, description="an update ends early, after an epoch whose mean KL divergence is larger"
-    )
-    gamma: float = Field(0.99, ge=0, le=1, description="discount of rewards per decision")
-    gae_lambda: float = Field(0.95, ge=0, le=1, description="lambda of generalized advantage estimation")
-    cloning_coef: float = Field(
-        1.0, ge=0, description="coefficient of the loss of cloning; beside PPO it falls linearly, to 0"
-    )
-    only_with: bool = Field(
-        True, description="leave axes that count only with a choice out of the loss where they do not count"
-    )
-    loss: str | None = Field(
-        None, pattern=CODE, description="MODULE:FUNCTION, a term of your own that is added to the loss"
-    )
-    threads: int = Field(
-        1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
-    )
-    autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 
 
 class OpponentsConfig(Checked):
@@ -437,56 +289,4 @@ def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        key, value = prefix + ".".join(str(part) for part in first["loc"]), first["input"]
-        if first["type"] == "extra_forbidden":
-            raise ConfigError(_unknown(key, value)) from None
-        if first["type"] == "missing":
-            raise ConfigError(f"{key}: it is missing; every configuration has this key") from None
-        reason = _expected(key, value, first["type"]) or first["msg"].removeprefix("Value error, ")
-        if not first["loc"]:  # several keys contradict each other
-            raise ConfigError(reason) from None
-        raise ConfigError(f"{key}: got {_show(value)}; {reason}") from None
-
-
-def _show(value: object) -> str:
-    """Return a value as it was written, cut to a reasonable length."""
-    try:
-        text = repr(value)
-    except ValueError:  # Python refuses to write an integer of more than 4300 digits
-        text = "an integer of very many digits"
-    return text if len(text) <= MAX_VALUE_CHARS else f"{text[:MAX_VALUE_CHARS]} …"
-
-
-def _expected(key: str, value: object, problem: str) -> str:
-    """Return what a key wants that holds a list, values by name or a parameter; "" for other problems."""
-    name = key.rpartition(".")[2]
-    if problem == "list_type" and isinstance(value, str | int | float):
-        parts = ", ".join(part for part in re.split(r"[\s,;()]+", str(value)) if part)
-        return f"expected a list, for example {key}=[{printable(parts)}]"
-    if problem == "value_error" and key.startswith("parameters.") and isinstance(value, str):
-        return f"expected a number; if it is an option of the game, write options.{name}={value}"
-    if problem in ("dict_type", "model_type"):
-        form = FORMS.get(name) or FORMS["policies"]
-        return f"expected names and values, written {form}"
-    return ""
-
-
-def _unknown(key: str, value: object) -> str:
-    """Return what is wrong with an unknown key, and what to write instead."""
-    where, _, name = key.rpartition(".")
-    if name in OTHER_NAMES:
-        return f"unknown key {key!r}; the key is {OTHER_NAMES[name]!r}"
-    in_policy = where.startswith("polic")
-    keys = {field: f"{where if in_policy else 'policy'}.{field}" for field in PolicyConfig.model_fields}
-    keys |= {field: field for field in Config.model_fields}
-    if near := difflib.get_close_matches(name, keys, n=1):
-        outside = f", a key of the whole run, outside `{where}`" if in_policy and near[0] in Config.model_fields else ""
-        return f"unknown key {key!r}; did you mean {keys[near[0]]!r}{outside}? `joybridge keys` lists all keys"
-    if isinstance(value, Mapping) and value:  # "ppo.epochs": only the last part may say what is meant
-        inner = next(iter(value))
-        return _unknown(f"{key}.{inner}", value[inner])
-    return (
-        f"unknown key {key!r}; `joybridge keys` lists all keys; those of the game are written "
-        f"{' and '.join(FORMS[key] for key in OF_THE_GAME)}"
-    )
+        raise ConfigError(wrong_key(error, prefix, Config.model_fields)) from None

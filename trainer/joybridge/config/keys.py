@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
-from joybridge.config.config import FORMS, OTHER_NAMES, Config
+from joybridge.config.config import Config
 from joybridge.config.presets import PRESETS
+from joybridge.config.wrong_keys import FORMS, OTHER_NAMES
 
 SUBJECTS = {  # words that people look for: the beginning of the names of the keys that are about them
     "self-play": "opponents", "league": "opponents", "recurrent": "policy.memory", "rnn": "policy.memory",

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from joybridge.config.config import FORMS, OF_THE_GAME, HandConfig
+from joybridge.config.config import OF_THE_GAME, HandConfig
 from joybridge.config.errors import ConfigError
+from joybridge.config.wrong_keys import FORMS
 
 if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
     from joybridge.play.evaluate import Evaluation

@@ -8,8 +8,9 @@ import numpy as np
 import torch
 
 from joybridge.config.arrays import select
-from joybridge.config.config import Config, PolicyConfig
+from joybridge.config.config import Config
 from joybridge.config.errors import CheckpointError, ConfigError
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.tensors import Array
 from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from joybridge.config.config import PolicyConfig
+from joybridge.config.policy_config import PolicyConfig
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from torch.optim.adam import adam
 
-from joybridge.config.config import PolicyConfig
 from joybridge.config.errors import DivergedError
 from joybridge.config.metrics import STATISTICS
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.tensors import Array
 from joybridge.ppo.cloning import Cloning, add_cloning_gradient
 from joybridge.ppo.fast.adam import adam_step

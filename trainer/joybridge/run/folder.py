@@ -14,7 +14,6 @@ from typing import Any
 from google.protobuf import json_format
 
 from joybridge.config.config import (
-    FORMS,
     MAY_CHANGE,
     OF_THE_GAME,
     PLAYABLE_KEYS,
@@ -25,6 +24,7 @@ from joybridge.config.config import (
 )
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
+from joybridge.config.wrong_keys import FORMS
 from joybridge.contract.files import read_file
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.text import printable
