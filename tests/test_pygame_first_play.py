@@ -24,6 +24,7 @@ def plays(tmp_path, monkeypatch):
         return first_play.first_play(*arguments)
 
     monkeypatch.setattr(remembered, "first_play", noted)
+    monkeypatch.setattr(first_play, "TEXT_SECONDS", 600.0)  # also on a slow machine
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return found
 
@@ -86,9 +87,8 @@ def test_rewards_and_ends_that_match_nothing_are_named_with_the_texts_that_were_
         served(CATCHING, settings)
         ((*_, said),) = caplog.record_tuples
         assert said.startswith(r"catch: reward 'score: (\d+)', reward 'attr:main.none', reward 'sound:none.wav', done ")
-        assert (
-            "'Game over' matched nothing in 200 decisions of random play; texts seen (case counts): 'Score: 0'" in said
-        )
+        assert "'Game over' matched nothing in 200 decisions of random play; texts seen" in said
+        assert said.endswith("(case counts): 'Score: 0'")
     assert len(plays) == 1
 
 
