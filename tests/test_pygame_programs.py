@@ -258,8 +258,8 @@ def test_a_program_writes_below_its_home_and_beside_itself_without_a_trace(tmp_p
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("exec('while True: pass')", "drew no frame in 0.3 s"),
-        ("os.kill", "ended"),
+        ("exec('while True: pass')", "drew no frame in 0.3 s, at line 11 of .*program.py; seconds=1.8 allows it more"),
+        ("os.kill", "the process of the program has crashed, at line 11 of .*program.py"),
         ("1 / 0", "arena 0: the program has failed: ZeroDivisionError: division by zero .line 11 of .*program.py"),
     ],
 )
@@ -270,6 +270,19 @@ def test_a_program_that_hangs_or_fails_costs_its_session_a_sentence(tmp_path, li
     with pytest.raises(GameError, match=what):
         steps(game, 100)
     assert len(steps(game, 1)) == 1  # the program itself goes on
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("while True: pass", "no frame in 60 s, at line 7 of .*program.py: .*; start=180 allows it more"),
+        ("ctypes.string_at(0)", "the process has ended with SIGSEGV, at line 7 of .*program.py"),
+    ],
+)
+def test_a_program_that_never_begins_is_told_where_it_stands(tmp_path, line, what):
+    soon = "signal.setitimer(signal.ITIMER_REAL, 0.1)\n"  # the alarm of the first frame, without the wait
+    with pytest.raises(CatalogError, match=what):
+        program(tmp_path, "import ctypes, signal\n" + HEAD + soon + line + "\n", "start=60")
 
 
 @pytest.mark.promise("X7")

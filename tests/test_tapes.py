@@ -94,3 +94,17 @@ def test_a_command_records_a_tape(tmp_path):
     done = joybridge("tape", "record", str(CATCHING), str(path), "keys=LEFT", "--decisions", "3")
     assert done.output == f"{path}: 12 frames\nnext: joybridge tape replay {path}\n"
     assert replay(path) == 12
+
+
+@pytest.mark.parametrize("before", [b"an older tape", None])
+def test_a_program_that_fails_leaves_the_tape_that_was_there(tape, tmp_path, before):
+    program = changed(tape, tmp_path, "score += 10", "score += 1 / 0")
+    path = tmp_path / "good.tape"
+    if before:
+        path.write_bytes(before)
+    done = joybridge("tape", "record", program, str(path), "keys=LEFT", "--decisions", "300", "--seed", "3")
+    held = "holds the tape that it held before" if before else "is not written"
+    assert done.status == 1 and f"error: {path} {held}: after " in done.errors, done.errors
+    assert "ZeroDivisionError" in done.errors
+    assert (path.read_bytes() if before else path.exists()) == (before or False)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["catch.py", *(["good.tape"] if before else [])]

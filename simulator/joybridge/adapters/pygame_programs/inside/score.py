@@ -8,10 +8,12 @@ A hook is a Python file with any of these functions; each is given the program's
     metrics(program)  at the end of an episode: a dictionary of numbers
 """
 
+import re
 import runpy
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,8 +33,10 @@ class Score:
         """rewards: by channel, see rewards.py. done: patterns of text. hook: a file, "" for none. Raises ValueError."""
         self.over = False
         self._sources = {name: reward_of(source, texts, played) for name, source in rewards.items()}
+        self._wanted = {name: f"reward '{source}'" for name, source in rewards.items()}
+        self._ends = dict.fromkeys(done, False)  # whether each pattern was found
         for pattern in done:
-            texts.search(pattern, lambda match: self._end())
+            texts.search(pattern, partial(self._end_at, pattern))
         self._hook: dict[str, Callable[[Any], Any]] = {}
         if hook:
             found = runpy.run_path(hook)
@@ -70,7 +74,7 @@ class Score:
     def take(self) -> list[float]:
         """Return the rewards since the last call, by channel."""
         for name, source in self._sources.items():
-            self._earned[name] += source()
+            self._earned[name] += source.take()
         earned = list(self._earned.values())
         self._earned = dict.fromkeys(self._earned, 0.0)
         return earned
@@ -83,6 +87,15 @@ class Score:
         """Return the values of the metrics."""
         values = self._call("metrics", {})
         return [float(values.get(name, 0.0)) for name in self._sizes["metrics"]]
+
+    def missed(self) -> list[str]:
+        """Return the rewards and ends that are looked for and were never found."""
+        rewards = [self._wanted[name] for name, source in self._sources.items() if not source.found()]
+        return rewards + [f"done '{pattern}'" for pattern, found in self._ends.items() if not found]
+
+    def _end_at(self, pattern: str, match: "re.Match[str]") -> None:
+        self._ends[pattern] = True
+        self._end()
 
     def _end(self) -> None:
         self.over = True
