@@ -150,6 +150,7 @@ def report(made: Search) -> int:
         settings_of(made.ranges, trials[0].params) == own,
         commands,
         repetition(options),
+        made.metric if made.metric != options.metric else "",
     )
     print(ranking(result), "", *write_page(result, options.output), file, options.output / SEARCH, sep="\n")
     for command in commands:
