@@ -425,6 +425,8 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
         "**Too few runs for a significance test**: the smallest p value that is possible with them is 0.1. Repeat the"
     )
     assert f"{warning} command with `--seeds 4` or more; finished runs are kept." in text
+    tied = text_of(analyze("reward", {"good": runs([2.0], [2.0], [2.0]), "bad": runs([1.0], [1.0], [1.0])}))
+    assert warning in tied and "No two variants differ significantly." in tied
     assert least_seeds(9) == 7  # the smallest p value of 36 pairs is then 36 x 2 / 3432 = 0.021, with 6 seeds 0.078
 
 
