@@ -294,7 +294,7 @@ def refuse(job: Job) -> Process:
         (["options.size=1,2"], "options.size is not searched, because options change what a game pays"),
         (["total_timesteps=100..200"], "total_timesteps is not searched, because trials of other lengths"),
         (["policy.reward_weights.hit=0..2"], "rewards of other reward_weights cannot be compared; name a metric"),
-        (["policy.epochs=1..2", "log_interval=5000"], "log_interval is 5,000, longer than the trials of 2,000"),
+        (["policy.epochs=1..2", "log_interval=5000"], "log_interval is 5,000, longer than the runs of 2,000"),
     ],
 )
 def test_wrong_ranges_are_refused_before_a_simulator_is_waited_for(run, words, message):
