@@ -2,17 +2,17 @@
 
 import argparse
 import json
-import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from joybridge.client.argument_types import seconds
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.client.simulator_source import SimulatorSource
-from joybridge.config.config import read_overrides
 from joybridge.config.config_files import find_config, merge, read_yaml
 from joybridge.config.errors import ConfigError
+from joybridge.config.overrides import read_overrides
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
@@ -146,28 +146,6 @@ def _own_place(game: object) -> str | None:
         except ValueError as error:
             raise ConfigError(f"game: got {game}; {error}") from error
     return game if isinstance(game, str) and game.startswith(PYGAME) else None
-
-
-def at_least(least: int) -> Callable[[str], int]:
-    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
-
-    def number(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
-        return int(text)
-
-    return number
-
-
-def seconds(text: str) -> float:
-    """Return a positive time in seconds. Raises ArgumentTypeError."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
-    return number
 
 
 def say_next(*words: str) -> None:
