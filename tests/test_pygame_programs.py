@@ -16,9 +16,11 @@ from joybridge.client.command_line import add_own_game
 from joybridge.client.own_games import choose_game
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
+from joybridge.config.programs import programs_of
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
 from joybridge.layouts import make_acts
+from joybridge.policy.config_fit import find_and_load
 from joybridge.simulator.__main__ import main
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
@@ -394,6 +396,34 @@ def test_a_run_remembers_the_program_that_its_configuration_has_named(run):
     assert (run / "config.yaml").read_text().startswith("game: fruit\n")
     evaluated = joybridge("evaluate", str(run), "--episodes", "2", "--json")
     assert evaluated.status == 0 and '"length": 4.0' in evaluated.output
+
+
+def test_the_configuration_of_a_run_trains_another_one_with_its_program(run, tmp_path):
+    again = joybridge("train", str(run / "config.yaml"), "--run", str(tmp_path / "again"))
+    assert again.status == 0, again.errors
+    assert (tmp_path / "again/simulators.json").read_text() == (run / "simulators.json").read_text()
+
+
+def test_a_configuration_that_names_its_program_takes_no_other_from_the_command_line(tmp_path):
+    config = tmp_path / "fruit.yaml"
+    config.write_text(f"game: {{pygame: {CATCHING}}}\n")
+    done = joybridge("train", str(config), "--pygame", "other.py", "--run", str(tmp_path / "run"))
+    assert done.status == 1 and f"names its own program, pygame:{CATCHING}, so that of --pygame" in done.errors
+    assert "write game.pygame=other.py" in done.errors
+
+
+def test_a_program_is_found_beside_the_configuration_that_names_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "below"
+    folder.mkdir()
+    (folder / "fruit.yaml").write_text("game: {pygame: fruit.py, hook: hook.py, arguments: [fruit.py]}\n")
+    for name in ("fruit.py", "hook.py"):
+        (folder / name).touch()
+    assert programs_of("below/fruit.yaml", []) == {"game": "pygame:below/fruit.py hook=below/hook.py -- fruit.py"}
+    assert find_and_load("below/fruit.yaml").game == "fruit"
+    (tmp_path / "hook.py").touch()
+    assert programs_of("below/fruit.yaml", []) == {"game": "pygame:below/fruit.py hook=hook.py -- fruit.py"}
+    assert programs_of("below/fruit.yaml", ["game.pygame=none.py"])["game"].startswith("pygame:none.py ")
 
 
 def test_a_configuration_without_a_program_behind_its_keys_is_refused(tmp_path):
