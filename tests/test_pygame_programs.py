@@ -2,9 +2,12 @@
 
 import hashlib
 import io
+import json
 import re
+import shutil
 from argparse import Namespace
 from contextlib import closing, redirect_stderr
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,7 @@ from ruamel.yaml import YAML
 
 from joybridge.client.client import Session
 from joybridge.client.command_line import add_own_game
+from joybridge.client.errors import SimulatorLost
 from joybridge.client.own_games import choose_game
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
@@ -396,6 +400,29 @@ def test_a_run_remembers_the_program_that_its_configuration_has_named(run):
     assert (run / "config.yaml").read_text().startswith("game: fruit\n")
     evaluated = joybridge("evaluate", str(run), "--episodes", "2", "--json")
     assert evaluated.status == 0 and '"length": 4.0' in evaluated.output
+
+
+def test_settings_of_an_evaluation_are_laid_over_those_of_the_training(run, tmp_path):
+    program = f"{CATCHING} tapes={tmp_path / 'tapes'}"
+    evaluated = joybridge("evaluate", str(run), "--pygame", program, "--episodes", "1", "--json")
+    assert evaluated.status == 0 and '"length": 4.0' in evaluated.output, evaluated.errors
+    assert {path.name[:6] for path in (tmp_path / "tapes").glob("*.tape")} == {"fruit-"}
+
+
+def test_a_fault_of_a_run_is_replayed_with_the_program_of_the_run(run, tmp_path):
+    (place,) = json.loads((run / "simulators.json").read_text())["games"]
+    copy = Path(shutil.copytree(run, tmp_path / "run"))
+    with server("--game", place) as process:
+        session = Session(process.address, "fruit", arenas=1, seed=1, timeout=20)
+        session.record_faults(copy / "faults")
+        session.step(make_acts(session.spec, 1))
+        process.kill()
+        process.wait()
+    with session, pytest.raises(SimulatorLost):
+        session.step(make_acts(session.spec, 1))
+    (fault,) = (copy / "faults").iterdir()
+    done = joybridge("replay", str(fault))
+    assert done.status == 0 and "2 steps are as they were recorded" in done.output, done.errors
 
 
 def test_the_configuration_of_a_run_trains_another_one_with_its_program(run, tmp_path):

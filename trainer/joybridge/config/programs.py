@@ -40,6 +40,48 @@ def with_names(places: Mapping[str, str]) -> list[str]:
     return overrides
 
 
+def merged_place(program: str, trained: str, forced: Sequence[str] = (), held: Sequence[str] = ()) -> str:
+    """Return the place of a program with settings and arguments that it lacks, from the place of a training.
+
+    program: as after --pygame. trained: the place, "" for none. forced, held: settings that count before those behind
+    the program, and after them. Raises ConfigError.
+    """
+    try:
+        (name, *own), words = _parts(program)
+        (_, *settings), arguments = _parts(trained.removeprefix(PYGAME))
+    except ValueError as error:
+        raise ConfigError(f"the program {program!r}: {error}") from error
+    chosen: list[str] = []
+    for group in (forced, own, held, settings):
+        keys = {word.partition("=")[0] for word in chosen}
+        chosen += [word for word in group if word.partition("=")[0] not in keys]
+    return PYGAME + shlex.join([name, *chosen, *(["--", *(words or arguments)] if words or arguments else [])])
+
+
+def as_trained(program: str, trained: Sequence[str]) -> str:
+    """Return the place of a program that takes the part of one of the training, with the settings of that.
+
+    program: its place. trained: places of the training's games, in which that of the same name is looked for, or else
+    the only program. Raises ConfigError.
+    """
+    try:
+        names = {program_name(each.removeprefix(PYGAME)): each for each in trained if each.startswith(PYGAME)}
+        name = program_name(program.removeprefix(PYGAME))
+    except ValueError as error:
+        raise ConfigError(f"the program {program!r}: {error}") from error
+    if name not in names and len(names) != 1:
+        return program
+    part = name if name in names else next(iter(names))
+    return merged_place(program.removeprefix(PYGAME), names[part], held=[] if part == name else [f"name={part}"])
+
+
+def _parts(program: str) -> tuple[list[str], list[str]]:
+    """Return a program with its settings, and its arguments."""
+    words = shlex.split(program)
+    at = words.index("--") if "--" in words else len(words)
+    return words[:at] or [""], words[at + 1 :]
+
+
 def _place(game: Any) -> str | None:
     if isinstance(game, dict):
         try:
