@@ -261,6 +261,42 @@ def test_a_program_writes_below_its_home_and_beside_itself_without_a_trace(tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["program.py"]
 
 
+SAVES = """
+import os, pathlib, shutil
+os.makedirs('saves/deep/new')
+for path in ('saves/best.txt', 'saves/large.bin', 'saves/deep/a.txt', 'saves/deep/new/b.txt'):
+    with open(path, 'a') as file: file.write('9')
+assert open('saves/best.txt').read() == '79' and open('saves/other.txt').read() == '7'
+os.rename('saves/best.txt', 'saves/old.txt')
+up = '/..' * 4
+for path in (f'saves{up}/x', 'elsewhere/x', 'saves/elsewhere/x', f'saves/deep/..{up}/x', 'saves/deep/link.txt'):
+    try:
+        open(path, 'w')
+    except PermissionError:
+        continue
+    raise AssertionError(path)
+"""
+
+
+def test_a_program_writes_into_folders_beside_it_without_a_trace(tmp_path):
+    (tmp_path / "saves/deep").mkdir(parents=True)
+    outside = tmp_path.with_name(f"{tmp_path.name}-outside")
+    outside.mkdir()
+    for name, size in (("best.txt", 1), ("other.txt", 1), ("large.bin", 200_000), ("deep/a.txt", 1)):
+        (tmp_path / "saves" / name).write_text("7" * size)
+    (outside / "file").write_text("7")
+    for link in (tmp_path / "elsewhere", tmp_path / "saves/elsewhere"):
+        link.symlink_to(outside)
+    (tmp_path / "saves/deep/link.txt").symlink_to(outside / "file")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    game: Any = program(tmp_path, HEAD + SAVES + LOOP + SHOW)
+    assert len(steps(game, 1)) == 1
+    game.processes.end()
+    (tmp_path / "program.py").unlink()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert [path.name for path in outside.iterdir()] == ["file"] and (outside / "file").read_text() == "7"
+
+
 @pytest.mark.parametrize(
     ("line", "what"),
     [
