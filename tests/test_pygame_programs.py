@@ -438,6 +438,16 @@ def test_a_run_remembers_the_program_that_its_configuration_has_named(run):
     assert evaluated.status == 0 and '"length": 4.0' in evaluated.output
 
 
+@pytest.mark.parametrize(("acts", "proposed"), [(0, "joybridge export"), (1, "joybridge watch")])
+def test_no_export_is_proposed_that_would_be_refused(acts, proposed, run, tmp_path):
+    if acts:
+        config, run = run / "config.yaml", tmp_path / "run"
+        trained = joybridge("train", str(config), "--run", str(run), f"policy.remember_acts={acts}")
+        assert trained.status == 0, trained.errors
+    recorded = joybridge("record", str(run), str(tmp_path / "play.gif"), "--seconds", "0.5")
+    assert recorded.status == 0 and f"next: {proposed} {run}" in recorded.errors, recorded.errors
+
+
 def test_settings_of_an_evaluation_are_laid_over_those_of_the_training(run, tmp_path):
     program = f"{CATCHING} tapes={tmp_path / 'tapes'}"
     evaluated = joybridge("evaluate", str(run), "--pygame", program, "--episodes", "1", "--json")
