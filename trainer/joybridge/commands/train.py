@@ -140,8 +140,11 @@ def _train(options: argparse.Namespace) -> None:
         )
     if options.simulators and options.simulators > config.arenas:
         raise ConfigError(f"--simulators got {options.simulators}, but the run has {config.arenas} arenas to divide")
-    source = run if options.resume else Path(config.weights_from) if config.weights_from else None
-    last = last_simulators(source) if source else Remembered(run)
+    if options.resume or config.weights_from:
+        last = last_simulators(run if options.resume else Path(config.weights_from or ""))
+    else:  # the configuration may be that of another run, whose games are beside it
+        beside = last_simulators(path.parent)
+        last = beside if beside.simulators.games else Remembered(run)
     simulators = choose_simulators(_wanted(options), last, config, say, trust=options.trust_run)
     patience = PARENT_SECONDS if options.with_parent else 0.0
     with locked(run, patience), open_simulators(simulators, options.wait, say) as connect:

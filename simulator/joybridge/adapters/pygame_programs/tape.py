@@ -14,6 +14,7 @@ import os
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,7 +92,22 @@ class TapeWriter:
 def note_of(form: Form, settings: PygameSettings, options: Mapping[str, str], seed: int) -> dict[str, Any]:
     """Return what a tape of an episode says about it. options: all of them."""
     names = [axis.name for axis in form.axes()] + [branch.name for branch in form.branches()]
-    return {"format": FORMAT, "program": settings.text, "options": dict(options), "seed": seed, "device": names}
+    return {
+        "format": FORMAT,
+        "program": settings.text,
+        "options": dict(options),
+        "seed": seed,
+        "device": names,
+        "pygame": pygame_version(),
+    }
+
+
+def pygame_version() -> str:
+    """Return which pygame is installed, as in "pygame 2.6.1"; "" for none."""
+    for package in ("pygame-ce", "pygame"):
+        with suppress(PackageNotFoundError):
+            return f"{package} {version(package)}"
+    return ""
 
 
 class Rerun:

@@ -56,6 +56,7 @@ def _run(player: Player, settings: Mapping[str, Any]) -> None:
         if program.beside is not None and settings["window"]:
             os.chdir(program.beside)
         elif program.beside is not None:
+            player.stage.fences.beside = str(program.beside)
             with player.stage.fences.trusting():
                 copy_beside(program.beside, Path.cwd())
         program.run()
