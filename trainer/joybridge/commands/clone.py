@@ -128,10 +128,8 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
             for name, ours, without in rows:
                 print(f"  {name:{width}}  {ours:>16}  {without:>16}")
             if given.unsaid:
-                held_out = given.unsaid + len(given.held_out)
-                print(
-                    f"not counted: {given.unsaid:,} of {held_out:,} held-out decisions, which {config.layout} cannot say"
-                )
+                unsaid = f"{given.unsaid:,} of {given.unsaid + len(given.held_out):,} held-out decisions"
+                print(f"not counted: {unsaid}, which {config.layout} cannot say")
         arrays |= actor_arrays(actor)
     keep_config(config, run)
     keep_spec(spec, run)
