@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,6 +42,20 @@ assert not {"torch", "pydantic"} & set(sys.modules)
     sheet = pixels(tmp_path / "out/look.png")
     assert sheet.shape[1] == 3 * (PICTURE + PANEL + 3 * MARGIN)
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 100
+
+
+@pytest.mark.usefixtures("signals")
+def test_the_game_of_a_configuration_is_shown_with_its_settings(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    program = "import pygame\npygame.init()\nscreen = pygame.display.set_mode((80, 60))\nwhile True:\n"
+    program += "    pygame.event.get()\n    screen.fill('red')\n    pygame.display.flip()\n"
+    Path("red.py").write_text(program)
+    Path("red.yaml").write_text("game: {pygame: red.py, keys: UP}\noptions: {screen: '48', decision_interval: '2'}\n")
+    assert main(["look", "red.yaml", "look.png", "--pictures", "1"]) == 0
+    assert capsys.readouterr().out.startswith("look.png: 1 pictures of red, one every ")
+    Path("two.yaml").write_text("games: {archer: {}, marble: {}}\n")
+    assert main(["look", "two.yaml", "look.png"]) == 1
+    assert "expected the name of one game" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("game", "every"), [("archer", 3), ("noughts", 1), ("ferry", 1), ("hybrid", 2)])
