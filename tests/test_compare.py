@@ -13,12 +13,14 @@ from joybridge.compare import grid, launch
 from joybridge.compare import page as pages
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
 from joybridge.compare.job import Job
-from joybridge.compare.launch import make_job, scored_policy
+from joybridge.compare.launch import check_metric, make_job, scored_policy
 from joybridge.compare.page import Setting, page_html, page_text
 from joybridge.compare.scores import Point, Run, score_run
 from joybridge.compare.table import TABLE, add_results, read_table
 from joybridge.compare.variants import (
     VARIANTS,
+    Variant,
+    beside,
     check_game,
     differences,
     kept_spec,
@@ -26,10 +28,12 @@ from joybridge.compare.variants import (
     read_change,
     read_values,
 )
+from joybridge.config.config import Config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.run_lock import locked
+from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
 
@@ -151,14 +155,60 @@ def test_another_metric_and_score_need_no_training(copied):
     assert "--metric accuracy --score 0.25" in text.splitlines()[-2]
     unknown = run_in(copied, "127.0.0.1:1", "--metric", "acuracy")
     assert unknown.status == 1
-    assert "has no acuracy: it has accuracy, " in unknown.errors
+    known = "archer has reward, length, hits, accuracy, reward_std, episodes; of the training: "
+    assert f"--metric got 'acuracy'; {known}" in unknown.errors
     assert page(copied) == text  # the last page is still there
 
 
-def test_runs_that_are_too_short_for_a_row_of_metrics_are_named_with_the_reason(tmp_path, simulator):
-    done = run_in(tmp_path, simulator, "total_timesteps=160", "--seeds", "1")
-    assert done.status == 1
-    assert "missing: hybrid-s0: 160 timesteps are less than log_interval=320, so there is no row" in done.errors
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["total_timesteps=160"],
+            "log_interval is 320, longer than the runs of 160 timesteps, so they have no metrics;",
+        ),
+        (["--metric", "held_out_reward"], "hybrid measures nothing held out; set evaluate_during, as in evaluate_"),
+        (
+            ["--metric", "held_out_hit", "evaluate_during={episodes: 2}"],
+            "--metric got 'held_out_hit'; archer has reward, length, hits, accuracy, reward_std, episodes; held_out_… "
+            "before each of these; of the training: ",
+        ),
+    ],
+)
+def test_what_no_run_would_have_is_refused_before_anything_is_trained(words, message, tmp_path, simulator):
+    done = run_in(tmp_path, simulator, *words)
+    assert done.status == 1 and message in done.errors and "done" not in done.output
+    assert not (tmp_path / OUT / "runs").exists()
+
+
+def test_a_column_of_the_training_and_of_held_out_episodes_can_be_compared():
+    (variant,) = make_variants(["archer/hybrid"], ["evaluate_during.episodes=2"], [])
+    spec = pb.GameSpec(name="archer", behaviors=[pb.Behavior(name="archer", metrics=[pb.Metric(name="hits")])])
+    for metric in ("hits", "entropy_fire", "explained_variance", "held_out_hits", "held_out_reward_std"):
+        check_metric(variant, spec, metric, None)
+    other = Variant("", variant.config, "sb3")  # it counts rewards and lengths alone
+    for metric in ("hits", "explained_variance"):
+        with pytest.raises(ConfigError, match=f"--metric got '{metric}'; archer has reward, length, reward_std, episo"):
+            check_metric(other, spec, metric, None)
+
+
+def test_a_game_that_another_trainer_cannot_train_is_refused_at_once_with_the_next_move(tmp_path):
+    done = run_in(tmp_path, "127.0.0.1:1", "--beside", "sb3", "--wait", "0.1")
+    assert done.status == 1 and "waiting" not in done.errors
+    assert "there is none called 'archer'; to train this game with Stable-Baselines3, write a program" in done.errors
+    assert beside([Variant("a", Config(game="CartPole-v1"))], "sb3")[0].label == "a, Stable-Baselines3"
+
+
+def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path):
+    for folder, layout in (("a/x", "hybrid"), ("b/x", "bucket-3"), ("c", "bucket-5")):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "best.yaml").write_text(SMALL + f"layout: {layout}\n")
+    paths = [str(tmp_path / path) for path in ("a/x/best.yaml", "b/x/best.yaml", "c/best.yaml")]
+    made = make_variants([*paths, "archer/hybrid"], [], [])
+    assert [variant.label for variant in made] == ["a/x/best", "b/x/best", "c/best", "hybrid"]
+    assert [variant.name for variant in made] == ["a_x_best", "b_x_best", "c_best", "hybrid"]
+    with pytest.raises(ConfigError, match="have the same configuration; leave one of them out"):
+        make_variants([paths[0], paths[0]], [], [])
 
 
 def test_a_comparison_of_another_configuration_is_refused_by_name(copied):
@@ -425,6 +475,8 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
         "**Too few runs for a significance test**: the smallest p value that is possible with them is 0.1. Repeat the"
     )
     assert f"{warning} command with `--seeds 4` or more; finished runs are kept." in text
+    tied = text_of(analyze("reward", {"good": runs([2.0], [2.0], [2.0]), "bad": runs([1.0], [1.0], [1.0])}))
+    assert warning in tied and "No two variants differ significantly." in tied
     assert least_seeds(9) == 7  # the smallest p value of 36 pairs is then 36 x 2 / 3432 = 0.021, with 6 seeds 0.078
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import PermutationMethod, mannwhitneyu
 
 from joybridge.compare.estimators import (
     bootstrap,
@@ -61,6 +62,17 @@ def test_the_mann_whitney_test_is_exact_without_ties():
     assert mann_whitney([1, 4], [2, 3]) == 1.0
 
 
-def test_scores_with_ties_have_a_p_value_and_equal_scores_have_1():
-    assert 0.05 < mann_whitney([1, 1, 2], [1, 2, 2]) < 1
+def test_the_mann_whitney_test_is_exact_with_ties_and_equal_scores_have_1():
+    assert mann_whitney([1, 1, 1], [2, 2, 2]) == pytest.approx(2 / 20)  # of 20 ways to choose 3 of 6
+    assert mann_whitney([2, 1], [2, 2, 2]) == pytest.approx(2 * 4 / 10)  # 4 of 10 ways choose the lower value
     assert mann_whitney([3, 3], [3, 3, 3]) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [([1, 1, 1, 5, 6], [2, 2, 2, 7, 8]), ([0.5, 1, 1], [1, 2, 3, 3, 3]), ([1, 4, 2.5, 8, 9], [3, 5, 6, 7, 10, 11])],
+)
+def test_the_mann_whitney_test_is_that_of_all_permutations_in_scipy(first, second):
+    every = mannwhitneyu(first, second, method=PermutationMethod(n_resamples=np.inf)).pvalue
+    assert mann_whitney(first, second) == pytest.approx(every)
+    assert mann_whitney(second, first) == pytest.approx(every)

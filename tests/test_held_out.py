@@ -45,11 +45,32 @@ def test_without_every_the_last_row_is_measured_and_the_most_probable_actions_ar
 ):
     during = {"episodes": 10, "deterministic": True}
     rows = short(simulator, tmp_path / "run", total_timesteps=500, evaluate_during=during)["player"]
-    assert [row["timesteps"] for row in rows if "held_out_reward" in row] == [448]
+    assert [row["timesteps"] for row in rows if "held_out_reward" in row] == [512] == [rows[-1]["timesteps"]]
     rows = short(simulator, tmp_path / "whole", evaluate_during=during)["player"]
     plays = PlaySpec(tmp_path / "whole", simulator, seed=OTHER_SEED, deterministic=True)
     found = evaluate(plays, episodes=10, say=lambda text: None)["player"]
     assert rows[-1]["held_out_reward"] == pytest.approx(found.means["reward"], rel=1e-5)
+
+
+@pytest.mark.parametrize(("log_interval", "every"), [(64, 192), (64, 5000), (100, 300), (100, None)])
+def test_the_last_row_has_the_measure_of_the_policy_at_the_end_whatever_every_says(
+    log_interval, every, simulator, tmp_path
+):
+    said: list[str] = []
+    during = {"episodes": 10, "deterministic": True, "every": every}
+    rows = short(simulator, tmp_path, said, log_interval=log_interval, evaluate_during=during)["player"]
+    assert [line.endswith(", at the end") for line in said if "held out" in line] == [True]
+    plays = PlaySpec(tmp_path, simulator, seed=OTHER_SEED, deterministic=True)
+    found = evaluate(plays, episodes=10, say=lambda text: None)["player"]
+    assert rows[-1]["held_out_reward"] == pytest.approx(found.means["reward"], rel=1e-5)
+    measures = [row["timesteps"] for row in rows if "held_out_reward" in row]
+    assert measures == ([192, 384] if every == 192 else [300] if every == 300 else []) + [rows[-1]["timesteps"]]
+
+
+def test_a_policy_that_is_measured_at_the_end_is_not_measured_again(simulator, tmp_path):
+    said: list[str] = []
+    short(simulator, tmp_path, said, evaluate_during={"every": 256, "episodes": 2})
+    assert not any("at the end" in line for line in said)
 
 
 def test_measuring_changes_nothing_that_is_learned(measured, simulator, tmp_path):

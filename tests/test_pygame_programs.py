@@ -156,6 +156,17 @@ def test_sounds_variables_and_text_pay_each_in_its_own_channel(tmp_path):
     assert first.rewards.tolist() == second.rewards.tolist() == [[2.0, 4.0, 8.0]]
 
 
+def test_several_channels_are_metrics_too_each_with_what_it_paid_in_the_episode(tmp_path):
+    body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
+    body += "    n += 1\n    for score in (n, -n): font.render(f'score {score}', True, 'white')\n"
+    rewards = r"'reward=score (\d+)' 'reward=score (-\d+)' max_decisions=3"
+    game = program(tmp_path, HEAD + body + SHOW, rewards)
+    names = game.look.metrics
+    _, second, third = steps(game, 3)
+    assert names == ["score_total", "score_2_total"]
+    assert second.metrics is None and third.metrics.tolist() == [[12.0, -12.0]]
+
+
 def test_two_scores_that_look_alike_are_told_apart_by_their_place_in_the_frame(tmp_path):
     body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
     body += "    n += 1\n    for score in (n, 10 * n): font.render(f'{score:>4}', True, 'white')\n"

@@ -22,10 +22,11 @@ from joybridge.compare.job import Job, Process
 from joybridge.compare.page import page_html
 from joybridge.compare.pictures import draw_themes
 from joybridge.compare.ranges import Choices, Numbers, own_settings, read_ranges
-from joybridge.compare.scores import Point, Run, score_at
+from joybridge.compare.scores import Point, Run, score_at, score_run
 from joybridge.compare.variants import SEARCH, VARIANTS, make_variants
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import read_rows
 from joybridge.run.run_lock import locked
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
@@ -57,6 +58,7 @@ class Imitation:
     speeds: itertools.cycle = field(default_factory=lambda: itertools.cycle([3]))  # type: ignore[type-arg]
     fails: Callable[[Job], bool] = lambda _: False
     kill_after: float = math.inf  # polls
+    held_out: float = 0  # timesteps between two values of a held-out reward, which is the epochs; inf: one at the end
     begun: list[str] = field(default_factory=list)
     terminated: list[str] = field(default_factory=list)
 
@@ -74,6 +76,7 @@ class Training:
         config = load_config(job.config)
         self.interval = config.log_interval
         self.length = config.end // self.interval
+        self.held_out = config.policy.epochs
         away = math.log10(config.policy.learning_rate) + 2.5
         self.best = 10 - 2 * away**2 + config.policy.epochs / 5 + (config.layout == "hybrid")
 
@@ -88,11 +91,23 @@ class Training:
         elif self.status is None:
             self.rows = min(self.rows + self.speed, self.length)
             rewards = (self.best * row / self.length for row in range(1, self.rows + 1))
-            lines = [f"{self.interval * row},{row},{reward:.6g}" for row, reward in enumerate(rewards, 1)]
+            lines = [
+                f"{self.interval * row},{row},{reward:.6g},{self.measured(self.interval * row)}"
+                for row, reward in enumerate(rewards, 1)
+            ]
             self.job.run.mkdir(parents=True, exist_ok=True)
-            (self.job.run / "metrics-archer.csv").write_text("\n".join(["timesteps,seconds,reward", *lines, ""]))
+            (self.job.run / "metrics-archer.csv").write_text(
+                "\n".join(["timesteps,seconds,reward,held_out_reward", *lines, ""])
+            )
             self.status = 0 if self.rows == self.length else None
         return self.status
+
+    def measured(self, timesteps: int) -> str:
+        """Return the cell of the held-out reward: the epochs at the end, and less before."""
+        every, end = self.shared.held_out, timesteps == self.interval * self.length
+        if not every or (timesteps % every and not end):
+            return ""
+        return f"{self.held_out}" if end else f"{self.held_out / 2}"
 
     def terminate(self) -> None:
         self.status = 130
@@ -279,7 +294,7 @@ def refuse(job: Job) -> Process:
         (["options.size=1,2"], "options.size is not searched, because options change what a game pays"),
         (["total_timesteps=100..200"], "total_timesteps is not searched, because trials of other lengths"),
         (["policy.reward_weights.hit=0..2"], "rewards of other reward_weights cannot be compared; name a metric"),
-        (["policy.epochs=1..2", "log_interval=5000"], "log_interval is 5,000, longer than the trials of 2,000"),
+        (["policy.epochs=1..2", "log_interval=5000"], "log_interval is 5,000, longer than the runs of 2,000"),
     ],
 )
 def test_wrong_ranges_are_refused_before_a_simulator_is_waited_for(run, words, message):
@@ -426,9 +441,32 @@ def test_own_settings_are_those_of_the_configuration_if_the_ranges_have_them(sma
 
 def test_only_rows_until_a_rung_count():
     run = Run(0, (Point(104, 0.0, 1.0), Point(208, 0.0, 2.0), Point(304, 0.0, 3.0)))
-    assert score_at(run, 200, 100, rows=2) == 1.5
-    assert score_at(run, 200, 100, rows=1) == 2.0
-    assert score_at(run, 0, 100, rows=1) is None
+    assert score_at(run, 200, 2000, 100) == 1.5  # two of twenty
+    assert score_at(run, 200, 1000, 100) == 2.0
+    assert score_at(run, 99, 1000, 100) is None
+
+
+@pytest.mark.parametrize("every", [None, 500, 5000])
+def test_a_trial_has_the_score_that_a_comparison_gives_the_same_file(run, every):
+    settings = [f"evaluate_during={{every: {every or 'null'}, episodes: 2}}", "policy.learning_rate=0.1"]
+    begin = Imitation(held_out=every or math.inf)
+    done = run("--search", "policy.epochs=1..5", "--trials", "9", "--metric", "held_out_reward", *settings, begin=begin)
+    assert done.status == 0, done.errors
+    complete = [trial for trial in trials() if trial.state == TrialState.COMPLETE]
+    for trial in complete:
+        path = OUT / f"runs/trial-{trial.number:03}-s0/metrics-archer.csv"
+        assert trial.value == trial.params["policy.epochs"]
+        if path.exists():  # another trial had the same settings
+            assert trial.value == score_run(read_rows(path), str(path), 0, "held_out_reward").score
+        assert trial.last_step == 1800
+    assert ("Until there, and of pruned trials everywhere" in (OUT / "page.md").read_text()) == (every != 500)
+
+
+def test_a_metric_of_the_end_prunes_by_its_training(run):
+    settings = ["evaluate_during={episodes: 2}"]
+    begin = Imitation(held_out=math.inf)
+    assert run("--trials", "20", "--metric", "held_out_reward", *settings, begin=begin).status == 0
+    assert len(begin.terminated) > 3
 
 
 def test_other_configurations_are_variants_of_a_comparison(small, tmp_path):

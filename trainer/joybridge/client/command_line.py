@@ -2,10 +2,10 @@
 
 import argparse
 import json
-import math
 import shlex
 from collections.abc import Callable, Sequence
 
+from joybridge.client.argument_types import seconds
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.client.simulator_source import SimulatorSource
 from joybridge.config.errors import ConfigError
@@ -132,28 +132,6 @@ def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
     options.overrides += with_names(found[0])
     if not options.simulator:
         options.game = list(dict.fromkeys([*places, *options.game]))
-
-
-def at_least(least: int) -> Callable[[str], int]:
-    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
-
-    def number(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
-        return int(text)
-
-    return number
-
-
-def seconds(text: str) -> float:
-    """Return a positive time in seconds. Raises ArgumentTypeError."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
-    return number
 
 
 def say_next(*words: str) -> None:

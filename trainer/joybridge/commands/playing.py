@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import (
     LAST_SIMULATORS,
     add_simulator_options,
     add_trust_option,
-    at_least,
     check_simulator_options,
     wanted_simulators,
 )

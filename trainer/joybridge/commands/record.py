@@ -4,7 +4,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.command_line import run_command, say_next, seconds
+from joybridge.client.argument_types import seconds
+from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
 from joybridge.play.video_formats import video_format

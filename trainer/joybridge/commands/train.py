@@ -11,13 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
     LAST_SIMULATORS,
     add_own_game,
     add_simulator_options,
     add_trust_option,
-    at_least,
     check_simulator_options,
     run_command,
     say_next,

@@ -11,10 +11,10 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import (
     add_own_game,
     add_simulator_options,
-    at_least,
     check_simulator_options,
     run_command,
     say_next,
@@ -22,7 +22,15 @@ from joybridge.client.command_line import (
 from joybridge.compare.analysis import Analysis, analyze, least_seeds
 from joybridge.compare.grid import is_kept, run_grid
 from joybridge.compare.job import Job
-from joybridge.compare.launch import backend, make_job, repetition, scored_policy, served_specs
+from joybridge.compare.launch import (
+    backend,
+    check_length,
+    check_metric,
+    make_job,
+    repetition,
+    scored_policy,
+    served_specs,
+)
 from joybridge.compare.names import ResultName
 from joybridge.compare.page import Setting, final_scores, write_page
 from joybridge.compare.ranges import is_fixed
@@ -40,7 +48,6 @@ from joybridge.compare.variants import (
     read_change,
     read_values,
 )
-from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
 from joybridge.config.overrides import add_overrides, parse_overrides
@@ -191,8 +198,11 @@ def compare(options: argparse.Namespace) -> int:
     if options.beside:
         variants += beside(variants, options.beside)
     for variant in variants:
+        check_length(variant.config)
         check_unchanged(variant, options.output)
     specs = find_specs(variants, options)
+    for variant, spec in zip(variants, specs, strict=True):
+        check_metric(variant, spec, options.metric, options.behavior)
     with locked(options.output, option="--output"):
         return compare_variants(variants, specs, options)
 
@@ -274,12 +284,6 @@ def finished_run(job: Job, policy: str, results: Results, options: argparse.Name
     """Return what a finished run has reached. Raises ConfigError and CheckpointError."""
     name = ResultName(job.name, job.timesteps, metrics_name(policy))
     if name not in results:
-        interval = load_config(job.config).log_interval
-        if job.timesteps < interval:
-            raise ConfigError(
-                f"{job.timesteps:,} timesteps are less than log_interval={interval}, so there is no row of metrics; "
-                "lengthen the runs, or set log_interval, with another --output"
-            )
         raise ConfigError(f"{job.run} has no metrics; delete this folder, and repeat the command to train it again")
     return score_run(numbers(results[name]), f"{name} in {options.output / TABLE}", job.seed, options.metric)
 

@@ -8,7 +8,9 @@ from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job, PeerJob, Process, start
 from joybridge.compare.variants import Variant, check_game, keep
+from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.config.metrics import HELD_OUT, is_builtin_metric, measured_columns, training_columns
 from joybridge.layouts import list_roles
 from joybridge.plugins import load
 from joybridge.policy.config_fit import check_fit, fitting_spec
@@ -37,6 +39,37 @@ def check_variant(variant: Variant, spec: pb.GameSpec) -> None:
         check_fit(variant.config, spec)
     except ConfigError as error:
         raise ConfigError(f"{variant.label}: {error}") from error
+
+
+def check_length(config: Config) -> None:
+    """Raise ConfigError for runs that are too short for a row of metrics."""
+    if config.log_interval > config.end:
+        raise ConfigError(
+            f"log_interval is {config.log_interval:,}, longer than the runs of {config.end:,} timesteps, so they have "
+            "no metrics; make it a tenth of them or less, or lengthen the runs"
+        )
+
+
+def check_metric(variant: Variant, spec: pb.GameSpec, metric: str, behavior: str | None) -> None:
+    """Raise ConfigError unless the scored policy of a variant has a metric.
+
+    metric: a column of metrics. behavior: whose metrics count; None: the first one's.
+    """
+    config = variant.config
+    scored = next((each for each in spec.behaviors if each.name == behavior), spec.behaviors[0])
+    names = [] if variant.by else [each.name for each in scored.metrics]
+    measured = measured_columns(names, list(config.games))
+    plain = metric.removeprefix(HELD_OUT)
+    if plain in measured and plain != metric and config.evaluate_during is None:
+        raise ConfigError(
+            f"--metric {metric}: {variant.label} measures nothing held out; set evaluate_during, as in "
+            "evaluate_during.episodes=100"
+        )
+    trained = not variant.by and metric == plain and is_builtin_metric(metric)
+    if plain not in measured and not trained:
+        more = f"; {HELD_OUT}… before each of these" if config.evaluate_during else ""
+        training = "" if variant.by else f"; of the training: {', '.join(training_columns())}, entropy_BRANCH"
+        raise ConfigError(f"--metric got {metric!r}; {spec.name} has {', '.join(measured)}{more}{training}")
 
 
 def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.Namespace) -> Job:

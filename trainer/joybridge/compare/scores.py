@@ -32,9 +32,7 @@ class Run:
     @cached_property
     def score(self) -> float:
         """Return what was measured at the end, or the mean value of the last tenth of the rows, at least one."""
-        if self.measured is not None:
-            return self.measured
-        return mean(point.value for point in self.points[-math.ceil(FINAL * len(self.points)) :])
+        return _mean_of_last(self.points, len(self.points)) if self.measured is None else self.measured
 
     @property
     def seconds(self) -> float:
@@ -46,13 +44,20 @@ class Run:
         return next((point for point in self.points if point.value >= score), None)
 
 
-def score_at(run: Run, timesteps: int, interval: int, rows: int) -> float | None:
-    """Return the mean value of the last rows until some timesteps, `rows` of them; None if there is none.
+def score_at(run: Run, rung: int, end: int, interval: int) -> float | None:
+    """Return what the score of a run was at a rung, an end of a row before its end; None if it had no value there.
 
-    interval: timesteps between two rows.
+    It is the mean of as many rows as a whole run has in its score, if its rows go on as they came until there.
+
+    rung, end: timesteps, of the run the latter. interval: timesteps between two rows of metrics.
     """
-    values = [point.value for point in run.points if point.timesteps // interval <= timesteps // interval]
-    return mean(values[-rows:]) if values else None
+    points = [point for point in run.points if point.timesteps // interval <= rung // interval]
+    return _mean_of_last(points, len(points) * (end // interval) / (rung // interval)) if points else None
+
+
+def _mean_of_last(points: Sequence[Point], whole: float) -> float:
+    """Return the mean value of the last points, a tenth of those that a whole run has, at least one."""
+    return mean(point.value for point in points[-math.ceil(FINAL * whole) :])
 
 
 def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:

@@ -15,7 +15,15 @@ from optuna.storages.journal import JournalFileBackend, JournalStorage
 from optuna.trial import TrialState
 
 from joybridge.client.command_line import add_own_game, wanted_simulators
-from joybridge.compare.launch import backend, check_variant, repetition, scored_policy, served_specs
+from joybridge.compare.launch import (
+    backend,
+    check_length,
+    check_metric,
+    check_variant,
+    repetition,
+    scored_policy,
+    served_specs,
+)
 from joybridge.compare.ranges import Choices, Range, own_settings, read_ranges, settings_of
 from joybridge.compare.search_page import Outcome, outcome, ranking, write_page
 from joybridge.compare.trials import Search, train
@@ -32,7 +40,6 @@ from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.config.metrics import column_name, is_builtin_metric
 from joybridge.progress import say
 from joybridge.run.run_lock import locked
 
@@ -104,28 +111,21 @@ def open_study(folder: Path, identity: Mapping[str, object]) -> optuna.Study:
 
 def check(base: Config, ranges: Sequence[Range], metric: str) -> None:
     """Raise ConfigError for a search that could have no result."""
-    if base.log_interval > base.end:
-        raise ConfigError(
-            f"log_interval is {base.log_interval:,}, longer than the trials of {base.end:,} timesteps, so they have no "
-            "metrics; make it a tenth of them or less"
-        )
+    check_length(base)
     if metric == "reward" and any("reward_weights" in each.key for each in ranges):
         raise ConfigError("rewards of other reward_weights cannot be compared; name a metric of the game with --metric")
 
 
 def check_game_side(made: Search) -> None:
     """Raise ConfigError for a metric that the game does not have, and for ends of ranges that do not fit it."""
-    metric, spec = made.options.metric, made.spec
-    names = dict.fromkeys(each.name for behavior in spec.behaviors for each in behavior.metrics)
-    known = ["reward", "length", *map(column_name, names)]
-    if metric not in known and not is_builtin_metric(metric):
-        raise ConfigError(f"--metric got {metric!r}; {spec.name} has {', '.join(known)}")
+    spec, behavior = made.spec, made.options.behavior
+    check_metric(Variant(BASE, made.base), spec, made.options.metric, behavior)
     for each in made.ranges:
         values = each.values if isinstance(each, Choices) else (each.write(each.low), each.write(each.high))
         for value in values:
             variant = Variant(f"{each.key}={value}", made.config({each.key: value}))
             check_variant(variant, spec)
-            scored_policy(variant, spec, made.options.behavior)
+            scored_policy(variant, spec, behavior)
 
 
 def report(made: Search) -> int:
@@ -150,6 +150,7 @@ def report(made: Search) -> int:
         settings_of(made.ranges, trials[0].params) == own,
         commands,
         repetition(options),
+        made.metric if made.metric != options.metric else "",
     )
     print(ranking(result), "", *write_page(result, options.output), file, options.output / SEARCH, sep="\n")
     for command in commands:

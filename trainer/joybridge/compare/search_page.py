@@ -48,6 +48,7 @@ class Outcome:
     own: bool  # the first trial has the settings of the configuration itself
     next_commands: Sequence[str]
     command: str  # that makes this search
+    rung_metric: str = ""  # of the rungs, if the metric is measured only at the end
 
 
 def write_page(result: Outcome, folder: Path) -> list[Path]:
@@ -70,9 +71,9 @@ def page_text(result: Outcome) -> str:
     counts = ", ".join(f"{states.count(state)} {state}" for state in ("complete", "pruned", "failed"))
     blocks = [
         f"# {escaped(result.game)}: a search of {len(states)} trials",
-        f"{counts}. A complete trial has {result.timesteps:,} timesteps. The score is the mean "
-        f"*{escaped(result.metric)}* of the last tenth of the rows of metrics; higher is better. A trial whose scores "
-        "so far were all below the median of the complete trials at the same point was pruned.",
+        f"{counts}. A complete trial has {result.timesteps:,} timesteps. The score is {_score_text(result)}; higher is "
+        "better. A trial whose scores so far were all below the median of the complete trials at the same point was "
+        "pruned.",
         f"**Each trial is one training with seed {result.seed}.** The best of many trials is also the luckiest: "
         f"compare its settings with the configuration's own over other seeds before you trust them.",
         "## Best trials",
@@ -133,6 +134,15 @@ def short(key: str) -> str:
 def settings_text(ranges: Sequence[Range], trial: FrozenTrial) -> str:
     """Return the settings of a trial in one line."""
     return ", ".join(f"{short(key)}={value}" for key, value in settings_of(ranges, trial.params).items())
+
+
+def _score_text(result: Outcome) -> str:
+    if not result.rung_metric:
+        return f"the mean *{escaped(result.metric)}* of the last tenth of the rows of metrics that have it"
+    return (
+        f"the *{escaped(result.metric)}* that is measured at the end. Until there, and of pruned trials everywhere, it "
+        f"is the mean *{escaped(result.rung_metric)}* of the training"
+    )
 
 
 def _score(trial: FrozenTrial) -> float:

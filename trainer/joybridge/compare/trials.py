@@ -17,13 +17,13 @@ from joybridge.compare.grid import POLL_SECONDS, end
 from joybridge.compare.job import Job, Process
 from joybridge.compare.launch import check_variant, make_job, scored_policy
 from joybridge.compare.ranges import Choices, Range, settings_of
-from joybridge.compare.scores import FINAL, Run, score_at, score_run
+from joybridge.compare.scores import Run, score_at, score_run
 from joybridge.compare.search_page import outcome, settings_text
 from joybridge.compare.variants import Variant, config_path
 from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.config.metrics import metrics_name, read_rows
+from joybridge.config.metrics import HELD_OUT, metrics_name, read_rows
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import Progress
 from joybridge.v1 import bridge_pb2 as pb
@@ -69,10 +69,12 @@ class Search:
         """Return the configuration with other settings, by key. Raises ConfigError."""
         return load_config(self.path, [*self.options.overrides, *(f"{key}={value}" for key, value in settings.items())])
 
-    def score(self, run: Run, timesteps: int) -> float | None:
-        """Return the mean of as many rows as make the score of a whole run: the last ones until `timesteps`."""
-        interval = self.base.log_interval
-        return score_at(run, timesteps, interval, math.ceil(FINAL * (self.base.end // interval)))
+    @property
+    def metric(self) -> str:
+        """Return the metric of the rungs: that of the training if another is measured only at the end."""
+        metric, held_out = str(self.options.metric), self.base.evaluate_during
+        at_end = held_out is not None and (held_out.every is None or held_out.every >= self.base.end)
+        return metric.removeprefix(HELD_OUT) if at_end else metric
 
 
 @dataclass(frozen=True)
@@ -181,23 +183,22 @@ def judge(made: Search, training: Training, status: int | None) -> None:
     """
     trial = training.trial
     try:
-        run = training.run(made.options.metric)
+        run = training.run(made.metric if status is None else made.options.metric)
     except JoybridgeError as error:  # nothing can be read yet, or never
         if status is not None:
             fail(made, trial, training.job.failure(status) if status else f"{error}")
         return
     known = made.trials[trial.number].intermediate_values
     for rung in made.rungs:
-        score = made.score(run, rung)
+        score = score_at(run, rung, made.base.end, made.base.log_interval)
         if score is not None and run.points[-1].timesteps >= rung:
             if rung not in known:
                 trial.report(score, rung)
             if trial.should_prune():
                 finish(made, trial, TrialState.PRUNED)
                 return
-    score = made.score(run, made.base.end)
-    if status == 0 and score is not None:
-        finish(made, trial, TrialState.COMPLETE, score)
+    if status == 0:
+        finish(made, trial, TrialState.COMPLETE, run.score)
     elif status is not None:
         fail(made, trial, training.job.failure(status))
 

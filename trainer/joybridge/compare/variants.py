@@ -59,9 +59,21 @@ def file_name(label: str) -> str:
 
 
 def beside(variants: Sequence[Variant], trainer: str) -> list[Variant]:
-    """Return the same variants, trained by another trainer. Raises ConfigError if it is not installed."""
+    """Return the same variants, trained by another trainer.
+
+    Raises ConfigError if it is not installed, and for a game that it cannot train.
+    """
     if find_spec(MODULES[trainer]) is None:
         raise ConfigError(f"--beside {trainer} needs {TRAINERS[trainer]}: `pip install {MODULES[trainer]}`")
+    import gymnasium  # of the other trainer
+
+    for variant in variants:
+        if variant.config.game not in gymnasium.registry:
+            raise ConfigError(
+                f"--beside {trainer} trains environments of Gymnasium, as in --gym CartPole-v1, and there is none "
+                f"called {variant.config.game!r}; to train this game with {TRAINERS[trainer]}, write a program with "
+                "joybridge.gym.sb3.BridgeVecEnv, as in docs/gymnasium.md"
+            )
     return [Variant(f"{variant.label}, {TRAINERS[trainer]}", variant.config, trainer) for variant in variants]
 
 
@@ -117,10 +129,11 @@ def make_variants(
         raise ConfigError("seed=…: seeds are counted from 0; use --seeds for their number")
     paths, variants = [find_config(config) for config in configs], []
     combinations = itertools.product(*(values for _, values in grid))
-    for path, values, change in itertools.product(paths, combinations, [(), *changes]):
+    labeled = zip(paths, _labels(paths), strict=True)
+    for (path, label), values, change in itertools.product(labeled, combinations, [(), *changes]):
         pairs = [*((key, value) for (key, _), value in zip(grid, values, strict=True)), *change]
         made = load_config(path, [*overrides, *(f"{key}={value}" for key, value in pairs)])
-        parts = [path.stem] if len(paths) > 1 else []
+        parts = [label] if len(paths) > 1 else []
         parts += [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in pairs]
         variants.append(Variant(", ".join(parts) or ("unchanged" if changes else made.layout), made))
     if len(games := {variant.config.game for variant in variants}) > 1:
@@ -133,6 +146,18 @@ def make_variants(
         if len(variant.name) > MAX_NAME_CHARS or SEED.search(variant.name):
             raise ConfigError(f"{variant.label!r} cannot name files; put its values into a configuration instead")
     return variants
+
+
+def _labels(paths: Sequence[Path]) -> list[str]:
+    """Return what configurations are called: as their files, after folders where these have the same name."""
+    whole = [path.resolve().with_suffix("").parts for path in paths]
+    names = []
+    for parts in whole:
+        others = {other for other in whole if other != parts}
+        lengths = range(1, len(parts) + 1)
+        length = next(n for n in lengths if all(other[-n:] != parts[-n:] for other in others))
+        names.append("/".join(parts[-length:]))
+    return names
 
 
 def check_unchanged(variant: Variant, folder: Path) -> None:

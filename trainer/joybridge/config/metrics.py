@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from joybridge.config.errors import CheckpointError
@@ -35,6 +35,17 @@ def column_name(metric: str) -> str:
 def is_builtin_metric(column: str) -> bool:
     """Return whether the trainer writes a column for every game; the others are metrics of the game."""
     return column in _COLUMNS or column.startswith(("entropy_", "loss_", HELD_OUT))
+
+
+def measured_columns(metrics: Sequence[str], games: Sequence[str] = ()) -> list[str]:
+    """Return the columns of episodes that held-out settings have, too. metrics, games: of a session, by name."""
+    of_games = [f"{game}.{name}" for game in games for name in ("reward", "length")]
+    return ["reward", "length", *of_games, *map(column_name, metrics), "reward_std", "episodes"]
+
+
+def training_columns() -> list[str]:
+    """Return the columns that the trainer alone writes, whatever the game."""
+    return sorted(_COLUMNS - {"timesteps", *measured_columns(())})
 
 
 def metrics_name(policy: str) -> str:

@@ -97,7 +97,9 @@ class EvaluateDuring(Checked):
     """What policies play in between to be measured, without learning."""
 
     every: int | None = Field(
-        None, ge=1, description="timesteps; the next row of metrics gets the columns held_out_…; null: the last one"
+        None,
+        ge=1,
+        description="timesteps; the next row of metrics gets columns held_out_…, as does the last one; null: only that",
     )
     episodes: int = Field(64, ge=1, le=MAX_LESSON_EPISODES, description="that are played each time, the same ones")
     deterministic: bool = Field(False, description="take the most probable action instead of sampling")

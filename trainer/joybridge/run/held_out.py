@@ -36,8 +36,9 @@ class HeldOut:
                 "curriculum": [],
             }
         )
-        interval = config.log_interval  # the last row is that of the last multiple of it
-        self._every = self._due.every or max(config.end // interval, 1) * interval
+        # A run that stops early, to go on later, is not at its end: a curve is that of a run that never stopped.
+        self._end = config.total_timesteps if self._due.every else config.end
+        self._measured = 0  # timesteps
         self._address = address
         self._spec = fitting_spec(address, self._config)
         values = {name: distribution_of(value) for name, value in self._due.parameters.items()}
@@ -49,13 +50,28 @@ class HeldOut:
                     "cannot play there; choose options that change the game alone"
                 )
 
-    def rows(self, actors: Sequence[Actor], before: int, now: int) -> list[Row]:
-        """Return columns for the row of each policy after `now` timesteps, none if it is not time.
+    def rows(self, actors: Sequence[Actor], before: int, timesteps: int) -> list[Row]:
+        """Return columns for the row of each policy after some timesteps, none if it is not time by `every`.
 
-        before: the timesteps of the row before. Raises SimulatorError.
+        before: the timesteps of the row before. Both count as the multiples of `log_interval` that made them due.
+        Raises SimulatorError.
         """
-        if self._due is None or before // self._every == now // self._every:
+        every, interval = self._due and self._due.every, self._config.log_interval if self._due else 1
+        if not every or before // interval * interval // every == timesteps // interval * interval // every:
             return [{} for _ in actors]
+        return self._measure(actors, timesteps)
+
+    def last_rows(self, actors: Sequence[Actor], timesteps: int) -> list[Row]:
+        """Return columns for the last row of each policy; none before the end, and if these policies are measured.
+
+        timesteps: after which all updates are made. Raises SimulatorError.
+        """
+        if self._due is None or timesteps < self._end or timesteps == self._measured:
+            return []
+        return self._measure(actors, timesteps)
+
+    def _measure(self, actors: Sequence[Actor], timesteps: int) -> list[Row]:
+        self._measured = timesteps
         return [
             {f"{HELD_OUT}{name}": value for name, value in table.summarize().items()} for table in self._play(actors)
         ]

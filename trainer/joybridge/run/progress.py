@@ -70,11 +70,16 @@ def row_text(row: Row) -> str:
     parts = [f"reward {row['reward']:.1f}  length {row['length']:.0f}" if "reward" in row else "no episode ended"]
     if "interrupted" in row:
         parts.append(f"{row['interrupted']:.0f} episodes cut by errors of the game")
-    if f"{HELD_OUT}reward" in row:
-        parts.append(f"held out {row[f'{HELD_OUT}reward']:.1f}")
+    if text := held_out_text(row):
+        parts.append(text)
     parts.append("  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_builtin_metric(name)))
     parts.append("  ".join(f"{name} {row[name]:.2g}" for name in LEARNER if name in row))
     return "  ".join(parts)
+
+
+def held_out_text(row: Row) -> str:
+    """Return what a row says of held-out settings; "" if they were not played."""
+    return f"held out {row[f'{HELD_OUT}reward']:.1f}" if f"{HELD_OUT}reward" in row else ""
 
 
 def _speed(timesteps: float) -> str:

@@ -82,6 +82,8 @@ def play_and_learn(
                             training.keep(policy, statistics)
                 training.renew_opponents()
                 training.log()
+            if training.timesteps >= config.end:
+                training.finish()
             training.end_lesson()
             yield training.capture()
 

@@ -28,7 +28,7 @@ from joybridge.run.league import League
 from joybridge.run.logger import Logger
 from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
-from joybridge.run.progress import row_text
+from joybridge.run.progress import held_out_text, row_text
 from joybridge.run.run_state import RunState, capture, take_weights
 from joybridge.run.waits import LEFT_SHARE, Slow, Waits
 from joybridge.v1 import bridge_pb2 as pb
@@ -120,10 +120,10 @@ class Training:
             if self.profiler.due():
                 self.audience.report(self.timesteps, self.profiler.live(), None)
             return
-        before, now = (timesteps // interval * interval for timesteps in (self._logged, self.timesteps))
-        self._logged, times, lesson = self.timesteps, self.profiler.summarize(), self.curriculum.row()
+        before, self._logged = self._logged, self.timesteps
+        times, lesson = self.profiler.summarize(), self.curriculum.row()
         lesson |= self.league.row() if self.league else {}
-        held_out = self.held_out.rows([policy.actor for policy in self.policies], before, now)
+        held_out = self.held_out.rows([policy.actor for policy in self.policies], before, self.timesteps)
         rows = [
             logger.write(self.timesteps, lesson | policy.episodes.summarize() | more, times)
             for policy, logger, more in zip(self.policies, self.loggers, held_out, strict=True)
@@ -131,8 +131,21 @@ class Training:
         self.audience.report(self.timesteps, rows[0], rows[0])
         for policy, row in zip(self.policies[1:], rows[1:], strict=True):
             self.audience.say(f"{'':>11}  {policy.actor.name}: {row_text(row)}")
-        if self._metric in rows[0]:
-            self._score = self._sign * rows[0][self._metric]
+        self._judge(rows[0])
+
+    def finish(self) -> None:
+        """After the last update: measure held-out settings for the last row of metrics, if that is not done yet."""
+        rows = self.held_out.last_rows([policy.actor for policy in self.policies], self.timesteps)
+        for policy, logger, row in zip(self.policies, self.loggers, rows, strict=False):
+            logger.complete(row)
+            self.audience.say(f"{'':>11}  {policy.actor.name}: {held_out_text(row)}, at the end")
+        if rows:
+            self._judge(rows[0])
+
+    def _judge(self, row: Row) -> None:
+        """Take the metric that marks the best checkpoint from a row of the first policy, if it has it."""
+        if self._metric in row:
+            self._score = self._sign * row[self._metric]
 
     def advise(self, policy: Policy) -> None:
         """Say what is odd about a full rollout."""

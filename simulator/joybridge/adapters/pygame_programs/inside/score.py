@@ -44,6 +44,7 @@ class Score:
             if not self._hook:
                 raise ValueError(f"{hook} has none of the functions {', '.join(FUNCTIONS)}")
         self._earned = dict.fromkeys(rewards, 0.0)
+        self._totals: dict[str, float] = {}  # of the episode, by channel
         self._sizes: dict[str, Any] = {}
 
     def look(self) -> dict[str, Any]:
@@ -54,11 +55,13 @@ class Score:
             self._earned = {"reward": 0.0}
         metrics = self._call("metrics", {})
         self._sizes = {"state": len(self.state()), "metrics": list(metrics)}
-        return {"channels": list(self._earned), **self._sizes}
+        totals = [f"{name}_total" for name in self._earned] if len(self._earned) > 1 else []
+        return {"channels": list(self._earned), **self._sizes, "metrics": [*metrics, *totals]}
 
     def begin(self) -> None:
         """Begin an episode: what happened before is not paid."""
         self.take()
+        self._totals = dict.fromkeys(self._earned, 0.0)
         self.over = False
 
     def after_frame(self) -> None:
@@ -76,6 +79,7 @@ class Score:
         for name, source in self._sources.items():
             self._earned[name] += source.take()
         earned = list(self._earned.values())
+        self._totals = {name: self._totals.get(name, 0.0) + value for name, value in self._earned.items()}
         self._earned = dict.fromkeys(self._earned, 0.0)
         return earned
 
@@ -84,9 +88,10 @@ class Score:
         return np.array(self._call("state", []), np.float32).ravel()
 
     def metrics(self) -> list[float]:
-        """Return the values of the metrics."""
+        """Return the values of the hook's metrics, and of several channels what each has paid since `begin`."""
         values = self._call("metrics", {})
-        return [float(values.get(name, 0.0)) for name in self._sizes["metrics"]]
+        totals = list(self._totals.values()) if len(self._totals) > 1 else []
+        return [*(float(values.get(name, 0.0)) for name in self._sizes["metrics"]), *totals]
 
     def missed(self) -> list[str]:
         """Return the rewards and ends that are looked for and were never found."""
