@@ -54,6 +54,24 @@ def test_a_clone_does_what_is_demonstrated_and_is_measured_on_episodes_it_has_no
     assert agent.act({"place": [-2.5, 0.0], **seen})["press"] == 0
 
 
+def test_what_a_layout_cannot_say_of_the_held_out_episodes_is_said_beside_the_shares(simulator, tmp_path, capsys):
+    with Session(simulator, "hard_move", arenas=8, seed=5) as session:
+        session.record_demonstration(tmp_path / "demos")
+        (act,) = make_acts(session.spec, 8)
+        for number in range(150):
+            act.axes[:] = 0.25
+            act.choices[:, :2] = number % 3 != 0, number % 3 == 2  # two buttons in each third decision
+            session.step([act])
+    command = ["clone", str(tmp_path / "demos"), "--passes", "1", "--run", str(tmp_path / "run"), *SMALL]
+    assert main([*command, "--layout", "bucket-5"]) == 0
+    printed = capsys.readouterr()
+    said = int(re.findall(r"([\d,]+) decisions of \d+ others are held out", printed.err)[0].replace(",", ""))
+    unsaid, total = re.findall(
+        r"^not counted: (\d+) of (\d+) held-out decisions, which bucket-5 cannot", printed.out, re.M
+    )[0]
+    assert int(unsaid) == int(total) - said and 0.3 < int(unsaid) / int(total) < 0.37
+
+
 def test_a_clone_knows_its_game_and_is_trained_further(demos, simulator, tmp_path, capsys):
     run, file = tmp_path / "clone", tmp_path / "hybrid.yaml"
     file.write_text(

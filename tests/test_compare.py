@@ -467,7 +467,7 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
     good, bad = [[10.0 + i] for i in range(5)], [[0.0 + i] for i in range(5)]
     text = text_of(analyze("reward", {"good": runs(*good), "bad": runs(*bad)}))
     assert "- good (IQM 12) is better than bad (2), p = 0.0079." in text  # 2 of the 252 ways to choose 5 ranks of 10
-    assert "| good |  | **100 % [100, 100]** |" in text and "| bad | **0.0079** |  |" in text
+    assert "| good |  | **100 % (all)** |" in text and "| bad | **0.0079** |  |" in text
     assert "Too few runs" not in text
     text = text_of(analyze("reward", {"good": runs(*good[:3]), "bad": runs(*bad[:3])}))
     assert "No two variants differ significantly." in text and "the same score" not in text
@@ -493,14 +493,33 @@ def test_so_many_seeds_are_needed_for_a_significant_difference(variants, seeds):
 def test_nothing_is_bold_if_no_difference_can_be_significant():
     scores = {"good": runs([10.0], [11.0]), "bad": runs([0.0], [1.0])}
     text = text_of(analyze("reward", scores))
-    assert "| good |  | 100 % [100, 100] |" in text and "| good | 2 | 10.5 [10, 11] |" in text
+    assert "| good |  | 100 % (all) |" in text and "| good | 2 | 10.5 [10, 11] |" in text
     assert "Nothing is bold: with so few runs the smallest p value that is possible is 0.33," in text
     assert "**Bold**" not in text and "**100" not in text and "**good**" not in text
     three = {name: runs(*([score + i] for i in range(4))) for name, score in (("a", 0.0), ("b", 10.0), ("c", 20.0))}
     text = text_of(analyze("reward", three))  # four runs are enough for one pair, but not for three
-    assert "possible is 0.086," in text and "| a |  | 0 % [0, 0] | 0 % [0, 0] |" in text
+    assert "possible is 0.086," in text and "| a |  | 0 % (none) | 0 % (none) |" in text
     del three["c"]
-    assert "| a |  | **0 % [0, 0]** |" in text_of(analyze("reward", three))
+    assert "| a |  | **0 % (none)** |" in text_of(analyze("reward", three))
+
+
+def test_three_runs_have_a_mean_and_fewer_than_ten_are_said_to_have_narrow_intervals():
+    three = text_of(analyze("reward", {"a": runs([1.0], [2.0], [3.0])}))
+    assert "| variant | runs | mean | mean ± sd |" in three and "IQM" not in three and "interquartile" not in three
+    assert "(dots), mean (line)" in three and "these are too narrow: in a simulation" in three
+    ten = text_of(analyze("reward", {"a": runs(*([float(i)] for i in range(10)))}))
+    assert "| variant | runs | IQM |" in ten and "(dots), IQM (line)" in ten and "too narrow" not in ten
+
+
+def test_the_page_says_how_many_held_out_episodes_are_behind_a_score():
+    def text(rows):
+        run = score_run(rows, "x", 0, "held_out_reward")
+        return text_of(analyze("held_out_reward", {"a": [run, run]}))
+
+    last = {"timesteps": 200.0, "reward": 2.0, "held_out_reward": 3.0, "held_out_episodes": 1500.0}
+    assert "of the 1,500 episodes that its policy plays at the end" in text([{"timesteps": 100.0, "reward": 1.0}, last])
+    between = {"timesteps": 100.0, "held_out_reward": 1.0, "held_out_episodes": 1500.0}
+    assert "of its rows of metrics that have it, each of 1,500 episodes" in text([between, last])
 
 
 def test_variants_that_play_the_same_are_named():

@@ -383,7 +383,7 @@ def test_images_are_cloned_as_images_and_each_is_stored_once(simulator, tmp_path
     shown = [load_demonstration(path, game) for path in sorted(tmp_path.iterdir())]
     (role,) = list_roles("hybrid", game)
     actor = Actor(role, game.behaviors[0], PolicyConfig(frame_stack=3, hidden_sizes=[8]), 0)
-    actions, remark = targets(actor, shown, Config(game="gallery"))
+    actions, remark, _ = targets(actor, shown, Config(game="gallery"))
     assert remark == "visitor: 112 decisions of 16 episodes are cloned"
     assert actions is not None and len(actions) == 112
     wanted = []
@@ -471,7 +471,7 @@ def test_a_layout_that_can_say_nothing_is_named():
         (role,) = list_roles(layout, SPEC)
         actor, given = Actor(role, SPEC.behaviors[0], SMALL, 0), Config(game="any", layout=layout)
         if layout == "hybrid":
-            learned, remark = targets(actor, [shown], given)
+            learned, remark, _ = targets(actor, [shown], given)
             assert learned is not None and len(learned) == 2 and "any: 2 decisions of 2 episodes are cloned" in remark
         else:
             with pytest.raises(ConfigError, match=r"bucket-5 can say none of the 2 decisions .* to any; choose"):

@@ -219,6 +219,22 @@ def test_an_invalid_seed_raises_and_changes_nothing(make, seed):
     envs.step(envs.action_space.sample())  # and the environment goes on
 
 
+def test_parameters_are_drawn_at_each_episode(make):
+    shift = {"choice": [1.0, 3.0]}
+    envs = make(BridgeVectorEnv, "brief", 16, frame_stack=1, parameters={"shift": shift})
+    first = envs.reset()[0][:, 0].tolist()
+    assert set(first) == {11.0, 13.0}
+    assert envs.reset()[0][:, 0].tolist() != first and envs.reset(seed=0)[0][:, 0].tolist() == first
+    with pytest.raises(ConfigError, match=r"reset: parameters.shift is .*, expected a number; give a distribution"):
+        envs.reset(options={"parameters": {"shift": shift}})
+
+
+@pytest.mark.parametrize("value", [{"normal": [0, 1]}, {"uniform": [1]}, {}, {"choice": "ab"}, "2", None])
+def test_what_is_no_value_of_a_parameter_is_named_before_a_simulator_is_asked(value):
+    with pytest.raises(ConfigError, match=r"parameters.shift is .*, expected a number, \{'uniform': \[LOW, HIGH\]\}"):
+        BridgeVectorEnv("brief", 1, simulator="127.0.0.1:1", parameters={"shift": value})
+
+
 def test_parameters_change_at_a_reset(make):
     envs = make(BridgeVectorEnv, "brief", 2, frame_stack=1, parameters={"shift": 2.0})
     assert envs.reset()[0][:, 0].tolist() == [12.0, 12.0]

@@ -39,7 +39,7 @@ CONFIG = PolicyConfig(frame_stack=3, hidden_sizes=[8])
 def rows(role, game, demonstrations):
     """Return what a policy clones, one row per decision, in an order of their own."""
     actor = Actor(role, game.behaviors[role.behavior], CONFIG, 0)
-    learned, _ = targets(actor, demonstrations, Config(game="any", layout="hybrid"))
+    learned, _, _ = targets(actor, demonstrations, Config(game="any", layout="hybrid"))
     assert learned is not None
     parts = [learned.observations.numbers, learned.continuous, learned.discrete, learned.masks]
     table = np.hstack([part.flatten(1).double().numpy() for part in parts if part is not None])
@@ -254,7 +254,7 @@ def test_a_dataset_of_cartpole_fits_the_game_cartpole(tmp_path):
     file = write(tmp_path, env.observation_space, env.action_space, *episodes)
     (role,) = list_roles("hybrid", game)
     actor = Actor(role, game.behaviors[0], PolicyConfig(frame_stack=1, hidden_sizes=[8]), 0)
-    learned, remark = targets(actor, [load_demonstration(file, game)], Config(game="any", layout="hybrid"))
+    learned, remark, _ = targets(actor, [load_demonstration(file, game)], Config(game="any", layout="hybrid"))
     assert learned is not None
     assert f"{sum(len(acts) for _, acts in episodes)} decisions of 5 episodes are cloned" in remark
     np.testing.assert_array_equal(learned.discrete[:, 0], learned.observations.numbers[:, 2] > 0)

@@ -146,7 +146,7 @@ def test_demonstrations_are_cloned_with_the_acts_before_them(simulator, tmp_path
     spec = describe(simulator, "hybrid", {})
     shown = load_demonstration(file, spec)
     (actor,) = make_actors(with_acts, spec)
-    actions, _ = targets(actor, [shown], with_acts)
+    actions, _, _ = targets(actor, [shown], with_acts)
     assert actions is not None
     wanted, width, device = [], actor.past.size // COUNT, spec.behaviors[0].device
     for stretch in shown.stretches:

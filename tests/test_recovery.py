@@ -53,6 +53,20 @@ class Simulator:
         os.waitid(os.P_PID, self.process, os.WEXITED | os.WNOWAIT)
 
 
+@pytest.mark.parametrize(("game", "said_of"), [("archer", True), ("shooting_birds", False)])
+def test_a_run_that_is_resumed_says_if_it_gives_other_bits_because_its_game_has_no_snapshots(
+    game, said_of, simulator, tmp_path
+):
+    config, said = CONFIG.model_copy(update={"game": game}), list[str]()
+    audience = Audience(say=said.append)
+    train(
+        config.model_copy(update={"stop_at": LANES * ROLLOUT}), tmp_path, [simulator], resume=False, audience=audience
+    )
+    assert not any("no snapshots" in line for line in said)
+    train(config, tmp_path, [simulator], resume=True, audience=audience)
+    assert any(line.startswith(f"{game} has no snapshots, so new episodes begin: the run") for line in said) == said_of
+
+
 def children() -> set[int]:
     return {int(text) for text in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
 

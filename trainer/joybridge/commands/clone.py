@@ -128,6 +128,9 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
             print(f"  {'':{width}}  {'as demonstrated':>16}  {'without a policy':>16}")
             for name, ours, without in rows:
                 print(f"  {name:{width}}  {ours:>16}  {without:>16}")
+            if given.unsaid:
+                unsaid = f"{given.unsaid:,} of {given.unsaid + len(given.held_out):,} held-out decisions"
+                print(f"not counted: {unsaid}, which {config.layout} cannot say")
         arrays |= actor_arrays(actor)
     keep_config(config, run)
     keep_spec(spec, run)

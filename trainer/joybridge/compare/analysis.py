@@ -88,6 +88,11 @@ class Analysis:
     pairs: tuple[Pair, ...]  # each once, in the order of the variants
 
     @property
+    def center(self) -> str:
+        """Return what the interquartile mean is of so many runs: of three or fewer it leaves out none."""
+        return "IQM" if max(len(result.runs) for result in self.results) > 3 else "mean"
+
+    @property
     def smallest_p(self) -> float:
         """Return the smallest corrected p value that so few runs can have, of any pair."""
         sizes = [len(result.runs) for result in self.results]

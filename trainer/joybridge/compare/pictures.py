@@ -20,9 +20,8 @@ COLUMNS = 3  # of panels in a picture of several tasks
 LINES = ("-", "--", ":", "-.")  # one after the other when the colors are used up
 INK = {"light": ("#1f2328", "#ffffff"), "dark": ("#e6edf3", "#0d1117")}  # text and background
 CAPTIONS = {
-    "scores": "Score of each run (dots), interquartile mean (line) and its 95 % interval (bar)",
-    "curves": "Learning curves: interquartile mean over runs, with 95 % intervals. Dotted: the score to which the runs "
-    "are timed",
+    "scores": "Score of each run (dots), {center} (line) and its 95 % interval (bar)",
+    "curves": "Learning curves: {center} over runs, with 95 % intervals. Dotted: the score to which the runs are timed",
     "profiles": "Performance profiles: the fraction of runs whose score is above a value, with 95 % intervals",
 }
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import HELD_OUT, Row
 
+EPISODES = f"{HELD_OUT}episodes"
 FINAL = 0.1  # of the rows of metrics: their mean is the score of a run
 
 
@@ -28,6 +29,7 @@ class Run:
     seed: int
     points: tuple[Point, ...]  # at least one
     measured: float | None = None  # by an evaluation at the end, of which the points are none
+    episodes: int = 0  # of the last held-out measurement, if its values are compared
 
     @cached_property
     def score(self) -> float:
@@ -67,9 +69,12 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
     metric in training.
     """
     values = [row[metric] for row in rows if metric in row]
-    if metric.startswith(HELD_OUT) and len(values) == 1 and metric in rows[-1]:
+    held_out = metric.startswith(HELD_OUT)
+    episodes = next((int(row[EPISODES]) for row in reversed(rows) if EPISODES in row), 0) if held_out else 0
+    if held_out and len(values) == 1 and metric in rows[-1]:
         trained = score_run(rows, source, seed, metric.removeprefix(HELD_OUT))
-        return replace(trained, measured=_finite(values[0], f"{metric} is {values[0]} at the end", source))
+        found = _finite(values[0], f"{metric} is {values[0]} at the end", source)
+        return replace(trained, measured=found, episodes=episodes)
     points = tuple(
         Point(int(row["timesteps"]), row.get("seconds", math.nan), row[metric]) for row in rows if metric in row
     )
@@ -79,7 +84,7 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         known = sorted({name for row in rows for name in row} - {"timesteps", "seconds"})
         why = "no episode ended; lengthen the runs" if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
         raise ConfigError(f"{source} has no {metric}: {why}")
-    return Run(seed, points)
+    return Run(seed, points, episodes=episodes)
 
 
 def _finite(value: float, what: str, source: str) -> float:

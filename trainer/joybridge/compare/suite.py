@@ -146,7 +146,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) 
         f"# The suite {name}",
         f"The mean {', '.join(sorted({f'*{suite.tasks[task].metric}*' for task in found}))} of the episodes that "
         "each run's policy plays at the end, with the most probable actions and without learning: the interquartile "
-        "mean over seeds, with its 95 % interval, and below it the score of each seed.",
+        "mean over seeds (of three or fewer, the mean), with its 95 % interval, and below it the score of each seed.",
         table(heads, rows),
         *(["These tasks are missing:\n\n" + "\n".join(notes)] if notes else []),
         "Each task has a page of its own, with curves and tests, in the folder of its name.",

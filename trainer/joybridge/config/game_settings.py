@@ -1,12 +1,14 @@
 """Options and parameters of a game: read from a command line, and compared with what the game has. No pydantic."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, SupportsFloat, TypeAlias
 
 from joybridge.config.errors import ConfigError
 from joybridge.contract.distributions import choose_distributions
 from joybridge.contract.spec import SpecError
 from joybridge.v1 import bridge_pb2 as pb
+
+KINDS = ("uniform", "log_uniform", "choice")  # of distributions, as in bridge.proto
 
 Value: TypeAlias = float | Mapping[str, Sequence[float]]  # of a parameter: one, or {kind of distribution: numbers}
 
@@ -48,6 +50,18 @@ def fixed(parameters: Mapping[str, Value]) -> dict[str, float]:
 def drawn(parameters: Mapping[str, Value]) -> dict[str, pb.Distribution]:
     """Return the parameters that are drawn at each episode, as messages."""
     return {name: distribution_of(value) for name, value in parameters.items() if isinstance(value, Mapping)}
+
+
+def check_value(name: str, value: object) -> None:
+    """Raise ConfigError for what is neither a number nor a distribution, under the name of its parameter."""
+    kind, numbers = next(iter(value.items()), ("", None)) if isinstance(value, Mapping) else ("choice", [value])
+    single = not isinstance(value, Mapping) or len(value) == 1
+    whole = isinstance(numbers, Sequence) and all(isinstance(n, SupportsFloat) for n in numbers)
+    if not (single and whole and kind in KINDS and (kind == "choice" or len(list(numbers or ())) == 2)):
+        raise ConfigError(
+            f"parameters.{name} is {value!r}, expected a number, {{'uniform': [LOW, HIGH]}}, "
+            "{'log_uniform': [LOW, HIGH]} or {'choice': [VALUE, …]}"
+        )
 
 
 def distribution_of(value: Value) -> pb.Distribution:

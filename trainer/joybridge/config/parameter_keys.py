@@ -6,7 +6,8 @@ from typing import Annotated, Any, Self, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
-KINDS = ("uniform", "log_uniform", "choice")  # of distributions, as in bridge.proto
+from joybridge.config.game_settings import KINDS
+
 MAX_LESSONS = 1000
 MAX_LESSON_EPISODES = 100_000  # that a lesson looks at
 

@@ -42,14 +42,23 @@ def demonstrate(
     shown = [load_demonstration(file, spec) for file in files]
     yield from filter(None, (demonstration.remark() for demonstration in shown))
     for policy in policies:
-        policy.demonstrated, remark = targets(policy.actor, shown, config)
-        yield remark
+        wanted = targets(policy.actor, shown, config)
+        policy.demonstrated = wanted.actions
+        yield wanted.remark
     if all(policy.demonstrated is None for policy in policies):
         raise ConfigError(f"demonstrations: {config.demonstrations} holds no decision of a finished episode")
 
 
-def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tuple[Actions | None, str]:
-    """Return what a policy clones, None if nothing is shown to it, and a remark. Raises ConfigError."""
+class Targets(NamedTuple):
+    """What a policy clones of what is demonstrated to it."""
+
+    actions: Actions | None  # None: nothing is shown to it
+    remark: str
+    unsaid: int = 0  # decisions that its layout cannot say, beside the actions
+
+
+def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Targets:
+    """Return what a policy clones. Raises ConfigError."""
     if config.pointer == "velocity":
         raise ConfigError("pointer: demonstrations show places of the pointer, not movements; clone without `pointer`")
     if actor.config.scale_observations == "running":
@@ -61,7 +70,7 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
     begun = count()  # episodes
     found = [part for stretch in numbered for part in _decisions(actor, stretch, begun)]
     if not found:
-        return None, f"{actor.name}: no decision of a finished episode is demonstrated"
+        return Targets(None, f"{actor.name}: no decision of a finished episode is demonstrated")
     numbers, sources, episodes_of, axes, choices = (
         np.concatenate(parts)
         for parts in zip(*((p.numbers, p.sources, p.episodes, p.act.axes, p.act.choices) for p in found), strict=True)
@@ -106,7 +115,7 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> tup
         begins, lengths, parts = cut(episodes_of[rows], actor.config.memory.length)
         states = np.zeros((len(begins), actor.network.state_size), np.float32)
         learned.sequences = Sequences(*map(torch.from_numpy, (begins, lengths, states, parts)))
-    return learned.to(actor.accelerator), remark
+    return Targets(learned.to(actor.accelerator), remark, int((~said).sum()))
 
 
 class _Shown(NamedTuple):

@@ -34,6 +34,7 @@ class Shown:
     learned: Actions
     held_out: Actions | None  # None: there is one episode only
     remark: str
+    unsaid: int  # decisions of held-out episodes that the layout cannot say, which are not among these
 
 
 @dataclass(frozen=True)
@@ -55,14 +56,15 @@ def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
     order = np.random.default_rng([config.seed, actor.behavior]).permutation(len(episodes)).tolist()
     count = max(1, len(episodes) // HELD_OUT) if len(episodes) > 1 else 0
     parts = [order[count:], order[:count]]
-    (learned, remark), (held_out, _) = (
+    learned, held_out = (
         targets(actor, [_demonstration(shown[0], [episodes[i] for i in part], spec, actor.behavior)], config)
         for part in parts
     )
-    if learned is None:
-        raise ConfigError(f"{remark}; record whole episodes")
-    decisions = 0 if held_out is None else len(held_out)
-    return Shown(learned, held_out, f"{remark}; {decisions:,} decisions of {count} others are held out")
+    if learned.actions is None:
+        raise ConfigError(f"{learned.remark}; record whole episodes")
+    decisions = 0 if held_out.actions is None else len(held_out.actions)
+    remark = f"{learned.remark}; {decisions:,} decisions of {count} others are held out"
+    return Shown(learned.actions, held_out.actions, remark, held_out.unsaid)
 
 
 def _demonstration(

@@ -13,6 +13,7 @@ from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
 from joybridge.client.own_games import choose_game
 from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import drawn, fixed
 from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
@@ -42,7 +43,8 @@ class Bridge:
                 arenas=settings.arenas,
                 seed=check_seed(settings.seed),
                 options=settings.options,
-                parameters=settings.parameters,
+                parameters=fixed(settings.parameters or {}),
+                distributions=drawn(settings.parameters or {}),
             )
             self.session = resources.enter_context(session)
             self.spec = self.session.spec
@@ -110,6 +112,12 @@ class Bridge:
         self._require_open()
         seed = None if seed is None else check_seed(seed)
         if seed is not None or parameters or not self.fresh:
+            for name, value in parameters.items():
+                if isinstance(value, Mapping):
+                    raise ConfigError(
+                        f"reset: parameters.{name} is {value!r}, expected a number; give a distribution where the "
+                        "environment is made"
+                    )
             chosen = choose_parameters(self.spec.parameters, parameters, self.spec.name)
             self.session.reset(seed, chosen)
             self._pictures = []

@@ -7,6 +7,7 @@ from gymnasium.spaces import Box, Dict
 from pettingzoo import ParallelEnv
 
 from joybridge.client.own_games import Game, Games
+from joybridge.config.game_settings import Value
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one
 from joybridge.gym.player import ActionError
@@ -33,7 +34,7 @@ class BridgeParallelEnv(ParallelEnv):  # type: ignore[misc]
         flatten: bool = True,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
-        parameters: Mapping[str, float] | None = None,
+        parameters: Mapping[str, Value] | None = None,
         sensors: Mapping[str, Sequence[str]] | None = None,
         reward_weights: Mapping[str, Mapping[str, float]] | None = None,
         forbidden: str = "error",

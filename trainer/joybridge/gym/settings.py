@@ -8,6 +8,7 @@ import numpy as np
 
 from joybridge.client.own_games import Game, Games
 from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import Value, check_value
 from joybridge.layouts import Role
 
 FORBIDDEN = ("error", "first_allowed")  # what to do with a choice that its mask forbids
@@ -24,7 +25,7 @@ class EnvSettings:
     flatten: bool
     seed: int
     options: Mapping[str, str] | None
-    parameters: Mapping[str, float] | None
+    parameters: Mapping[str, Value] | None
     sensors: Any  # names of sensors, by agent where an environment has several
     reward_weights: Any  # weights by reward channel, by agent where an environment has several
     forbidden: str
@@ -44,6 +45,8 @@ class EnvSettings:
         if self.render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode is {self.render_mode!r}, expected None or 'rgb_array'")
         check_seed(self.seed)
+        for name, value in (self.parameters or {}).items():
+            check_value(name, value)
 
 
 class Seat(NamedTuple):

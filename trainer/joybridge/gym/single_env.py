@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 
 from joybridge.client.own_games import Game, Games
+from joybridge.config.game_settings import Value
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, batch_of_one, only_parameters
 from joybridge.gym.player import Outcome
@@ -26,7 +27,7 @@ class BridgeEnv(gymnasium.Env):  # type: ignore[misc]
         flatten: bool = True,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
-        parameters: Mapping[str, float] | None = None,
+        parameters: Mapping[str, Value] | None = None,
         sensors: Sequence[str] | None = None,
         reward_weights: Mapping[str, float] | None = None,
         forbidden: str = "error",

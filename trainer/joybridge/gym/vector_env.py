@@ -8,6 +8,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from joybridge.client.own_games import Game, Games
+from joybridge.config.game_settings import Value
 from joybridge.contract.tensors import Array
 from joybridge.gym.bridge import Bridge, only_parameters
 from joybridge.gym.observer import one_row
@@ -34,7 +35,7 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         flatten: bool = True,
         seed: int = 0,
         options: Mapping[str, str] | None = None,
-        parameters: Mapping[str, float] | None = None,
+        parameters: Mapping[str, Value] | None = None,
         sensors: Sequence[str] | None = None,
         reward_weights: Mapping[str, float] | None = None,
         forbidden: str = "error",
@@ -48,8 +49,9 @@ class BridgeVectorEnv(VectorEnv):  # type: ignore[misc]
         game: the name of a game, or a game of your own: its class or "MODULE:CLASS". layout: how the action space maps
         to the axes and buttons of the game: "hybrid", "bucket-N", "threshold-T" or "multiagent". frame_stack: frames
         per observation. flatten: whether an observation is one array, or a dict with an array for each sensor. seed: of
-        all episodes until a reset with another seed. options and parameters: of the game, by name. sensors: names of
-        those to observe; None: all. reward_weights: weights of reward channels that differ from the defaults of the
+        all episodes until a reset with another seed. options and parameters: of the game, by name; a parameter
+        is a number, or drawn at each episode, as in {"uniform": [0.5, 1.0]}. sensors: names of those to observe; None:
+        all. reward_weights: weights of reward channels that differ from the defaults of the
         game. forbidden: what a choice that its mask forbids does: "error" raises ActionError, "first_allowed" plays the
         first choice of its branch that is allowed. others: who hold all seats but the first of each arena, in a game of
         several agents, in turn: folders of runs, exported policies or script:NAME, as in `joybridge evaluate --others`;

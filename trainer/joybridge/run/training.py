@@ -77,6 +77,11 @@ class Training:
         self.timesteps = self._logged = state.timesteps
         if state.arrays:
             state.restore(self.policies, self.loggers, self.groups, self.league)
+            if state.snapshots is None:
+                self.audience.say(
+                    f"{self.groups[0].session.spec.name} has no snapshots, so new episodes begin: the run learns on, "
+                    "but not to the same bits as one that never stopped"
+                )
         elif self.config.weights_from:
             trained = take_weights(self.policies, Path(self.config.weights_from))
             self.audience.say(f"begins with the policies of {self.config.weights_from} after {trained:,} timesteps")
