@@ -300,4 +300,5 @@ def test_the_words_that_people_search_for_are_entries_of_the_page_that_answers()
     text = search.indexed("docs/memory.md", "# Memory\n\nText.\n")
     assert text.startswith("# Memory\n\n```{index} ! memory, ! lstm,") and text.endswith("```\n\nText.\n")
     assert search.indexed("docs/unknown.md", "# Other\n") == "# Other\n"
+    assert search.indexed("CHANGELOG.md", "# Changes\n").startswith("---\nnosearch: true\n---\n# Changes")
     assert all((ROOT / page).exists() for page in search.words())
