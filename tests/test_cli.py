@@ -12,6 +12,7 @@ import joybridge
 from joybridge import cli
 from joybridge.client.errors import SimulatorLost
 from joybridge.client.launch import simulator_process
+from joybridge.commands import export
 from joybridge.contract.address import READY
 from tests.support.wire import SECONDS
 
@@ -29,6 +30,12 @@ def test_without_a_command_or_with_help_it_lists_the_commands(arguments, monkeyp
 def test_an_unknown_command_is_refused_with_the_known_ones(capsys):
     assert cli.main(["trian"]) == 2
     assert "unknown command 'trian'; expected one of serve, list" in capsys.readouterr().err
+
+
+def test_an_export_without_its_extra_is_refused_before_anything_starts(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(export, "find_spec", lambda name: None)
+    assert cli.main(["export", str(tmp_path / "none"), "policy.onnx"]) == 2
+    assert "needs the module onnx; install it with `pip install 'joybridge[export]'`" in capsys.readouterr().err
 
 
 def test_a_command_whose_extra_is_missing_names_the_extra(monkeypatch, capsys):
@@ -73,6 +80,7 @@ INTERRUPTED = """
 import os, signal, sys
 import joybridge
 from joybridge import cli
+from joybridge.commands import export
 from joybridge.contract.address import READY
 
 class Interrupting:

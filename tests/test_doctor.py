@@ -69,6 +69,13 @@ def test_a_configuration_is_played_as_it_says(correct, config, capsys):
     assert "player observes image, an image of 5x2 gray" in found["spec"][1]  # the option makes the image larger
 
 
+def test_a_configuration_that_names_a_program_is_one_of_its_game(correct, tmp_path, capsys):
+    path = tmp_path / "gauntlet.yaml"
+    path.write_text("game: {pygame: my_game.py, name: gauntlet, reward: 'Score'}\narenas: 4\n")
+    status, found = run(capsys, correct, str(path))
+    assert status == 0 and found["config"][1].startswith("gauntlet: ")
+
+
 @pytest.mark.parametrize(
     ("override", "about", "text"),
     [

@@ -24,6 +24,7 @@ def plays(tmp_path, monkeypatch):
         return first_play.first_play(*arguments)
 
     monkeypatch.setattr(remembered, "first_play", noted)
+    monkeypatch.setattr(first_play, "TEXT_SECONDS", 600.0)  # also on a slow machine
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return found
 
@@ -76,3 +77,25 @@ def test_without_a_place_for_it_nothing_is_kept(tmp_path, plays, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert served(CATCHING, SHORT) == served(CATCHING, SHORT)
     assert len(plays) == 2
+
+
+def test_rewards_and_ends_that_match_nothing_are_named_with_the_texts_that_were_seen(plays, caplog):
+    wrong = r"'reward=score: (\d+)' reward=attr:main.none reward=sound:none.wav 'done=Game over'"
+    settings = f"snapshots=false keys=LEFT 'reward=Score: (\\d+)' {wrong}"
+    for _ in range(2):  # the second time from what is kept
+        caplog.clear()
+        served(CATCHING, settings)
+        ((*_, said),) = caplog.record_tuples
+        assert said.startswith(r"catch: reward 'score: (\d+)', reward 'attr:main.none', reward 'sound:none.wav', done ")
+        assert "'Game over' matched nothing in 200 decisions of random play; texts seen" in said
+        assert said.endswith("(case counts): 'Score: 0'")
+    assert len(plays) == 1
+
+
+def test_a_program_that_fails_when_it_is_played_keeps_its_numbers_and_is_named(tmp_path, plays, caplog):
+    program = tmp_path / "catch.py"
+    program.write_text(CATCHING.read_text().replace("score += 10", "score += 10 // (score < 20)"))
+    description = served(program, "snapshots=false keys=LEFT")[0]
+    assert "Numbers in its texts that may be rewards: 'reward=^Score: (\\d+)' (0 to 20)." in description
+    ((*_, said),) = caplog.record_tuples
+    assert "decisions of random play, arena 0: the program has failed: ZeroDivisionError" in said

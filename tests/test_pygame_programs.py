@@ -2,9 +2,12 @@
 
 import hashlib
 import io
+import json
 import re
+import shutil
 from argparse import Namespace
 from contextlib import closing, redirect_stderr
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +16,15 @@ from ruamel.yaml import YAML
 
 from joybridge.client.client import Session
 from joybridge.client.command_line import add_own_game
+from joybridge.client.errors import SimulatorLost
 from joybridge.client.own_games import choose_game
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
+from joybridge.config.programs import programs_of
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
 from joybridge.layouts import make_acts
+from joybridge.policy.config_fit import find_and_load
 from joybridge.simulator.__main__ import main
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
@@ -150,6 +156,17 @@ def test_sounds_variables_and_text_pay_each_in_its_own_channel(tmp_path):
     assert first.rewards.tolist() == second.rewards.tolist() == [[2.0, 4.0, 8.0]]
 
 
+def test_several_channels_are_metrics_too_each_with_what_it_paid_in_the_episode(tmp_path):
+    body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
+    body += "    n += 1\n    for score in (n, -n): font.render(f'score {score}', True, 'white')\n"
+    rewards = r"'reward=score (\d+)' 'reward=score (-\d+)' max_decisions=3"
+    game = program(tmp_path, HEAD + body + SHOW, rewards)
+    names = game.look.metrics
+    _, second, third = steps(game, 3)
+    assert names == ["score_total", "score_2_total"]
+    assert second.metrics is None and third.metrics.tolist() == [[12.0, -12.0]]
+
+
 def test_two_scores_that_look_alike_are_told_apart_by_their_place_in_the_frame(tmp_path):
     body = "n = 0\nfont = pygame.font.Font(None, 20)\n" + LOOP
     body += "    n += 1\n    for score in (n, 10 * n): font.render(f'{score:>4}', True, 'white')\n"
@@ -255,11 +272,47 @@ def test_a_program_writes_below_its_home_and_beside_itself_without_a_trace(tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["program.py"]
 
 
+SAVES = """
+import os, pathlib, shutil
+os.makedirs('saves/deep/new')
+for path in ('saves/best.txt', 'saves/large.bin', 'saves/deep/a.txt', 'saves/deep/new/b.txt'):
+    with open(path, 'a') as file: file.write('9')
+assert open('saves/best.txt').read() == '79' and open('saves/other.txt').read() == '7'
+os.rename('saves/best.txt', 'saves/old.txt')
+up = '/..' * 4
+for path in (f'saves{up}/x', 'elsewhere/x', 'saves/elsewhere/x', f'saves/deep/..{up}/x', 'saves/deep/link.txt'):
+    try:
+        open(path, 'w')
+    except PermissionError:
+        continue
+    raise AssertionError(path)
+"""
+
+
+def test_a_program_writes_into_folders_beside_it_without_a_trace(tmp_path):
+    (tmp_path / "saves/deep").mkdir(parents=True)
+    outside = tmp_path.with_name(f"{tmp_path.name}-outside")
+    outside.mkdir()
+    for name, size in (("best.txt", 1), ("other.txt", 1), ("large.bin", 200_000), ("deep/a.txt", 1)):
+        (tmp_path / "saves" / name).write_text("7" * size)
+    (outside / "file").write_text("7")
+    for link in (tmp_path / "elsewhere", tmp_path / "saves/elsewhere"):
+        link.symlink_to(outside)
+    (tmp_path / "saves/deep/link.txt").symlink_to(outside / "file")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    game: Any = program(tmp_path, HEAD + SAVES + LOOP + SHOW)
+    assert len(steps(game, 1)) == 1
+    game.processes.end()
+    (tmp_path / "program.py").unlink()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert [path.name for path in outside.iterdir()] == ["file"] and (outside / "file").read_text() == "7"
+
+
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("exec('while True: pass')", "drew no frame in 0.3 s"),
-        ("os.kill", "ended"),
+        ("exec('while True: pass')", "drew no frame in 0.3 s, at line 11 of .*program.py; seconds=1.8 allows it more"),
+        ("os.kill", "the process of the program has crashed, at line 11 of .*program.py"),
         ("1 / 0", "arena 0: the program has failed: ZeroDivisionError: division by zero .line 11 of .*program.py"),
     ],
 )
@@ -270,6 +323,19 @@ def test_a_program_that_hangs_or_fails_costs_its_session_a_sentence(tmp_path, li
     with pytest.raises(GameError, match=what):
         steps(game, 100)
     assert len(steps(game, 1)) == 1  # the program itself goes on
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("while True: pass", "no frame in 60 s, at line 7 of .*program.py: .*; start=180 allows it more"),
+        ("ctypes.string_at(0)", "the process has ended with SIGSEGV, at line 7 of .*program.py"),
+    ],
+)
+def test_a_program_that_never_begins_is_told_where_it_stands(tmp_path, line, what):
+    soon = "signal.setitimer(signal.ITIMER_REAL, 0.1)\n"  # the alarm of the first frame, without the wait
+    with pytest.raises(CatalogError, match=what):
+        program(tmp_path, "import ctypes, signal\n" + HEAD + soon + line + "\n", "start=60")
 
 
 @pytest.mark.promise("X7")
@@ -381,6 +447,67 @@ def test_a_run_remembers_the_program_that_its_configuration_has_named(run):
     assert (run / "config.yaml").read_text().startswith("game: fruit\n")
     evaluated = joybridge("evaluate", str(run), "--episodes", "2", "--json")
     assert evaluated.status == 0 and '"length": 4.0' in evaluated.output
+
+
+@pytest.mark.parametrize(("acts", "proposed"), [(0, "joybridge export"), (1, "joybridge watch")])
+def test_no_export_is_proposed_that_would_be_refused(acts, proposed, run, tmp_path):
+    if acts:
+        config, run = run / "config.yaml", tmp_path / "run"
+        trained = joybridge("train", str(config), "--run", str(run), f"policy.remember_acts={acts}")
+        assert trained.status == 0, trained.errors
+    recorded = joybridge("record", str(run), str(tmp_path / "play.gif"), "--seconds", "0.5")
+    assert recorded.status == 0 and f"next: {proposed} {run}" in recorded.errors, recorded.errors
+
+
+def test_settings_of_an_evaluation_are_laid_over_those_of_the_training(run, tmp_path):
+    program = f"{CATCHING} tapes={tmp_path / 'tapes'}"
+    evaluated = joybridge("evaluate", str(run), "--pygame", program, "--episodes", "1", "--json")
+    assert evaluated.status == 0 and '"length": 4.0' in evaluated.output, evaluated.errors
+    assert {path.name[:6] for path in (tmp_path / "tapes").glob("*.tape")} == {"fruit-"}
+
+
+def test_a_fault_of_a_run_is_replayed_with_the_program_of_the_run(run, tmp_path):
+    (place,) = json.loads((run / "simulators.json").read_text())["games"]
+    copy = Path(shutil.copytree(run, tmp_path / "run"))
+    with server("--game", place) as process:
+        session = Session(process.address, "fruit", arenas=1, seed=1, timeout=20)
+        session.record_faults(copy / "faults")
+        session.step(make_acts(session.spec, 1))
+        process.kill()
+        process.wait()
+    with session, pytest.raises(SimulatorLost):
+        session.step(make_acts(session.spec, 1))
+    (fault,) = (copy / "faults").iterdir()
+    done = joybridge("replay", str(fault))
+    assert done.status == 0 and "2 steps are as they were recorded" in done.output, done.errors
+
+
+def test_the_configuration_of_a_run_trains_another_one_with_its_program(run, tmp_path):
+    again = joybridge("train", str(run / "config.yaml"), "--run", str(tmp_path / "again"))
+    assert again.status == 0, again.errors
+    assert (tmp_path / "again/simulators.json").read_text() == (run / "simulators.json").read_text()
+
+
+def test_a_configuration_that_names_its_program_takes_no_other_from_the_command_line(tmp_path):
+    config = tmp_path / "fruit.yaml"
+    config.write_text(f"game: {{pygame: {CATCHING}}}\n")
+    done = joybridge("train", str(config), "--pygame", "other.py", "--run", str(tmp_path / "run"))
+    assert done.status == 1 and f"names its own program, pygame:{CATCHING}, so that of --pygame" in done.errors
+    assert "write game.pygame=other.py" in done.errors
+
+
+def test_a_program_is_found_beside_the_configuration_that_names_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "below"
+    folder.mkdir()
+    (folder / "fruit.yaml").write_text("game: {pygame: fruit.py, hook: hook.py, arguments: [fruit.py]}\n")
+    for name in ("fruit.py", "hook.py"):
+        (folder / name).touch()
+    assert programs_of("below/fruit.yaml", []) == {"game": "pygame:below/fruit.py hook=below/hook.py -- fruit.py"}
+    assert find_and_load("below/fruit.yaml").game == "fruit"
+    (tmp_path / "hook.py").touch()
+    assert programs_of("below/fruit.yaml", []) == {"game": "pygame:below/fruit.py hook=hook.py -- fruit.py"}
+    assert programs_of("below/fruit.yaml", ["game.pygame=none.py"])["game"].startswith("pygame:none.py ")
 
 
 def test_a_configuration_without_a_program_behind_its_keys_is_refused(tmp_path):

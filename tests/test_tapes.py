@@ -1,5 +1,6 @@
 """Input tapes: a program plays as on a tape, or the frame is named where it does not."""
 
+import shutil
 from contextlib import closing
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from joybridge.adapters import tapes
 from joybridge.adapters.tapes import TapeError, record, replay
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
@@ -52,8 +54,28 @@ def test_a_frame_that_differs_is_named_and_shown_beside_what_was_expected(tape, 
         replay(tape[0], program, tmp_path)
     assert str(tmp_path) in str(found.value)
     both = np.asarray(Image.open(tmp_path / "catch-frame-48.png"))
-    expected, came = both[:, :320], both[:, 324:644]
+    expected, came, differs = both[:, :320], both[:, 324:644], both[:, 648:968]
     assert expected[0, 0].tolist() == [20, 20, 40] and came[0, 0].tolist() == [20, 20, 41]
+    assert differs[0, 0].tolist() == [255, 0, 0]
+    same = (expected == came).all(axis=2)
+    assert same.any() and np.array_equal(differs[same], came[same] // 4)
+    assert str(found.value).endswith("; if the change is meant, record the tape again")
+
+
+def test_a_tape_of_another_pygame_or_of_a_program_elsewhere_says_so(tape, tmp_path, monkeypatch):
+    program = changed(tape, tmp_path, "screen.fill((20, 20, 40))", "screen.fill((20, 20, 41))")
+    monkeypatch.setattr(tapes, "pygame_version", lambda: "pygame 9.9")
+    with pytest.raises(TapeError, match=r"; it was recorded with pygame\S* [\d.]+, and this is pygame 9\.9$"):
+        replay(tape[0], program, tmp_path)
+    moved = tmp_path / "moved.tape"
+    shutil.copy(tape[0], moved)
+    tape[1].rename(tmp_path / "elsewhere.py")
+    try:
+        with pytest.raises(TapeError, match=r"there is no file .*; that is how the tape names its program; --program"):
+            replay(moved)
+        assert replay(moved, str(tmp_path / "elsewhere.py")) == 4 * DECISIONS
+    finally:
+        (tmp_path / "elsewhere.py").rename(tape[1])
 
 
 @pytest.mark.parametrize(
@@ -94,3 +116,17 @@ def test_a_command_records_a_tape(tmp_path):
     done = joybridge("tape", "record", str(CATCHING), str(path), "keys=LEFT", "--decisions", "3")
     assert done.output == f"{path}: 12 frames\nnext: joybridge tape replay {path}\n"
     assert replay(path) == 12
+
+
+@pytest.mark.parametrize("before", [b"an older tape", None])
+def test_a_program_that_fails_leaves_the_tape_that_was_there(tape, tmp_path, before):
+    program = changed(tape, tmp_path, "score += 10", "score += 1 / 0")
+    path = tmp_path / "good.tape"
+    if before:
+        path.write_bytes(before)
+    done = joybridge("tape", "record", program, str(path), "keys=LEFT", "--decisions", "300", "--seed", "3")
+    held = "holds the tape that it held before" if before else "is not written"
+    assert done.status == 1 and f"error: {path} {held}: after " in done.errors, done.errors
+    assert "ZeroDivisionError" in done.errors
+    assert (path.read_bytes() if before else path.exists()) == (before or False)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["catch.py", *(["good.tape"] if before else [])]

@@ -4,6 +4,8 @@ import http.client
 import json
 import re
 import socket
+import subprocess
+import sys
 import threading
 import time
 from contextlib import closing, contextmanager
@@ -469,6 +471,15 @@ def test_a_match_of_two_people_who_agree_is_rated(simulator, tmp_path, monkeypat
 def test_people_and_others_need_seats(simulator, capsys, arguments, text):
     assert main(["play", *arguments, "--simulator", simulator, "--no-browser"]) == 1
     assert text in capsys.readouterr().err
+
+
+def test_playing_needs_what_the_extra_viewer_installs_alone():
+    script = """
+import sys
+import joybridge.viewer.page_session, joybridge.viewer.play, joybridge.viewer.simulator, joybridge.viewer.web
+assert not {"torch", "pydantic", "numba", "pygame"} & set(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=SECONDS)
 
 
 @pytest.mark.usefixtures("signals")

@@ -11,7 +11,15 @@ from PIL import Image
 
 from joybridge.adapters.pygame_programs.first_play import random_acts
 from joybridge.adapters.pygame_programs.rerun import opened
-from joybridge.adapters.pygame_programs.tape import Difference, TapeError, compare, read_tape, write_tape
+from joybridge.adapters.pygame_programs.tape import (
+    Difference,
+    TapeError,
+    compare,
+    pygame_version,
+    read_tape,
+    write_tape,
+)
+from joybridge.adapters.settings import AdapterError
 
 __all__ = ["TapeError", "record", "replay"]
 
@@ -34,22 +42,34 @@ def replay(tape: str | Path, program: str = "", pictures: str | Path | None = No
     """
     tape = Path(tape)
     read = read_tape(tape)
-    with opened(program or read.note["program"], read.note["options"]) as (rerun, _):
-        try:
+    try:
+        with opened(program or read.note["program"], read.note["options"]) as (rerun, _):
             return compare(read, rerun)
-        except Difference as found:
-            shown = Path(pictures or tape.parent) / f"{tape.stem}-frame-{found.frame}.png"
-            expected = read.picture(found.decision)
-            raise TapeError(f"{found}: {_beside(expected, found.picture, shown)}") from None
+    except AdapterError as error:
+        if program:
+            raise
+        where = "that is how the tape names its program; --program says where it is now, with its settings, in quotes"
+        raise TapeError(f"{read.note['program']}: {error}; {where}") from error
+    except Difference as found:
+        shown = Path(pictures or tape.parent) / f"{tape.stem}-frame-{found.frame}.png"
+        expected = read.picture(found.decision)
+        text = f"{found}: {_beside(expected, found.picture, shown)}; if the change is meant, record the tape again"
+        before, now = read.note.get("pygame", ""), pygame_version()
+        drawn = f"; it was recorded with {before}, and this is {now}" if before and before != now else ""
+        raise TapeError(f"{text}{drawn}") from None
 
 
 def _beside(expected: Any, came: Any, path: Path) -> str:
-    """Write two pictures beside each other, and return what is said about them. Raises TapeError."""
-    height = max(len(expected), len(came))
-    parts = [np.pad(one, ((0, height - len(one)), (0, 4), (0, 0)), constant_values=255) for one in (expected, came)]
+    """Write two pictures and their difference beside each other, and return what is said. Raises TapeError."""
+    pictures = [expected, came]
+    if expected.shape == came.shape:
+        differs = (expected != came).any(axis=2, keepdims=True)
+        pictures.append(np.where(differs, np.array([255, 0, 0], np.uint8), came // 4))
+    height = max(map(len, pictures))
+    parts = [np.pad(one, ((0, height - len(one)), (0, 4), (0, 0)), constant_values=255) for one in pictures]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(np.concatenate(parts, axis=1)).save(path)
     except OSError as error:
         raise TapeError(f"cannot write {path}: {error.strerror or error}") from error
-    return f"{path} has the expected picture on the left and the one that came on the right"
+    return f"{path} has the expected picture, then the one that came, then what differs, in red"

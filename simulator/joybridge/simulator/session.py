@@ -92,8 +92,8 @@ def describe(games: Catalog, name: str, options: Mapping[str, str], where: str =
     if name not in games:
         known = ", ".join(games)
         text = (
-            f"no game named {name!r}; this server has {known}; name one of your own as MODULE:CLASS, in `serve` and "
-            "`train` after --game"
+            f"no game named {name!r}; this server has {known}; name one of your own as MODULE:CLASS after --game, "
+            "and a program after --pygame"
         )
         raise Refusal(pb.REASON_UNKNOWN_GAME, text, f"{where}.game".strip("."))
     with checking(where):

@@ -2,21 +2,18 @@
 
 import argparse
 import json
-import math
 import shlex
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
-from joybridge.client.own_games import choose_game
+from joybridge.client.argument_types import seconds
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.client.simulator_source import SimulatorSource
-from joybridge.config.config import read_overrides
-from joybridge.config.config_files import find_config, merge, read_yaml
 from joybridge.config.errors import ConfigError
+from joybridge.config.programs import programs_of, with_names
 from joybridge.contract.address import address
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
-from joybridge.contract.places import PYGAME, program_place
+from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 
 LAST_SIMULATORS = "the simulators of the run's last training, if they answer; otherwise "
@@ -118,56 +115,23 @@ def wanted_simulators(options: argparse.Namespace) -> SimulatorSource:
 def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
     """Let the program that configurations name as their game be one of the command's, under its name.
 
-    configs: files, or names of installed ones. The value of `game` is "pygame:PROGRAM", or the program and its settings
-    as keys: {pygame: PROGRAM, KEY: VALUE}. A simulator that is running has the program already. Raises ConfigError.
+    configs: files, or names of installed ones; see `programs_of`. A simulator that is running has the program already.
+    Raises ConfigError.
     """
-    over = read_overrides(options.overrides)
-    found = [_own_places(merge(read_yaml(find_config(config)), over)) for config in configs]
+    found = [programs_of(config, options.overrides) for config in configs]
     if any(places != found[0] for places in found):
         raise ConfigError("the configurations are of several games; compare those of one game")
-    for key, place in found[0].items():
-        options.overrides.append(f"{key}={json.dumps(choose_game(place, (), None)[0], ensure_ascii=False)}")
+    places = list(found[0].values())
+    others = [game for game in options.game if game.startswith(PYGAME) and game not in places]
+    if "game" in found[0] and others:
+        program, *_ = others[0].removeprefix(PYGAME).split(" ")
+        raise ConfigError(
+            f"{configs[0]} names its own program, {found[0]['game']}, so that of --pygame would not be played; leave "
+            f"out --pygame and write game.pygame={program} to play it with the settings of the configuration"
+        )
+    options.overrides += with_names(found[0])
     if not options.simulator:
-        options.game = list(dict.fromkeys([*found[0].values(), *options.game]))
-
-
-def _own_places(data: Mapping[str, Any]) -> dict[str, str]:
-    """Return the places of programs that a configuration names, by the keys that name them. Raises ConfigError."""
-    named = {"game": data.get("game")}
-    if isinstance(games := data.get("games"), dict):
-        named |= {f"games.{name}.game": one.get("game") for name, one in games.items() if isinstance(one, dict)}
-    return {key: place for key, game in named.items() if (place := _own_place(game)) is not None}
-
-
-def _own_place(game: object) -> str | None:
-    if isinstance(game, dict):
-        try:
-            return program_place(game)
-        except ValueError as error:
-            raise ConfigError(f"game: got {game}; {error}") from error
-    return game if isinstance(game, str) and game.startswith(PYGAME) else None
-
-
-def at_least(least: int) -> Callable[[str], int]:
-    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
-
-    def number(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
-        return int(text)
-
-    return number
-
-
-def seconds(text: str) -> float:
-    """Return a positive time in seconds. Raises ArgumentTypeError."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
-    return number
+        options.game = list(dict.fromkeys([*places, *options.game]))
 
 
 def say_next(*words: str) -> None:

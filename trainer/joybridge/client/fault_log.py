@@ -15,10 +15,11 @@ from joybridge.config.files import storing, write_atomically
 from joybridge.contract.codec import StepArrays
 from joybridge.v1 import bridge_pb2 as pb
 
-__all__ = ["FaultLog"]
+__all__ = ["FAULTS", "FaultLog"]
 
 log = logging.getLogger("joybridge.trainer")
 
+FAULTS = "faults"  # the folder of a run that has its faults
 MAX_LOG_BYTES = 64 << 20  # bytes of requests, without the snapshot of the first one
 
 

@@ -1,18 +1,19 @@
 """`joybridge drive`: a policy plays a pygame program in its own window, by the real clock."""
 
 import argparse
-import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.client import Session
-from joybridge.client.command_line import add_trust_option, at_least, run_command
+from joybridge.client.command_line import add_trust_option, run_command
 from joybridge.client.launch import simulator_process
 from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
+from joybridge.config.programs import merged_place
 from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 from joybridge.run.folder import play_config, run_spec
@@ -128,22 +129,6 @@ def window_place(program: str, remembered: Sequence[str], game: str, held: Seque
     program: as after --pygame. remembered: the places of the training's games. game: its name. held: settings that are
     known of the policy. What stands behind the program goes before both. Raises ConfigError.
     """
-    try:
-        (name, *own), words = _parts(program)
-        trained = next((each.removeprefix(PYGAME) for each in remembered if each.startswith(PYGAME)), name)
-        (_, *settings), arguments = _parts(trained)
-    except ValueError as error:
-        raise ConfigError(f"the program {program!r}: {error}") from error
+    trained = next((each for each in remembered if each.startswith(PYGAME)), "")
     forced = [f"name={game}", "window=true", f"max_decisions={MAX_DECISIONS}"]
-    chosen: list[str] = []
-    for group in (forced, own, held, settings):
-        keys = {word.partition("=")[0] for word in chosen}
-        chosen += [word for word in group if word.partition("=")[0] not in keys]
-    return PYGAME + shlex.join([name, *chosen, *(["--", *(words or arguments)] if words or arguments else [])])
-
-
-def _parts(program: str) -> tuple[list[str], list[str]]:
-    """Return a program with its settings, and its arguments."""
-    words = shlex.split(program)
-    at = words.index("--") if "--" in words else len(words)
-    return words[:at] or [""], words[at + 1 :]
+    return merged_place(program, trained, forced, held)

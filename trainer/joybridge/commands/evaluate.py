@@ -7,7 +7,8 @@ from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from joybridge.client.command_line import at_least, run_command, say_next
+from joybridge.client.argument_types import at_least
+from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
 from joybridge.play.sweep import plot, read_sweep, table

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from joybridge.client.command_line import run_command
@@ -26,6 +27,9 @@ def _policy_file(text: str) -> Path:
 
 
 def _export(options: argparse.Namespace) -> None:
+    for name in ("onnx", "onnxruntime"):  # said before a simulator is started
+        if find_spec(name) is None:
+            raise ModuleNotFoundError(f"no module named {name}", name=name)
     games = games_played(options)
     with open_player(options) as simulator:
         from joybridge.play.export import export

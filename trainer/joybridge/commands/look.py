@@ -30,6 +30,7 @@ from joybridge.contract.credentials import (
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
+from joybridge.play.pointer_marks import mark_pointers
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -148,7 +149,7 @@ def random_play(session: Session, every: int, seed: int) -> Iterator[Tile]:
                 total += encoder.rewards(step)
         lines = [Line(f"decision {decisions}"), *_describe(spec, acts, before, rewards)]
         shown = [*lines, Line("a new episode has begun")] if ended else lines
-        yield Tile(pictures[0], shown, observed_images(spec, after))
+        yield Tile(mark_pointers(pictures[0], spec, acts), shown, observed_images(spec, after))
 
 
 def observed_images(spec: pb.GameSpec, steps: Sequence[StepArrays]) -> list[Array]:

@@ -3,19 +3,22 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import (
     LAST_SIMULATORS,
     add_simulator_options,
     add_trust_option,
-    at_least,
     check_simulator_options,
     wanted_simulators,
 )
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.config.programs import as_trained
+from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
@@ -106,6 +109,11 @@ def open_player(options: argparse.Namespace) -> Iterator[str]:
     if text := remark(load_checkpoint(options.run, options.checkpoint)[1].origin):
         say(text)
     last = last_simulators(options.run)
-    simulators = choose_simulators(wanted_simulators(options), last, config, say, trust=options.trust_run)
+    wanted = wanted_simulators(options)
+    if any(game.startswith(PYGAME) for game in wanted.games):
+        trained = last.believed(options.trust_run).games
+        games = [as_trained(game, trained) if game.startswith(PYGAME) else game for game in wanted.games]
+        wanted = replace(wanted, games=tuple(games))
+    simulators = choose_simulators(wanted, last, config, say, trust=options.trust_run)
     with open_simulators(simulators, options.wait, say) as connect:
         yield connect()[0]

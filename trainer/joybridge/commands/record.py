@@ -4,11 +4,13 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.command_line import run_command, say_next, seconds
+from joybridge.client.argument_types import seconds
+from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
 from joybridge.play.video_formats import video_format
 from joybridge.progress import say
+from joybridge.run.folder import play_config
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
@@ -36,4 +38,13 @@ def _record(options: argparse.Namespace) -> None:
         else:
             frames = record(plays, options.output, seconds=options.seconds, say=say, inputs=options.inputs)
     print(f"{options.output}: {frames} frames")
-    say_next("export", str(options.run), "policy.onnx")
+    say_next(
+        *(["export", str(options.run), "policy.onnx"] if _can_be_exported(options) else ["watch", str(options.run)])
+    )
+
+
+def _can_be_exported(options: argparse.Namespace) -> bool:
+    """Return whether no policy of the run sees its last actions."""
+    config = play_config(options.run, options.overrides)
+    policies = [config.policy, *map(config.policy_config, config.policies)]
+    return not any(policy.remember_acts for policy in policies)

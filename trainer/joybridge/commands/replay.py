@@ -9,10 +9,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from joybridge.client.client import CALL_SECONDS, Session
-from joybridge.client.command_line import add_simulator_options, check_simulator_options, run_command, wanted_simulators
+from joybridge.client.command_line import (
+    add_simulator_options,
+    add_trust_option,
+    check_simulator_options,
+    run_command,
+    wanted_simulators,
+)
 from joybridge.client.errors import SimulatorError
+from joybridge.client.fault_log import FAULTS
 from joybridge.client.recording import Recording, RecordingError, digest, load_recording
-from joybridge.client.simulator_source import open_simulators
+from joybridge.client.simulator_source import SimulatorSource, last_simulators, open_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
@@ -33,7 +40,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     replays = commands.add_parser("replay", help="repeat what led to a fault, or a demonstration")
     replays.add_argument("file", type=Path, help="a file of the folder faults of a run, or a demonstration")
     replays.add_argument("--demos", type=Path, metavar="DIR", help="record a demonstration anew, into this folder")
-    add_simulator_options(replays)
+    add_simulator_options(replays, "for a fault, a simulator with the games of its run; otherwise ")
+    add_trust_option(replays)
     add_overrides(replays, "options that change only what is observed, as in options.observation=screen")
     options = parse_overrides(parser, arguments)
     options.changed, options.overrides = options.overrides, []
@@ -59,10 +67,19 @@ def _replay(options: argparse.Namespace) -> None:
         raise ConfigError(f"parameters.{next(iter(changed.parameters))}=…: replay changes options only; leave it out")
     if recording.spec is None and (changed.options or options.demos):
         raise RecordingError(f"{options.file} holds a fault, expected a demonstration; repeat it as it was recorded")
-    with open_simulators(wanted_simulators(options), options.wait, say) as connect:
+    with open_simulators(_simulators(options), options.wait, say) as connect:
         steps = replay(connect()[0], recording, options.timeout or CALL_SECONDS, changed.options, options.demos)
     how = "are paid and end as they were recorded" if changed.options else "are as they were recorded"
     print(f"{steps} steps {how}, and none fails")
+
+
+def _simulators(options: argparse.Namespace) -> SimulatorSource:
+    """Return the simulators of the command line; if it names none, the games of the run in whose faults the file is."""
+    wanted, folder = wanted_simulators(options), options.file.resolve().parent
+    if wanted != SimulatorSource() or folder.name != FAULTS:
+        return wanted
+    last = last_simulators(folder.parent)
+    return SimulatorSource(games=last.believed(options.trust_run).games) if last.simulators.games else wanted
 
 
 def replay(

@@ -11,13 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
     LAST_SIMULATORS,
     add_own_game,
     add_simulator_options,
     add_trust_option,
-    at_least,
     check_simulator_options,
     run_command,
     say_next,
@@ -140,8 +140,11 @@ def _train(options: argparse.Namespace) -> None:
         )
     if options.simulators and options.simulators > config.arenas:
         raise ConfigError(f"--simulators got {options.simulators}, but the run has {config.arenas} arenas to divide")
-    source = run if options.resume else Path(config.weights_from) if config.weights_from else None
-    last = last_simulators(source) if source else Remembered(run)
+    if options.resume or config.weights_from:
+        last = last_simulators(run if options.resume else Path(config.weights_from or ""))
+    else:  # the configuration may be that of another run, whose games are beside it
+        beside = last_simulators(path.parent)
+        last = beside if beside.simulators.games else Remembered(run)
     simulators = choose_simulators(_wanted(options), last, config, say, trust=options.trust_run)
     patience = PARENT_SECONDS if options.with_parent else 0.0
     with locked(run, patience), open_simulators(simulators, options.wait, say) as connect:

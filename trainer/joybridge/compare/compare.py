@@ -11,10 +11,10 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import (
     add_own_game,
     add_simulator_options,
-    at_least,
     check_simulator_options,
     run_command,
     say_next,

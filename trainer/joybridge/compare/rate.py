@@ -10,10 +10,10 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import (
     add_simulator_options,
     add_trust_option,
-    at_least,
     check_simulator_options,
     run_command,
     wanted_simulators,

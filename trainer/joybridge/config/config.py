@@ -6,9 +6,10 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from joybridge.config.config_files import DEEPEST, dump_yaml, merge, parse_yaml, read_yaml
+from joybridge.config.config_files import dump_yaml, merge, read_yaml
 from joybridge.config.errors import ConfigError
 from joybridge.config.games import SEVERAL, GameConfig, Games
+from joybridge.config.overrides import read_overrides
 from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.config.presets import preset_of
@@ -267,22 +268,6 @@ def play_settings(config: Config) -> dict[str, Any]:
     """Return the options, parameters and limits of the hand that are set, by key: {"parameters.size": 0.5}."""
     of_game = {f"{key}.{name}": value for key in OF_THE_GAME for name, value in getattr(config, key).items()}
     return of_game | {f"hand.{key}": value for key, value in config.hand}
-
-
-def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
-    """Return what "key=value" overrides set, as a file would. Raises ConfigError."""
-    data: dict[str, Any] = {}
-    for override in overrides:
-        key, equals, text = override.partition("=")
-        if not equals or not key:
-            raise ConfigError(f"override {override!r} is not of the form key=value")
-        value, parts = parse_yaml(text, f"override {override!r}: {text!r}"), key.split(".")
-        if len(parts) > DEEPEST:
-            raise ConfigError(f"the key of an override has {len(parts):,} parts, expected {DEEPEST} at most")
-        for part in reversed(parts):
-            value = {part: value}
-        data = merge(data, value)
-    return data
 
 
 def _validate(model: type[T], data: dict[str, Any], prefix: str) -> T:

@@ -8,6 +8,7 @@ from pathlib import Path
 from joybridge.config.errors import ConfigError
 from joybridge.play.input_overlay import Inputs
 from joybridge.play.playing import PlaySpec, open_play
+from joybridge.play.pointer_marks import mark_pointers
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
 from joybridge.progress import Progress
@@ -20,8 +21,9 @@ SLOWEST = 5.0  # for turn-based games
 def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str], None], inputs: bool = False) -> int:
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
-    The picture is the simulator's, score included; images that the policy sees are beside it, and what it remembers is
-    below. inputs: below the picture, draw what is pressed. Raises SimulatorError, CheckpointError or ConfigError.
+    The picture is the simulator's, score included, with a cross where a pointer is put; images that the policy sees are
+    beside it, and what it remembers is below. inputs: below the picture, draw what is pressed. Raises SimulatorError,
+    CheckpointError or ConfigError.
     """
     video_format(output)  # a wrong one is refused before anything is played
     with open_play(plays) as play:
@@ -35,7 +37,8 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
         with VideoFile(output, view.width, height, pace / every) as video:
             for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
                 for picture in decision.pictures:
-                    seen = view.beside(picture, decision.after, play.remembered())
+                    marked = mark_pointers(picture, play.spec, decision.acts)
+                    seen = view.beside(marked, decision.after, play.remembered())
                     video.write(overlay.below(seen, decision.acts) if overlay else seen)
                 progress.report(f"{number // every} of {frames} frames")
     return frames

@@ -11,6 +11,7 @@ import numpy as np
 
 from joybridge.contract.tensors import Array
 from joybridge.play.playing import Play, PlaySpec, open_play
+from joybridge.play.pointer_marks import mark_pointers
 from joybridge.play.record import FASTEST, pace_of
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
@@ -47,7 +48,7 @@ def _pictures(play: Play) -> Iterator[Array]:
     pace, size = pace_of(play.spec), play.spec.picture
     due, picture = 0.0, np.zeros((size.height, size.width, 3), np.uint8)
     for decision in play.decisions(draw_every=1):
-        picture = decision.pictures[0]
+        picture = mark_pointers(decision.pictures[0], play.spec, decision.acts)
         due += FASTEST / pace  # frames until the next decision
         while due >= 1.0:
             due -= 1.0

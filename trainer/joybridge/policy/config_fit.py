@@ -8,6 +8,7 @@ from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_drawn, check_settings, distribution_of
 from joybridge.config.metrics import column_name
+from joybridge.config.programs import programs_of, with_names
 from joybridge.layouts import Role, list_roles
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.policy.hand import pointer_speeds
@@ -20,7 +21,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 def find_and_load(text: str, overrides: Sequence[str] = ()) -> Config:
     """Return the configuration in a file, or the installed one of a name, with overrides. Raises ConfigError."""
-    return load_config(find_config(text), overrides)
+    return load_config(find_config(text), [*overrides, *with_names(programs_of(text, overrides))])
 
 
 def fitting_spec(address: str, config: Config) -> pb.GameSpec:

@@ -20,10 +20,10 @@ from joybridge.config.config import (
     Config,
     dump_config,
     load_config,
-    read_overrides,
 )
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
+from joybridge.config.overrides import read_overrides
 from joybridge.config.wrong_keys import FORMS
 from joybridge.contract.files import read_file
 from joybridge.contract.spec import SpecError, check_spec

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from joybridge.client.fault_log import FAULTS
 from joybridge.client.sharded_session import single_sessions
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, DivergedError
@@ -231,7 +232,7 @@ def open_training(
         for group in groups:
             opened.callback(group.session.close)
         if record_faults:
-            opened.enter_context(recording(groups, run / "faults"))
+            opened.enter_context(recording(groups, run / FAULTS))
         loggers = [
             opened.enter_context(closing(Logger(run, policy.actor.name, state.timesteps, config)))
             for policy in policies

@@ -9,8 +9,8 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING
 
+from joybridge.client.argument_types import at_least
 from joybridge.client.client import describe
-from joybridge.client.command_line import at_least
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.config.errors import ConfigError

@@ -1,5 +1,6 @@
 """A first look at a pygame program becomes the spec of a game."""
 
+import logging
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -14,7 +15,10 @@ from joybridge.adapters.pygame_programs.remembered import recall_or_play
 from joybridge.adapters.pygame_programs.settings import read_pygame_settings
 from joybridge.adapters.pygame_programs.wire import OWN_FOLDER
 from joybridge.adapters.settings import AdapterError
+from joybridge.contract.text import printable
 from joybridge.simulator.batched_game import BatchedGame
+
+log = logging.getLogger("simulator")
 
 
 def adapt(text: str) -> type[BatchedGame]:
@@ -34,6 +38,8 @@ def adapt(text: str) -> type[BatchedGame]:
         processes.end()
         raise
     note += _numbers(found.numbers)
+    for remark in found.remarks:
+        log.warning("%s: %s", settings.name, printable(remark))
     if not found.exact:
         note += " Without snapshots, as it does not go on from them with the same pictures."
     if settings.window:

@@ -15,6 +15,7 @@ from joybridge.adapters.pygame_programs.players import Played, Players
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses
 from joybridge.adapters.pygame_programs.wire import ENDING
 from joybridge.contract.spec import choose_options
+from joybridge.contract.text import printable
 from joybridge.simulator.batched_game import GameError
 
 QUIET_FRAMES = 32  # that are played without input to measure their length, if nothing else is played
@@ -23,7 +24,8 @@ SAME_FRAMES = (20, 40)  # before and after a snapshot, with random acts
 TEXT_DECISIONS = 200  # in which numbers in texts are looked for, at most
 TEXT_SECONDS = 3.0  # the same
 TEXT_EPISODES = 20  # the same
-MAX_NUMBERS = 8  # that are shown
+MAX_NUMBERS = 8  # that are shown, and texts
+TEXT_CHARS = 40  # of each text
 HOLD = 0.8  # probability with which random play goes on with what it does
 
 
@@ -47,6 +49,7 @@ class FirstPlay(NamedTuple):
     frame_seconds: float  # how long a frame usually is, in the program's own time
     exact: bool  # whether it goes on from snapshots with the same pictures
     numbers: list[Number]  # in its texts, unless it is said what pays
+    remarks: list[str]  # about rewards and ends that were not found, and about failures
 
 
 def first_play(processes: ProgramProcesses, shown: Mapping[str, Any]) -> FirstPlay:
@@ -64,9 +67,11 @@ def first_play(processes: ProgramProcesses, shown: Mapping[str, Any]) -> FirstPl
     else:
         exact, same_times = plays_the_same(processes, look)
         times = max(times, same_times, key=len)
-    numbers = [] if settings.rewards or "hook" in settings.texts else numbers_shown(processes, look)
+    paid = bool(settings.rewards or "hook" in settings.texts)
+    shown_texts = watch_texts(processes, look) if settings.rewards or settings.done or not paid else Shown([], [])
+    numbers = [] if paid else shown_texts.numbers
     usual = median([after - before for before, after in pairwise(times)] or [0])
-    return FirstPlay(read, usual / 1e9 or 1 / settings.number("fps"), exact, numbers)
+    return FirstPlay(read, usual / 1e9 or 1 / settings.number("fps"), exact, numbers, shown_texts.remarks)
 
 
 def quiet_times(processes: ProgramProcesses, look: Look) -> list[int]:
@@ -84,27 +89,40 @@ def keys_read(processes: ProgramProcesses, look: Look) -> tuple[set[int], list[i
         return set(players.watched(0)), times
 
 
-def numbers_shown(processes: ProgramProcesses, look: Look) -> list[Number]:
-    """Return which numbers the texts of the program show in random play, first those that change.
+class Shown(NamedTuple):
+    """What the texts of a program have shown in random play."""
 
-    A program that fails meanwhile shows no more.
-    """
+    numbers: list[Number]  # first those that change
+    remarks: list[str]
+
+
+def watch_texts(processes: ProgramProcesses, look: Look) -> Shown:
+    """Play at random, and return what the texts show. A program that fails shows what it has shown before."""
     end, left = time.monotonic() + TEXT_SECONDS, TEXT_DECISIONS
-    found: dict[str, Number] = {}
+    found, texts, missed, remarks = dict[str, Number](), dict[str, None](), list[str](), list[str]()
     with suppress(GameError), playing(processes, look, interval=4, watch="texts") as (players, form):
         for seed in range(TEXT_EPISODES):
             players.begin([0], [seed])
-            for _ in players.play(0, random_acts(form, seed, left)):
-                left -= 1
-                if time.monotonic() > end:
-                    left = 0
-                    break
-            for reward, low, high in players.watched(0):
+            try:
+                for _ in players.play(0, random_acts(form, seed, left)):
+                    left -= 1
+                    if time.monotonic() > end:
+                        break
+            except GameError as error:
+                remarks.append(f"after {TEXT_DECISIONS - left} decisions of random play, {error}")
+            watched = players.watched(0)
+            for reward, low, high in watched["numbers"]:
                 known = found.get(reward, Number(reward, low, high))
                 found[reward] = Number(reward, min(low, known.low), max(high, known.high))
-            if left <= 0:
+            texts |= dict.fromkeys(watched["texts"])
+            missed = [each for each in watched["missed"] if seed == 0 or each in missed]
+            if left <= 0 or remarks or time.monotonic() > end:
                 break
-    return sorted(found.values(), key=lambda number: number.low == number.high)[:MAX_NUMBERS]
+    if missed:
+        seen = ", ".join(f"{printable(text)[:TEXT_CHARS]!r}" for text in list(texts)[:MAX_NUMBERS]) or "none"
+        played = f"{TEXT_DECISIONS - left} decisions of random play"
+        remarks.append(f"{', '.join(missed)} matched nothing in {played}; texts seen (case counts): {seen}")
+    return Shown(sorted(found.values(), key=lambda number: number.low == number.high)[:MAX_NUMBERS], remarks)
 
 
 def plays_the_same(processes: ProgramProcesses, look: Look) -> tuple[bool, list[int]]:

@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from joybridge.adapters.pygame_programs.form import Form
 from joybridge.adapters.pygame_programs.processes import ProgramFault, ProgramProcesses, said
+from joybridge.adapters.pygame_programs.stacks import place_of
 from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, WATCHED, as_json
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError
@@ -114,16 +115,16 @@ class Players:
     def _send(self, arena: int, kind: bytes, message: bytes) -> None:
         try:
             self._link(arena).send(kind, message)
-        except OSError as error:
-            raise self._ended(arena) from error
+        except OSError:
+            self._raise_ended(arena)
 
     def _receive(self, arena: int, decisions: int = 1) -> bytes:
         try:
             kind, message = self._link(arena).receive(decisions * self._seconds + SPARE_SECONDS)
         except TimeoutError as error:
             raise self._too_slow(arena) from error
-        except (EOFError, OSError) as error:
-            raise self._ended(arena) from error
+        except (EOFError, OSError):
+            self._raise_ended(arena)
         if kind == FAULT:
             fault = json.loads(message)
             raise ArenaError(arena, f"the program has failed: {said(fault['text'])}") from ProgramFault(
@@ -131,13 +132,21 @@ class Players:
             )
         return message
 
-    def _ended(self, arena: int) -> ArenaError:
-        return ArenaError(
-            arena,
-            f"the process of the program has ended: it has crashed, it was killed, or it drew no frame in "
-            f"{self._seconds:g} s; the server's log has its stack",
-        )
+    def _raise_ended(self, arena: int) -> NoReturn:
+        """Raise ArenaError for a process that has ended, with where it stood."""
+        stack = self._processes.stacks.take()
+        place = place_of(stack)
+        if "Fatal Python error" in stack:
+            why = f"the process of the program has crashed{place}"
+        elif stack:
+            why = f"the program drew no frame in {self._seconds:g} s{place}; {self._more()}"
+        else:
+            why = "the process of the program has ended: it was killed, as for lack of memory"
+        raise ArenaError(arena, why) from (ProgramFault(stack) if stack else None)
+
+    def _more(self) -> str:
+        return f"seconds={6 * self._seconds:g} allows it more"
 
     def _too_slow(self, arena: int) -> ArenaError:
         self._link(arena).kill()  # it has not even taken its alarm, as when it is stopped
-        return ArenaError(arena, f"the program drew no frame in {self._seconds:g} s; seconds=60 allows it more")
+        return ArenaError(arena, f"the program drew no frame in {self._seconds:g} s; {self._more()}")

@@ -18,6 +18,7 @@ from threading import RLock
 from typing import Any
 
 from joybridge.adapters.pygame_programs.settings import PygameSettings
+from joybridge.adapters.pygame_programs.stacks import Stacks, place_of
 from joybridge.adapters.pygame_programs.wire import BRANCH, DONE, DOOR, FIRST, FORK, OWN_FOLDER, as_json
 from joybridge.adapters.settings import AdapterError
 from joybridge.contract.text import printable
@@ -46,6 +47,7 @@ class ProgramProcesses:
         """Start nothing yet."""
         self.settings = settings
         self._lock = RLock()
+        self.stacks = Stacks(Path())
         self.folder = Path()  # in which every process has its own
         self._process: subprocess.Popen[bytes] | None = None
         self._stem: Link | None = None
@@ -59,6 +61,7 @@ class ProgramProcesses:
             self._forget()
             self.folder = Path(tempfile.mkdtemp(prefix="joybridge-"))
             (self.folder / "settings.json").write_bytes(as_json(self.settings.inside()))
+            self.stacks = Stacks(self.folder)
             self._door = socket.socket(socket.AF_UNIX)
             self._door.bind(str(self.folder / DOOR))
             self._door.listen(1024)
@@ -78,10 +81,14 @@ class ProgramProcesses:
                 if not isinstance(error, TimeoutError):
                     with suppress(subprocess.TimeoutExpired):
                         self._process.wait(FORK_SECONDS)
-                status = self._process.poll()
-                fate = f"no frame came in {seconds:g} s" if status is None else f"the process has ended with {status}"
+                status, stack = self._process.poll(), self.stacks.take()
                 self._forget(players=True)
-                raise AdapterError(f"{fate}; its stack may be in the server's log") from error
+                place = place_of(stack)
+                if status in (None, -signal.SIGALRM):
+                    asked = f"no frame in {seconds:g} s{place}: it has to draw and ask for input"
+                    raise AdapterError(f"{asked}; start={3 * seconds:g} allows it more") from error
+                fate = _signal_name(-status) if status < 0 else f"status {status}"
+                raise AdapterError(f"the process has ended with {fate}{place}") from ProgramFault(stack)
             shown: dict[str, Any] = json.loads(message)
             if kind != FIRST:
                 self._forget(players=True)
@@ -184,7 +191,7 @@ class ProgramProcesses:
                 stem.send(FORK, as_json({"number": number, **each}))
             return [self._accept(number, FORK_SECONDS) for number in numbers]
         except (OSError, EOFError) as error:
-            raise GameError("the program could not be forked; see the server's log") from error
+            raise GameError("the program could not be forked") from error
 
     def _accept(self, number: int, seconds: float) -> Link:
         """Return the link of a process. Raises GameError if it does not connect."""
@@ -201,6 +208,13 @@ class ProgramProcesses:
 def _python_path() -> str:
     """Return what makes a process import from where this one does."""
     return os.pathsep.join(folder or os.curdir for folder in sys.path)
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 class WindowProcess(ProgramProcesses):

@@ -50,7 +50,8 @@ def _read(path: Path | None) -> FirstPlay | None:
         if not found:
             return None
         numbers = [Number(*number) for number in found["numbers"]]
-        return FirstPlay(list(found["read"]), float(found["frame_seconds"]), bool(found["exact"]), numbers)
+        remarks = [str(remark) for remark in found["remarks"]]
+        return FirstPlay(list(found["read"]), float(found["frame_seconds"]), bool(found["exact"]), numbers, remarks)
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

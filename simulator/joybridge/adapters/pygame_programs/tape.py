@@ -10,9 +10,11 @@ It is a ZIP archive:
 
 import io
 import json
+import os
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,11 +38,12 @@ class TapeError(JoybridgeError):
 
 
 class TapeWriter:
-    """Writes the tape of an episode while it is played. The file begins with the first decision."""
+    """Writes the tape of an episode while it is played, beside its file, which is replaced when the tape is whole."""
 
     def __init__(self, path: Path, note: Mapping[str, Any]) -> None:
         """note: from `note_of`."""
         self.path, self._note = path, note
+        self._part = path.with_name(f"{path.name}.{os.getpid()}.part")
         self._archive: zipfile.ZipFile | None = None
         self._acts: list[bytes] = []
         self._ends: list[int] = []
@@ -53,7 +56,7 @@ class TapeWriter:
         with self._storing():
             if self._archive is None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self._archive = zipfile.ZipFile(self.path, "w", zipfile.ZIP_DEFLATED)
+                self._archive = zipfile.ZipFile(self._part, "w", zipfile.ZIP_DEFLATED)
             _save(self._archive, f"pictures/{len(self._ends)}", picture ^ self._before)
         self._acts.append(act)
         self._ends.append(len(self._hashes))
@@ -67,7 +70,16 @@ class TapeWriter:
                 _save(archive, "acts.npy", np.frombuffer(b"".join(self._acts), np.uint8).reshape(len(self._acts), -1))
                 _save(archive, "hashes.npy", np.array(self._hashes, np.uint64))
                 _save(archive, "ends.npy", np.array(self._ends, np.int32))
+            with self._storing():
+                self._part.replace(self.path)
         return len(self._hashes)
+
+    def discard(self) -> None:
+        """Leave the file as it was before."""
+        if self._archive is not None:
+            with suppress(OSError):
+                self._archive.close()
+            self._part.unlink(missing_ok=True)
 
     @contextmanager
     def _storing(self) -> Iterator[None]:
@@ -80,7 +92,22 @@ class TapeWriter:
 def note_of(form: Form, settings: PygameSettings, options: Mapping[str, str], seed: int) -> dict[str, Any]:
     """Return what a tape of an episode says about it. options: all of them."""
     names = [axis.name for axis in form.axes()] + [branch.name for branch in form.branches()]
-    return {"format": FORMAT, "program": settings.text, "options": dict(options), "seed": seed, "device": names}
+    return {
+        "format": FORMAT,
+        "program": settings.text,
+        "options": dict(options),
+        "seed": seed,
+        "device": names,
+        "pygame": pygame_version(),
+    }
+
+
+def pygame_version() -> str:
+    """Return which pygame is installed, as in "pygame 2.6.1"; "" for none."""
+    for package in ("pygame-ce", "pygame"):
+        with suppress(PackageNotFoundError):
+            return f"{package} {version(package)}"
+    return ""
 
 
 class Rerun:
@@ -130,13 +157,26 @@ class Tape(NamedTuple):
 
 
 def write_tape(path: Path, rerun: Rerun, seed: int, acts: Iterable[bytes]) -> int:
-    """Play an episode, write its tape, and return how many frames it has. Raises TapeError and GameError."""
+    """Play an episode, write its tape, and return how many frames it has. Raises TapeError.
+
+    A file that is there is replaced by a whole tape, and by nothing else.
+    """
     writer = TapeWriter(path, rerun.note(seed))
-    progress = Progress()
-    for decision, (act, hashes) in enumerate(rerun.play(seed, acts), 1):
-        writer.add(act, hashes, rerun.draw())
-        progress.report(f"{decision:,} decisions are on the tape")
-    return writer.close()
+    progress, decision = Progress(), 0
+    try:
+        for decision, (act, hashes) in enumerate(rerun.play(seed, acts), 1):
+            writer.add(act, hashes, rerun.draw())
+            progress.report(f"{decision:,} decisions are on the tape")
+        return writer.close()
+    except GameError as error:
+        kept = "holds the tape that it held before" if path.exists() else "is not written"
+        raise TapeError(f"{path} {kept}: {_after(decision)}{error}") from error
+    finally:
+        writer.discard()
+
+
+def _after(decisions: int) -> str:
+    return f"after {decisions:,} decisions " if decisions else ""
 
 
 def read_tape(path: Path) -> Tape:

@@ -22,6 +22,7 @@ OWN_FOLDER_DESCRIPTOR = 100  # of the folder of a process, in the process
 OWN_FOLDER = f"/proc/self/fd/{OWN_FOLDER_DESCRIPTOR}"  # its path, the same in all of them
 ENDING = {"ESCAPE", "q", "F4", "F10", "F11", "F12", "PRINT", "PRINTSCREEN"}  # keys that end or change the program
 STICK_BUTTONS = 4  # of a joystick
+STACKS = "stacks"  # the name of a file there, to which processes write where they stand when a frame takes too long
 DOOR = "door"  # the name of the socket in the folder of a program
 
 

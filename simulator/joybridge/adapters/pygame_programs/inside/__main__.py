@@ -20,7 +20,7 @@ from joybridge.adapters.pygame_programs.inside.program import ProgramError, find
 from joybridge.adapters.pygame_programs.inside.scan import needs_joystick, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage, own_folder
 from joybridge.adapters.pygame_programs.inside.stem import copy_beside
-from joybridge.adapters.pygame_programs.wire import knock
+from joybridge.adapters.pygame_programs.wire import STACKS, knock
 
 OURS = str(Path(__file__).parent)
 
@@ -29,8 +29,9 @@ def main() -> None:
     """Run the program until the server has no use for this process."""
     base = Path(sys.argv[1])
     settings = json.loads((base / "settings.json").read_text())
-    faulthandler.enable()
-    faulthandler.register(signal.SIGALRM, chain=True)  # a frame that takes too long: its stack, and the end
+    stacks = os.open(base / STACKS, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)  # of this process and its forks
+    faulthandler.enable(stacks)
+    faulthandler.register(signal.SIGALRM, stacks, chain=True)  # a frame that takes too long: its stack, and the end
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for forks
     sys.dont_write_bytecode = True
     signal.setitimer(signal.ITIMER_REAL, settings["start"])
@@ -55,6 +56,7 @@ def _run(player: Player, settings: Mapping[str, Any]) -> None:
         if program.beside is not None and settings["window"]:
             os.chdir(program.beside)
         elif program.beside is not None:
+            player.stage.fences.beside = str(program.beside)
             with player.stage.fences.trusting():
                 copy_beside(program.beside, Path.cwd())
         program.run()

@@ -7,9 +7,11 @@ no network, no further processes, and no standard input.
 import builtins
 import os
 import resource
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn
 
 import pygame
@@ -46,12 +48,36 @@ NAMES = {"socket.getaddrinfo", "socket.gethostbyname", "socket.gethostbyaddr"}
 PEERS = {"socket.connect", "socket.bind", "socket.sendto", "socket.sendmsg"}
 
 
+def own_copy(path: str, folder: str, beside: str) -> None:
+    """Replace links on the way to a path by what they lead to, so that it can be written without a change there.
+
+    folder: in which this is done. beside: the folder to which the links lead; others are left as they are.
+    """
+    if not (beside and path.startswith(folder)):
+        return
+    place = Path(folder)
+    for part in Path(path).relative_to(folder).parts:
+        place /= part
+        target = place.resolve() if place.is_symlink() else place
+        if target == place or not target.is_relative_to(beside):
+            continue
+        if target.is_dir():
+            place.unlink()
+            place.mkdir()
+            for each in target.iterdir():
+                (place / each.name).symlink_to(each)
+        elif target.is_file():
+            place.unlink()
+            shutil.copy(target, place)
+
+
 class Fences:
     """The hook that looks at what the program does."""
 
     def __init__(self, folder: str) -> None:
         """folder: below which the program may write. Nothing is refused before `raise_up`."""
         self.folder = os.path.realpath(folder) + os.sep
+        self.beside = ""  # the folder whose files and folders are linked in working directories; "" for none
         self.refused = ""  # what was refused last
         self._trusted = True  # while the surroundings of the program act
 
@@ -106,6 +132,8 @@ class Fences:
         if isinstance(path, int):  # a descriptor, which was opened before
             return
         name = os.fsdecode(path)
+        with self.trusting():
+            own_copy(os.path.abspath(name), self.folder, self.beside)  # noqa: PTH100 (it keeps links)
         if name not in (os.devnull, ":memory:", "") and not os.path.realpath(name).startswith(self.folder):
             self._refuse(
                 f"the program may write in its home and its working directory only, not {os.path.realpath(name)}"

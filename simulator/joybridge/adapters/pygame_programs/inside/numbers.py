@@ -7,6 +7,7 @@ NUMBER = re.compile(r"(?:(?<!\S)-)?\d+(?:[,'_]\d{3})*(?:\.\d+)?")
 MAX_NUMBERS = 4  # in a text; one with more is a table
 MAX_TEXTS = 500  # that are kept apart
 MAX_FOUND = 8  # proposals
+MAX_SEEN = 8  # texts that are kept to be shown, each with other words
 MAX_CHARS = 24  # of a text whose numbers do not change: a longer one tells something else
 
 
@@ -16,10 +17,13 @@ class Numbers:
     def __init__(self) -> None:
         self._texts: dict[tuple[int, tuple[str, ...]], _Text] = {}  # by which of its words in a frame it is
         self._counts: Counter[tuple[str, ...]] = Counter()  # in this frame
+        self._seen: dict[tuple[str, ...], str] = {}  # the first texts, whatever is in them, by their words
 
     def read(self, text: str) -> None:
         """Note a text."""
         numbers, words = NUMBER.findall(text), NUMBER.split(text)
+        if len(self._seen) < MAX_SEEN:
+            self._seen.setdefault(tuple(words), text)
         if not 0 < len(numbers) <= MAX_NUMBERS:
             return
         plain = tuple(word.strip() for word in words)
@@ -33,6 +37,10 @@ class Numbers:
     def end_frame(self) -> None:
         """Begin the next frame."""
         self._counts.clear()
+
+    def seen(self) -> list[str]:
+        """Return some of the texts, each with other words."""
+        return list(self._seen.values())
 
     def found(self) -> list[tuple[str, float, float]]:
         """Return rewards that would be possible, and the lowest and the highest number.

@@ -104,10 +104,21 @@ class Player:
         with self.stage.fences.trusting():
             try:
                 self.link.send(FAULT, as_json({"text": text, "traceback": traceback}))
-                self.link.receive()
+                while self.link.receive()[0] == WATCHED:
+                    self.link.send(DONE, as_json(self._watched()))
             except (OSError, EOFError):
                 pass
             leave(self.stage.folders, self.stage.fences)
+
+    def _watched(self) -> Any:
+        """Return the numbers of the keys that the program reads, or what its texts have shown."""
+        if self._watch:
+            return self._watch.read()
+        return {
+            "numbers": self._numbers.found(),
+            "texts": self._numbers.seen(),
+            "missed": self.stage.score.missed(),
+        }
 
     def _first_look(self) -> dict[str, Any]:
         if len(threads := threading.enumerate()) > 1:
@@ -176,7 +187,7 @@ class Player:
         elif kind == DRAW:
             self.link.send(PICTURE, scale(self.stage.display.pixels(), *json.loads(message)).tobytes())
         elif kind == WATCHED:
-            self.link.send(DONE, as_json(self._watch.read() if self._watch else self._numbers.found()))
+            self.link.send(DONE, as_json(self._watched()))
         elif kind == BRANCH:
             own = fork(self.stage.folders, self.stage.fences, json.loads(message))
             if own is not None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import pygame
 import pygame.freetype
@@ -129,20 +129,31 @@ class Difference:
         return growth
 
 
-def reward_of(source: str, texts: Texts, played: Counter[str]) -> Callable[[], float]:
-    """Return a function that returns the reward since its last call. Raises ValueError for a wrong pattern."""
+class Source(NamedTuple):
+    """What pays in one channel."""
+
+    take: Callable[[], float]  # returns the reward since its last call
+    found: Callable[[], bool]  # whether there has been a number, or the sound
+
+
+def reward_of(source: str, texts: Texts, played: Counter[str]) -> Source:
+    """Return what pays. Raises ValueError for a wrong pattern."""
     kind, _, name = source.partition(":")
     difference = Difference()
     if kind == "sound" and name:
-        return lambda: _take(difference, float(sum(n for file, n in played.items() if _is_sound(file, name))))
+
+        def heard() -> float:
+            return float(sum(n for file, n in played.items() if _is_sound(file, name)))
+
+        return Source(lambda: _take(difference, heard()), lambda: heard() > 0)
     if kind == "attr" and name:
-        return lambda: _take(difference, look_up(name))
+        return Source(lambda: _take(difference, look_up(name)), lambda: difference.value is not None)
     nth, text = nth_text(source)
     pattern = _compiled(text)
     if pattern.groups != 1:
         raise ValueError(f"reward {source!r} has {pattern.groups} groups, expected one for the number: Score: (\\d+)")
     texts.search(text, lambda match: _see(difference, match[1]), nth)
-    return difference.take
+    return Source(difference.take, lambda: difference.value is not None)
 
 
 def look_up(path: str) -> float | None:

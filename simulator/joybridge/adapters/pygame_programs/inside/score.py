@@ -8,10 +8,12 @@ A hook is a Python file with any of these functions; each is given the program's
     metrics(program)  at the end of an episode: a dictionary of numbers
 """
 
+import re
 import runpy
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,8 +33,10 @@ class Score:
         """rewards: by channel, see rewards.py. done: patterns of text. hook: a file, "" for none. Raises ValueError."""
         self.over = False
         self._sources = {name: reward_of(source, texts, played) for name, source in rewards.items()}
+        self._wanted = {name: f"reward '{source}'" for name, source in rewards.items()}
+        self._ends = dict.fromkeys(done, False)  # whether each pattern was found
         for pattern in done:
-            texts.search(pattern, lambda match: self._end())
+            texts.search(pattern, partial(self._end_at, pattern))
         self._hook: dict[str, Callable[[Any], Any]] = {}
         if hook:
             found = runpy.run_path(hook)
@@ -40,6 +44,7 @@ class Score:
             if not self._hook:
                 raise ValueError(f"{hook} has none of the functions {', '.join(FUNCTIONS)}")
         self._earned = dict.fromkeys(rewards, 0.0)
+        self._totals: dict[str, float] = {}  # of the episode, by channel
         self._sizes: dict[str, Any] = {}
 
     def look(self) -> dict[str, Any]:
@@ -50,11 +55,13 @@ class Score:
             self._earned = {"reward": 0.0}
         metrics = self._call("metrics", {})
         self._sizes = {"state": len(self.state()), "metrics": list(metrics)}
-        return {"channels": list(self._earned), **self._sizes}
+        totals = [f"{name}_total" for name in self._earned] if len(self._earned) > 1 else []
+        return {"channels": list(self._earned), **self._sizes, "metrics": [*metrics, *totals]}
 
     def begin(self) -> None:
         """Begin an episode: what happened before is not paid."""
         self.take()
+        self._totals = dict.fromkeys(self._earned, 0.0)
         self.over = False
 
     def after_frame(self) -> None:
@@ -70,8 +77,9 @@ class Score:
     def take(self) -> list[float]:
         """Return the rewards since the last call, by channel."""
         for name, source in self._sources.items():
-            self._earned[name] += source()
+            self._earned[name] += source.take()
         earned = list(self._earned.values())
+        self._totals = {name: self._totals.get(name, 0.0) + value for name, value in self._earned.items()}
         self._earned = dict.fromkeys(self._earned, 0.0)
         return earned
 
@@ -80,9 +88,19 @@ class Score:
         return np.array(self._call("state", []), np.float32).ravel()
 
     def metrics(self) -> list[float]:
-        """Return the values of the metrics."""
+        """Return the values of the hook's metrics, and of several channels what each has paid since `begin`."""
         values = self._call("metrics", {})
-        return [float(values.get(name, 0.0)) for name in self._sizes["metrics"]]
+        totals = list(self._totals.values()) if len(self._totals) > 1 else []
+        return [*(float(values.get(name, 0.0)) for name in self._sizes["metrics"]), *totals]
+
+    def missed(self) -> list[str]:
+        """Return the rewards and ends that are looked for and were never found."""
+        rewards = [self._wanted[name] for name, source in self._sources.items() if not source.found()]
+        return rewards + [f"done '{pattern}'" for pattern, found in self._ends.items() if not found]
+
+    def _end_at(self, pattern: str, match: "re.Match[str]") -> None:
+        self._ends[pattern] = True
+        self._end()
 
     def _end(self) -> None:
         self.over = True

@@ -1,0 +1,27 @@
+"""Types of arguments on command lines. Needs no further package."""
+
+import argparse
+import math
+from collections.abc import Callable
+
+
+def at_least(least: int) -> Callable[[str], int]:
+    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
+
+    def number(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
+        return int(text)
+
+    return number
+
+
+def seconds(text: str) -> float:
+    """Return a positive time in seconds. Raises ArgumentTypeError."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
+    return number
