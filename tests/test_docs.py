@@ -298,6 +298,7 @@ def test_each_question_of_the_search_has_a_page_that_answers():
 def test_the_words_that_people_search_for_are_entries_of_the_page_that_answers():
     assert "self-play" in search.words()["docs/opponents.md"] and "lstm" in search.words()["docs/memory.md"]
     text = search.indexed("docs/memory.md", "# Memory\n\nText.\n")
-    assert text.startswith("# Memory\n\n```{index} ! memory, ! lstm,") and text.endswith("```\n\nText.\n")
+    assert text.startswith("# Memory\n\n```{index} ! ") and " ! lstm," in text and text.endswith("```\n\nText.\n")
     assert search.indexed("docs/unknown.md", "# Other\n") == "# Other\n"
+    assert search.indexed("CHANGELOG.md", "# Changes\n").startswith("---\nnosearch: true\n---\n# Changes")
     assert all((ROOT / page).exists() for page in search.words())

@@ -19,9 +19,10 @@ from typing import NamedTuple
 from tools.docs.pages import ROOT
 
 FIND = "docs/find.md"
+NOT_SEARCHED = {"CHANGELOG.md", "docs/decisions.md"}  # they name everything, and answer no question of a user
 ROW = re.compile(r"^\| ([^|]+) \| (.+) \|$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#:]+\.md)")
-FIRST, LEAST = 3, 27  # so many results are looked at; so many questions find their page there
+FIRST, LEAST = 3, 38  # so many results are looked at; so many questions find their page there
 
 QUESTIONS = {  # as people type them; the pages that answer, without .md
     "pygame": ["docs/pygame-programs", "docs/tutorial"],
@@ -54,6 +55,17 @@ QUESTIONS = {  # as people type them; the pages that answer, without .md
     "windows": ["docs/getting-started"],
     "human reaction time": ["docs/training"],
     "curriculum": ["docs/training"],
+    "frame stack": ["docs/memory", "docs/reference/keys", "docs/training", "docs/pictures"],
+    "determinism gpu": ["docs/training", "docs/speed"],
+    "reward normalization": ["docs/from-sb3-cleanrl", "docs/training", "docs/reference/keys"],
+    "custom network architecture": ["docs/own-parts"],
+    "confidence interval": ["docs/compare"],
+    "p value": ["docs/compare"],
+    "resume checkpoint": ["docs/training"],
+    "warm start": ["docs/training"],
+    "replay buffer": ["docs/find", "docs/gymnasium"],
+    "multiple buttons at once": ["docs/layouts"],
+    "onnx export": ["docs/exported-policies"],
 }
 
 
@@ -80,7 +92,9 @@ def words() -> dict[str, list[str]]:
 
 
 def indexed(page: str, text: str) -> str:
-    """Return the text of a page with its words as entries of the index, after its title."""
+    """Return the text of a page with its words as entries of the index, after its title; some are not searched."""
+    if page in NOT_SEARCHED:
+        return f"---\nnosearch: true\n---\n{text}"
     if page not in words():
         return text
     entries = ", ".join(f"! {word}" for word in words()[page])
