@@ -14,7 +14,8 @@ from joybridge.compare import page as pages
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
 from joybridge.compare.job import Job
 from joybridge.compare.launch import check_metric, make_job, scored_policy
-from joybridge.compare.page import Setting, page_html, page_text
+from joybridge.compare.page import Setting, page_text
+from joybridge.compare.page_parts import page_html
 from joybridge.compare.scores import Point, Run, score_run
 from joybridge.compare.table import TABLE, add_results, read_table
 from joybridge.compare.variants import (

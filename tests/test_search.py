@@ -19,7 +19,7 @@ from joybridge.compare import grid, launch, search_page
 from joybridge.compare import trials as trainings
 from joybridge.compare.compare import parse
 from joybridge.compare.job import Job, Process
-from joybridge.compare.page import page_html
+from joybridge.compare.page_parts import page_html
 from joybridge.compare.pictures import draw_themes
 from joybridge.compare.ranges import Choices, Numbers, own_settings, read_ranges
 from joybridge.compare.scores import Point, Run, score_at, score_run

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.compare.estimators import estimate, interquartile_mean
-from joybridge.compare.page import table
+from joybridge.compare.page_parts import table
 from joybridge.contract.spec import choose_options
 from joybridge.games.level_sets import SETS
 from joybridge.games.shooting_birds import script

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from joybridge.compare.estimators import estimate, interquartile_mean
-from joybridge.compare.page import table
+from joybridge.compare.page_parts import table
 from joybridge.compare.table import TABLE, read_table
 from joybridge.config.metrics import Row, numbers
 from joybridge.contract.spec import choose_options

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from statistics import mean, stdev
 
 from joybridge.compare.estimators import holm
-from joybridge.compare.page import table
+from joybridge.compare.page_parts import table
 from tools.paper.claims import Behavior, Judged
 from tools.paper.figures import TITLES
 from tools.paper.original import TIMESTEPS_PER_STEP, original_ends, original_point, paper_figures

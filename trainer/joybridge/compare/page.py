@@ -1,8 +1,6 @@
 """The page of a comparison: Markdown and HTML with the same text, and its numbers as CSV and JSON."""
 
-import base64
 import csv
-import html
 import io
 import json
 import math
@@ -14,14 +12,12 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from markdown_it import MarkdownIt
-
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Band, Pair, Result, least_seeds
 from joybridge.compare.estimators import Estimate
-from joybridge.compare.pictures import CAPTIONS, draw_pictures, picture
+from joybridge.compare.page_parts import PICTURES, escaped, number_text, page_html, picture_block, table
+from joybridge.compare.pictures import CAPTIONS, draw_pictures
 from joybridge.config.files import write_atomically
 
-PICTURES = "pictures"  # folder beside the page
 ENOUGH = 10  # runs, with which intervals are about as wide as they claim to be
 _IQM = (
     " The interquartile mean (IQM) leaves out the lowest and the highest quarter of the runs; of three or fewer it is "
@@ -32,28 +28,6 @@ _NARROW = (
     " With fewer than ten runs these are too narrow: in a simulation they held the true value in 76 % of all cases "
     "with three runs, in 87 % with four and in 90 % with five."
 )
-TEMPLATE = """\
-<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width">
-<title>{title}</title>
-<style>
-:root {{ color-scheme: light dark; --ink: #1f2328; --paper: #ffffff; --line: #d1d9e0; --code: #f6f8fa; }}
-@media (prefers-color-scheme: dark) {{
-  :root {{ --ink: #e6edf3; --paper: #0d1117; --line: #3d444d; --code: #151b23; }}
-}}
-body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
-  color: var(--ink); background: var(--paper); }}
-img {{ max-width: 100%; }}
-table {{ display: block; overflow-x: auto; border-collapse: collapse; margin: 1rem 0; font-size: 0.9em; }}
-th, td {{ border: 1px solid var(--line); padding: 0.3rem 0.6rem; text-align: left; }}
-code, pre {{ background: var(--code); padding: 0.1rem 0.3rem; }}
-pre {{ overflow-x: auto; padding: 0.6rem; }}
-</style>
-{body}
-</html>
-"""
 
 
 @dataclass(frozen=True)
@@ -114,15 +88,6 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
     blocks += ["## Wall-clock time", _wall_clock(analysis)]
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"
-
-
-def page_html(text: str, folder: Path) -> str:
-    """Return the page as one HTML file with the pictures of the folder in it. text: Markdown."""
-    body = MarkdownIt("commonmark").enable("table").render(text)
-    for path in sorted((folder / PICTURES).glob("*.png")):
-        data = base64.b64encode(path.read_bytes()).decode()
-        body = body.replace(f'"{PICTURES}/{path.name}"', f'"data:image/png;base64,{data}"')
-    return TEMPLATE.format(title=text.partition("\n")[0].removeprefix("# "), body=body)
 
 
 def scores_csv(analysis: Analysis) -> str:
@@ -340,25 +305,6 @@ def _firsts(result: Result, score: float) -> list[Any]:
     return [run.first_at(score) for run in result.runs]
 
 
-def picture_block(name: str, caption: str) -> str:
-    """Return a picture that follows the theme of the reader."""
-    return (
-        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{PICTURES}/{picture(name, "dark")}">'
-        f'<img src="{PICTURES}/{picture(name, "light")}" alt="{caption}"></picture>\n\n{caption}.'
-    )
-
-
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as Markdown."""
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (heads, ["---"] * len(heads), *rows))
-
-
-def escaped(text: str) -> str:
-    """Return a text that means nothing to Markdown and HTML."""
-    escaped = html.escape(text, quote=False)
-    return "".join(f"\\{character}" if character in "\\`*_[]|~" else character for character in escaped)
-
-
 def _count(number: int, word: str) -> str:
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
@@ -367,11 +313,6 @@ def _interval(estimate: Estimate, runs: int) -> str:
     if runs == 1:
         return number_text(estimate.value)
     return f"{number_text(estimate.value)} [{number_text(estimate.low)}, {number_text(estimate.high)}]"
-
-
-def number_text(value: float) -> str:
-    """Return a number with four digits."""
-    return f"{value:.4g}" if abs(value) < 10_000 else f"{value:,.0f}"
 
 
 def _finite(value: float) -> float | None:

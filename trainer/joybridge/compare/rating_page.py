@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, PercentFormatter
 
 from joybridge.compare.estimators import Estimate
-from joybridge.compare.page import PICTURES, escaped, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, escaped, page_html, picture_block, table
 from joybridge.compare.pictures import COLORS, draw_themes, without_formula
 from joybridge.config.files import write_atomically
 from joybridge.run.matches import Match, Payoff, payoff, seat_shares

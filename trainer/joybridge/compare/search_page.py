@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from optuna.trial import FrozenTrial, TrialState
 
-from joybridge.compare.page import PICTURES, escaped, number_text, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, escaped, number_text, page_html, picture_block, table
 from joybridge.compare.pictures import COLORS, draw_themes, without_formula
 from joybridge.compare.ranges import Numbers, Range, settings_of
 from joybridge.config.files import write_atomically

@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, NamedTuple
 
-from joybridge.compare.page import PICTURES, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, page_html, picture_block, table
 from joybridge.compare.pictures import Line, draw_themes, draw_times
 from joybridge.compare.table import read_table
 from joybridge.compare.variants import differences, file_name, read_variants
