@@ -60,7 +60,12 @@ GUARDED = {  # where another function has made sure
     "simulator/joybridge/adapters/pygame_programs/inside/fences.py": {"resource", "/proc/self/fd/"},
     "simulator/joybridge/adapters/pygame_programs/inside/player.py": {"signal.setitimer"},
     "simulator/joybridge/adapters/pygame_programs/inside/stem.py": {"os.fork"},
-    "simulator/joybridge/adapters/pygame_programs/processes.py": {"os.killpg", "signal.SIGKILL", "socket.AF_UNIX"},
+    "simulator/joybridge/adapters/pygame_programs/processes.py": {
+        "os.killpg",
+        "signal.SIGALRM",
+        "signal.SIGKILL",
+        "socket.AF_UNIX",
+    },
     "simulator/joybridge/adapters/pygame_programs/wire.py": {"/proc/self/fd/", "socket.AF_UNIX"},
     "simulator/joybridge/simulator/local_socket.py": {"socket.AF_UNIX"},  # `offer` returns None before
     "simulator/joybridge/simulator/workers/link.py": {"os.kill", "signal.SIGKILL"},  # where there is SO_PEERCRED

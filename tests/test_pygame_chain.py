@@ -11,7 +11,7 @@ from PIL import Image
 from joybridge.config.metrics import read_rows
 from joybridge.contract.places import PYGAME, program_place
 from joybridge.viewer.arena import Settings
-from joybridge.viewer.page_session import PageGame, play
+from joybridge.viewer.page_session import PageGame, welcome
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.web import open_website
 from tests.support.command_line import joybridge
@@ -55,9 +55,7 @@ def play_at_the_page(folder):
     scores, picture = [], b""
     with (
         Simulator(None, [program_place(PROGRAM)]) as simulator,
-        open_website(
-            0, lambda page: play(page, simulator, PageGame("chimp", SECONDS, demos=folder), Settings(1, OPTIONS, {}))
-        ) as url,
+        open_website(0, welcome(simulator, PageGame("chimp", SECONDS, demos=folder), Settings(1, OPTIONS, {}))) as url,
     ):
         page = Page(url)
         _, turn = page.begin()
