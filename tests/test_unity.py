@@ -24,6 +24,7 @@ from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
 from tests.support.unity_player import DIES, HANGS, StandIn, agent, free_port, hybrid, says, vector
+from tools.chaos.process import wait_until
 
 pytestmark = pytest.mark.nightly
 
@@ -387,6 +388,8 @@ def test_after_a_player_has_failed_another_one_is_waited_for():
         session.step(act([[0.0], [0.0]]))
     session.close()
     second = StandIn(player.port, [TWO, HANGS])
+    (communicator,) = game.source._communicators
+    assert wait_until(lambda: not communicator._calls.empty())  # it waits before the session begins
     game({}, {}, 2, 0, 9)
     assert second.heard[0].from_trainer.hello.seed == 9  # it had not been greeted yet
     player.over.set()

@@ -117,7 +117,8 @@ class Ports:
         player = self._players.get(number)
         if player is None or not player.communicator.waiting:
             communicator = self._communicators[number]
-            communicator.dismiss()
+            if player is not None:  # it has failed; one that came after it may wait already
+                communicator.dismiss()
             player = UnityPlayer(self.settings, communicator, None)
             log.info("waiting up to %g s for a player at port %d", self.settings.start, communicator.port)
             player.greet(seed, self.settings.areas)
