@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from joybridge.config.config import Config, dump_config, load_config
+from joybridge.config.config_files import read_overrides
 from joybridge.config.errors import ConfigError
-from joybridge.config.overrides import read_overrides
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.config.wrong_keys import OTHER_NAMES
 from joybridge.run.checkpoint import Manifest, save_checkpoint

@@ -28,7 +28,7 @@ def test_a_game_of_ones_own_is_drawn_without_a_server_and_with_the_extra_simulat
 import sys
 from joybridge.cli import main
 assert main(["look", "my_pond:MyPond", "out/look.png", "--pictures", "4"]) == 0
-assert not {"torch", "pydantic"} & set(sys.modules)
+assert not {"torch", "pydantic", "ruamel"} & set(sys.modules)
 """
     assert main(["new", "my_pond", "--folder", str(tmp_path)]) == 0
     done = subprocess.run(

@@ -477,7 +477,7 @@ def test_playing_needs_what_the_extra_viewer_installs_alone():
     script = """
 import sys
 import joybridge.viewer.page_session, joybridge.viewer.play, joybridge.viewer.simulator, joybridge.viewer.web
-assert not {"torch", "pydantic", "numba", "pygame"} & set(sys.modules)
+assert not {"torch", "pydantic", "ruamel", "numba", "pygame"} & set(sys.modules)
 """
     subprocess.run([sys.executable, "-c", script], check=True, timeout=SECONDS)
 

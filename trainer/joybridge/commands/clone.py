@@ -10,9 +10,9 @@ from joybridge.client.command_line import add_own_game, run_command, say_next
 from joybridge.client.recording import load_recording
 from joybridge.client.simulator_source import SimulatorSource, remember
 from joybridge.config.config import Config, load_config, make_config
-from joybridge.config.config_files import find_config, merge
+from joybridge.config.config_files import find_config, merge, read_overrides
 from joybridge.config.errors import ConfigError, DivergedError
-from joybridge.config.overrides import add_overrides, parse_overrides, read_overrides
+from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import find_demonstrations, foreign_kind, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration

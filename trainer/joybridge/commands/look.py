@@ -16,11 +16,9 @@ from joybridge.client.client import Session, describe, wait_for
 from joybridge.client.launch import simulator_process
 from joybridge.client.own_games import choose_at, choose_game
 from joybridge.commands.contact_sheet import Line, Tile, write_sheet
-from joybridge.config.config_files import config_names, find_config, read_yaml
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import GameSettings, check_settings, read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.config.programs import programs_of
 from joybridge.contract.address import address, is_address
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.credentials import (
@@ -94,8 +92,16 @@ def _chosen(what: str, overrides: Sequence[str]) -> tuple[str, GameSettings]:
 
     what: these, or a configuration that has them; parameters that it draws at random keep their defaults.
     """
-    if not what.endswith((".yaml", ".yml")) and what not in config_names():
+    if not what.endswith((".yaml", ".yml")) and ("/" not in what or ":" in what):
         return what, read_settings(overrides)
+    try:
+        from joybridge.config.config_files import find_config, read_yaml
+        from joybridge.config.programs import programs_of
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"{what} is a configuration, which needs the module {error.name}; install it with "
+            "`pip install 'joybridge[train]'`"
+        ) from None
     data = read_yaml(find_config(what))
     game = programs_of(what, overrides).get("game", data.get("game"))
     if not isinstance(game, str):

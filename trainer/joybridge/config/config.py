@@ -6,10 +6,9 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from joybridge.config.config_files import dump_yaml, merge, read_yaml
+from joybridge.config.config_files import dump_yaml, merge, read_overrides, read_yaml
 from joybridge.config.errors import ConfigError
 from joybridge.config.games import SEVERAL, GameConfig, Games
-from joybridge.config.overrides import read_overrides
 from joybridge.config.parameter_keys import Checked, EvaluateDuring, Lessons, Value
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.config.presets import preset_of

@@ -8,6 +8,7 @@ The wheel holds `configs/` as `joybridge/configs`. An editable install has no co
 
 import difflib
 import io
+from collections.abc import Sequence
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
@@ -81,6 +82,22 @@ def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     beside, name = path.parent / str(base), str(base).removesuffix(".yaml")
     installed = name in config_names() and not beside.is_file()
     return merge(read_yaml(FOLDER / f"{name}.yaml" if installed else beside, (*seen, real)), data)
+
+
+def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return what "key=value" overrides set, as a file would. Raises ConfigError."""
+    data: dict[str, Any] = {}
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        if not equals or not key:
+            raise ConfigError(f"override {override!r} is not of the form key=value")
+        value, parts = parse_yaml(text, f"override {override!r}: {text!r}"), key.split(".")
+        if len(parts) > DEEPEST:
+            raise ConfigError(f"the key of an override has {len(parts):,} parts, expected {DEEPEST} at most")
+        for part in reversed(parts):
+            value = {part: value}
+        data = merge(data, value)
+    return data
 
 
 def parse_yaml(text: str, what: str) -> Any:

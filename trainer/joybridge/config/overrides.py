@@ -2,10 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from typing import Any
-
-from joybridge.config.config_files import DEEPEST, merge, parse_yaml
-from joybridge.config.errors import ConfigError
 
 
 def add_overrides(parser: argparse.ArgumentParser, text: str) -> None:
@@ -20,19 +16,3 @@ def parse_overrides(parser: argparse.ArgumentParser, arguments: Sequence[str] | 
         parser.parse_args(arguments)  # reports what is unknown
     options.overrides = [*options.overrides, *rest]
     return options
-
-
-def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:
-    """Return what "key=value" overrides set, as a file would. Raises ConfigError."""
-    data: dict[str, Any] = {}
-    for override in overrides:
-        key, equals, text = override.partition("=")
-        if not equals or not key:
-            raise ConfigError(f"override {override!r} is not of the form key=value")
-        value, parts = parse_yaml(text, f"override {override!r}: {text!r}"), key.split(".")
-        if len(parts) > DEEPEST:
-            raise ConfigError(f"the key of an override has {len(parts):,} parts, expected {DEEPEST} at most")
-        for part in reversed(parts):
-            value = {part: value}
-        data = merge(data, value)
-    return data

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from joybridge.config.config_files import find_config, merge, read_yaml
+from joybridge.config.config_files import find_config, merge, read_overrides, read_yaml
 from joybridge.config.errors import ConfigError
-from joybridge.config.overrides import read_overrides
 from joybridge.contract.places import PYGAME, program_name, program_place
 
 

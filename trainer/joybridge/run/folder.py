@@ -21,9 +21,9 @@ from joybridge.config.config import (
     dump_config,
     load_config,
 )
+from joybridge.config.config_files import read_overrides
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
-from joybridge.config.overrides import read_overrides
 from joybridge.config.wrong_keys import FORMS
 from joybridge.contract.files import read_file
 from joybridge.contract.spec import SpecError, check_spec
