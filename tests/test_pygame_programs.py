@@ -7,6 +7,7 @@ import re
 import shutil
 from argparse import Namespace
 from contextlib import closing, redirect_stderr
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -104,6 +105,20 @@ def test_the_same_seed_and_decisions_give_the_same_bytes(catch):
             hashes.append(played(playing, catch, 60, np.random.default_rng(0), 2))
     assert hashes[0] == hashes[1] != hashes[2]
     assert hashes[0][1] > 0  # something was caught, and its text was read
+
+
+def test_the_frames_of_a_decision_are_those_of_decisions_of_a_frame_each(catch):
+    acts = [random_act(catch, np.random.default_rng(seed)) for seed in range(5)]
+    shown: dict[int, list[Any]] = {}
+    for interval in (4, 1):
+        shown[interval] = frames = []
+        with opened(catch, seed=3, decision_interval=str(interval)) as playing:
+            playing.drawn_by_tick = 0
+            for act in (act for act in acts for _ in range(4 // interval)):
+                playing.step(act)
+                frames += [*playing.tick_pictures, playing.draw(0)]
+    assert np.array_equal(shown[4], shown[1]) and len(shown[4]) == 20
+    assert all((one != next_one).any() for one, next_one in pairwise(shown[4]))
 
 
 def test_an_arena_is_the_same_alone_and_among_others(catch):
