@@ -259,7 +259,7 @@ def test_time_is_virtual_everywhere(tmp_path):
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("open('/nowhere', 'w')", "may write in its home and its working directory only, not /nowhere"),
+        ("open('/nowhere', 'w')", "may write in its home, its working directory and beside itself only, not /nowhere"),
         ("pygame.image.save(screen, '/nowhere.png')", "not /nowhere.png"),
         ("import subprocess; subprocess.run(['true'])", "may not start or end processes"),
         ("import socket; socket.create_connection(('127.0.0.1', 9))", "may not use the network"),
@@ -321,6 +321,45 @@ def test_a_program_writes_into_folders_beside_it_without_a_trace(tmp_path):
     (tmp_path / "program.py").unlink()
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
     assert [path.name for path in outside.iterdir()] == ["file"] and (outside / "file").read_text() == "7"
+
+
+SAVES_BY_PLACE = """
+import json, os, pathlib
+HERE = pathlib.Path(__file__).resolve().parent
+for path in (HERE / 'scores.json', HERE / 'saves' / 'new.json', pathlib.Path(os.path.dirname(__file__), 'large.bin')):
+    path.parent.mkdir(exist_ok=True)
+    before = path.exists()
+    path.open('a').write('9')
+    assert before == (path.name == 'large.bin') and path.exists() and path.read_text().endswith('9')
+    os.remove(path)
+    assert not os.path.exists(path)
+    open(file=path, mode='w').write('8')
+(HERE / 'scores.tmp').write_text('7')
+os.replace(HERE / 'scores.tmp', HERE / 'scores.json')
+assert json.loads((HERE / 'scores.json').read_text()) == 7 and 'scores.json' in os.listdir(HERE)
+try:
+    open(HERE / '..' / 'x', 'w')
+except PermissionError:
+    pass
+else:
+    raise AssertionError
+"""
+
+
+def test_a_program_saves_by_its_own_place_without_a_trace(tmp_path, monkeypatch):
+    package = tmp_path / "packed"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    for folder, name in ((tmp_path, "program.py"), (package, "__main__.py")):
+        (folder / name).write_text(HEAD + SAVES_BY_PLACE + LOOP + SHOW)
+        (folder / "large.bin").write_text("7" * 200_000)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    monkeypatch.syspath_prepend(tmp_path)
+    for place in (tmp_path / "program.py", "packed"):
+        game: Any = load_game(f"pygame:{place}")
+        assert len(steps(game, 1)) == 1
+        game.processes.end()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.parametrize(
