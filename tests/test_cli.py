@@ -49,6 +49,35 @@ def test_a_command_whose_extra_is_missing_names_the_extra(monkeypatch, capsys):
     assert "needs the module torch; install it with `pip install 'joybridge[train]'`" in capsys.readouterr().err
 
 
+WITHOUT = """
+import sys
+sys.modules |= dict.fromkeys(sys.argv[1].split(","))  # which makes importing them fail
+from joybridge.cli import commands, main
+for name in commands():
+    try:
+        main([name, "--help"])
+    except SystemExit as end:
+        assert not end.code, name
+"""
+
+
+def test_every_command_describes_itself_without_what_only_its_work_needs():
+    extras = (
+        "matplotlib,scipy,markdown_it,optuna,onnx,onnxruntime,minari,h5py,ray,gymnasium,pettingzoo,pygame,websockets,"
+        "torch,pandas,wandb,mlflow,stable_baselines3"
+    )
+    told = subprocess.run([sys.executable, "-c", WITHOUT, extras], capture_output=True, text=True)
+    assert (told.returncode, told.stderr) == (0, "")
+    assert all(f"usage: joybridge {name} " in told.stdout for name in cli.commands())
+
+
+def test_a_tournament_without_what_its_page_needs_is_refused_before_anything_starts(monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.delitem(sys.modules, "joybridge.compare.rating_page", raising=False)
+    assert cli.main(["rate", str(tmp_path / "none")]) == 2
+    assert "needs the module matplotlib.figure; install it with" in capsys.readouterr().err
+
+
 def test_the_installed_command_finds_games_of_the_current_folder(tmp_path):
     command = Path(sys.executable).with_name("joybridge")
     subprocess.run([command, "new", "near_game"], cwd=tmp_path, check=True, capture_output=True)

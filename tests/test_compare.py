@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from joybridge.compare import compare as command
-from joybridge.compare import grid, launch
+from joybridge.compare import command, grid, launch
 from joybridge.compare import page as pages
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
 from joybridge.compare.job import Job

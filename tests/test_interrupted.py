@@ -90,8 +90,22 @@ def test_what_follows_a_failure_depends_on_the_seed_and_the_arena_alone(three):
 def test_a_failure_is_said_with_arena_and_traceback(caplog):
     played(1, first_arena=5)
     (record,) = caplog.records
-    assert "brittle: the game of arena 5 failed after 10" in record.message and record.levelname == "ERROR"
+    assert record.message.startswith("brittle: the game failed in arena 5; ") and record.levelname == "ERROR"
     assert "RuntimeError: the roof fell in" in caplog.text and "Traceback" in caplog.text
+
+
+class Together(Brittle):
+    def decisions(self):
+        return TRUSTED + 1
+
+
+def test_a_mistake_that_strikes_in_many_arenas_at_once_is_said_once_with_their_numbers(caplog):
+    acts = [ActArrays(np.zeros((3, 0), np.float32), np.zeros((3, 1), np.int32))]
+    with closing(batched(Together)({"roof": "weak"}, {}, 3, 4, 7)) as game:
+        deque((game.step(acts) for _ in range(TRUSTED + 1)), maxlen=0)
+    (record,) = caplog.records
+    assert record.message.startswith("brittle: the game failed in 3 arenas (4, 5, 6); ")
+    assert caplog.text.count("Traceback") == 1
 
 
 class Again(Brittle):

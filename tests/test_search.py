@@ -17,7 +17,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from joybridge.compare import grid, launch, search_page
 from joybridge.compare import trials as trainings
-from joybridge.compare.compare import parse
+from joybridge.compare.command import parse
 from joybridge.compare.job import Job, Process
 from joybridge.compare.page_parts import page_html
 from joybridge.compare.pictures import draw_themes
@@ -384,7 +384,7 @@ def test_two_searches_do_not_share_a_folder(run):
 
 def test_a_missing_optuna_names_the_extra(run, monkeypatch):
     for name in ("search", "trials", "search_page"):
-        monkeypatch.delitem(sys.modules, f"joybridge.compare.{name}")
+        monkeypatch.delitem(sys.modules, f"joybridge.compare.{name}", raising=False)
     monkeypatch.setitem(sys.modules, "optuna", None)
     done = joybridge("compare", "small.yaml", "--search", "policy.epochs=1..4", "--output", "out")
     assert done.status == 1
@@ -399,7 +399,7 @@ def test_optuna_is_imported_only_by_a_search():
     assert users == {f"joybridge.compare.{name}" for name in ("search", "trials", "search_page")}
     lazily = {name for name, targets in found.items() for each in targets if each.module in users and each.lazy}
     at_once = {name for name, targets in found.items() for each in targets if each.module in users and not each.lazy}
-    assert lazily == {"joybridge.compare.compare"} and at_once <= users
+    assert lazily == {"joybridge.compare.command"} and at_once <= users
 
 
 # --------------------------------------------------------------------------------------------------- ranges and rungs

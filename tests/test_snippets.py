@@ -23,7 +23,7 @@ from joybridge.cli import commands as all_commands
 from joybridge.cli import main
 from joybridge.client.command_line import add_own_game
 from joybridge.client.launch import simulator_process
-from joybridge.compare.suite import SUITES
+from joybridge.compare.suites import SUITES
 from joybridge.config.config import load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError

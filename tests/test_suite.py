@@ -5,8 +5,9 @@ import json
 import pytest
 
 from joybridge.compare import launch
-from joybridge.compare.compare import parse
-from joybridge.compare.suite import SUITES, write_suite
+from joybridge.compare.command import parse
+from joybridge.compare.suite import write_suite
+from joybridge.compare.suites import SUITES
 from joybridge.compare.table import read_table
 from joybridge.config.config import Config
 from joybridge.config.config_files import config_names

@@ -342,9 +342,10 @@ def check(version: str, python: Path, wheel: Path, folder: Path, train: bool) ->
         raise Failed(f"joybridge evaluate: the run has {result['timesteps']} timesteps, expected 960")
     done("joybridge[train]")
 
-    trainer.expect("pip install 'joybridge[compare]'", "joybridge", "compare", "archer/hybrid", status=2)
-    trainer.install(wheel, "compare")
+    trainer.expect("--layouts", "joybridge", "compare", "--help")
     variants = ["--layouts", "hybrid", "bucket-3", "--seeds", "1", "--output", "compared"]
+    trainer.expect("pip install 'joybridge[compare]'", "joybridge", "compare", "archer/hybrid", *variants, status=2)
+    trainer.install(wheel, "compare")
     small = ["arenas=8", "total_timesteps=960", "log_interval=240", "policy.rollout_steps=30"]
     trainer.expect("compared/page.html", "joybridge", "compare", "archer/hybrid", *variants, *small)
     done("joybridge[compare]")

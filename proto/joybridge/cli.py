@@ -45,7 +45,7 @@ CORE = {
     "clone": Command("joybridge.commands.clone", "train", "learn from demonstrations alone, without playing the game"),
     "replay": Command("joybridge.commands.replay", "train", "repeat a recorded session: a demonstration, or a fault"),
     "compare": Command(
-        "joybridge.compare.compare", "compare", "train variants with several seeds, and write a page about them"
+        "joybridge.compare.command", "compare", "train variants with several seeds, and write a page about them"
     ),
     "rate": Command("joybridge.compare.rate", "compare", "let policies of runs play each other, and rate them"),
     "keys": Command("joybridge.config.keys", "train", "list the keys of configurations: default, meaning and range"),

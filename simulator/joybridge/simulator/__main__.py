@@ -2,7 +2,6 @@
 
 import argparse
 import asyncio
-import logging
 import math
 import os
 import sys
@@ -14,10 +13,10 @@ from joybridge.cli import open_streams
 from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
-from joybridge.contract.text import printable
 from joybridge.simulator.authentication import load_server_credentials
 from joybridge.simulator.catalog import load_games, specs
 from joybridge.simulator.listing import WIDTH, listing
+from joybridge.simulator.log import open_log
 from joybridge.simulator.new_game.program import write_program
 from joybridge.simulator.new_game.starter import write_config
 from joybridge.simulator.new_game.write import NewGameError, write_game
@@ -41,10 +40,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     if options.command == "serve":
         options.address = _place(parser, options)
     give_arguments(parser, options, own)
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_Printable("%(asctime)s %(name)s %(levelname)s %(message)s"))
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
-    logging.raiseExceptions = False  # a game may have closed standard error, and then a log must not end the server
+    open_log()
     try:
         if options.command == "new" and options.server:
             credentials = load_credentials(options.tls_ca, options.token_file)
@@ -115,13 +111,6 @@ def _serve(options: argparse.Namespace) -> None:
     limits = Limits(options.sessions, options.step_seconds, options.start_seconds, idle_seconds)
     games = load_games(options.game, options.workers, WORKER_SHARE * options.step_seconds)
     asyncio.run(serve(games, options.address, limits, protection, options.with_parent))
-
-
-class _Printable(logging.Formatter):
-    """Escapes control characters, and indents all lines but the first: no text can look like another message."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        return "\n  ".join(map(printable, super().format(record).split("\n")))
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:

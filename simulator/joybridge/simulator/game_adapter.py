@@ -18,6 +18,7 @@ from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError, BatchedGame, GameError
 from joybridge.simulator.distributions import draw_parameters
 from joybridge.simulator.game import Action, Game, TimeStep
+from joybridge.simulator.log import say_failures
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -141,17 +142,22 @@ class GameAdapter(BatchedGame):
                 self._play_scripts(act.scripts, behavior, chosen)
         by_agent = [actions[b][agent :: self.behaviors[b].agents] for b, agent in self.agents]
         by_arena = by_agent[0] if len(by_agent) == 1 else map(list, zip(*by_agent, strict=True))
-        for arena, own in enumerate(by_arena):
-            try:
-                timesteps, interrupted = self._timesteps(arena, self.games[arena].step, own), False
-                self.played[arena] += 1
-            except ArenaError as error:
-                timesteps, interrupted = self._renew(arena, error), True
-            self._earn(arena, timesteps)
-            if timesteps[0].terminated or timesteps[0].truncated:
-                ended[arena] = End(timesteps, list(self.parameters[arena].values()), interrupted)
-                timesteps = self._reset(arena)
-            self.timesteps[arena] = timesteps
+        failures: dict[int, BaseException] = {}
+        try:
+            for arena, own in enumerate(by_arena):
+                try:
+                    timesteps, interrupted = self._timesteps(arena, self.games[arena].step, own), False
+                    self.played[arena] += 1
+                except ArenaError as error:
+                    failures[self.first_arena + arena] = self._forgiven(arena, error)
+                    timesteps, interrupted = self._renew(arena), True
+                self._earn(arena, timesteps)
+                if timesteps[0].terminated or timesteps[0].truncated:
+                    ended[arena] = End(timesteps, list(self.parameters[arena].values()), interrupted)
+                    timesteps = self._reset(arena)
+                self.timesteps[arena] = timesteps
+        finally:  # also where an arena fails for good: what came before may be why
+            say_failures(self.spec.name, failures)
         return [self._behavior_step(b, ended) for b in range(len(self.behaviors))]
 
     def draw(self, arena: int) -> Array:
@@ -173,22 +179,27 @@ class GameAdapter(BatchedGame):
         game.option, game.parameter, game.rng = self.option, self.parameters[arena], rng
         return game
 
-    def _renew(self, arena: int, error: ArenaError) -> list[TimeStep]:
-        """Make the game of an arena anew after it has failed, and return how its episode ends.
+    def _forgiven(self, arena: int, error: ArenaError) -> BaseException:
+        """Return what the game of an arena has raised, if it costs only the episode.
 
         Raises the error itself if the arena has not played for long since it began or last failed, or if the error is a
-        mistake in what the game returned. The random numbers go on, so that the same error need not come again.
+        mistake in what the game returned.
         """
         if self.played[arena] < TRUSTED or not isinstance(error.__cause__, Exception | SystemExit):
             raise error
-        number = self.first_arena + arena
-        text = "%s: the game of arena %d failed after %d decisions; its episode is cut, and the arena begins anew"
-        log.error(text, self.spec.name, number, self.played[arena], exc_info=error.__cause__)
         self.played[arena] = 0
+        return error.__cause__
+
+    def _renew(self, arena: int) -> list[TimeStep]:
+        """Make the game of an arena anew after it has failed, and return how its episode ends.
+
+        The random numbers go on, so that the same error need not come again.
+        """
         old = self.games[arena]
         try:
             old.close()
         except Exception:  # it has failed already
+            number = self.first_arena + arena
             log.exception("%s: the failed game of arena %d could not be closed", self.spec.name, number)
         try:
             self.games[arena] = self._make(arena, old.rng)

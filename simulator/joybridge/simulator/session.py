@@ -77,9 +77,13 @@ def check_version(client: pb.Version) -> None:
 
 
 def failure(game: str, moment: str, error: BaseException) -> Refusal:
-    """Log the exception of a game that is being handled, and return the Refusal for the client."""
-    log.exception("game %s failed in %s", game, moment)
-    place = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
+    """Log the exception of a game that is being handled, and return the Refusal for the client.
+
+    What the game itself has raised is logged, without the calls of the server around it.
+    """
+    ours = isinstance(error, GameError)
+    place = str(error) if ours else f"{type(error).__name__}: {error}"
+    log.error("%s failed in %s: %s", game, moment, place, exc_info=(ours and error.__cause__) or error)
     text = f"{game} failed in {moment}: {place}; the traceback is in the server's log"
     return Refusal(pb.REASON_GAME_FAILED, text)
 

@@ -7,18 +7,10 @@ be deleted.
 """
 
 import argparse
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from joybridge.client.argument_types import at_least
-from joybridge.client.command_line import (
-    add_own_game,
-    add_simulator_options,
-    check_simulator_options,
-    run_command,
-    say_next,
-)
+from joybridge.client.command_line import add_own_game, say_next
 from joybridge.compare.analysis import Analysis, analyze, least_seeds
 from joybridge.compare.grid import is_kept, run_grid
 from joybridge.compare.job import Job
@@ -33,13 +25,10 @@ from joybridge.compare.launch import (
 )
 from joybridge.compare.names import ResultName
 from joybridge.compare.page import Setting, final_scores, write_page
-from joybridge.compare.ranges import is_fixed
 from joybridge.compare.scores import Run, score_run
-from joybridge.compare.suite import SUITES, compare_suite
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.variants import (
     SEARCH,
-    TRAINERS,
     Variant,
     beside,
     check_unchanged,
@@ -50,137 +39,11 @@ from joybridge.compare.variants import (
 )
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
-from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import say
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb
-
-SEEDS = 5
-TRIALS = 30
-OVERRIDE = re.compile(r"[a-z_.]+=")  # not a mixture of layouts, as in "hybrid, angle=bucket-5"
-
-
-def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.compare") -> int:
-    """Run the command line, the command first, and return its exit status."""
-    options = parse(arguments, prog)
-    if options.suite:
-        return run_command(lambda given: compare_suite(given, compare), options)
-    return run_command(search if options.search else compare, options)
-
-
-def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
-    """Return the options."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    compares = commands.add_parser(
-        "compare", help="train variants of a configuration with several seeds, and write a page that compares them"
-    )
-    compares.add_argument("config", nargs="?", help="a YAML file, or the name of an installed one, as in archer/hybrid")
-    compares.add_argument(
-        "--suite", choices=SUITES, help="compare on all tasks of a suite instead of one configuration, on one page"
-    )
-    compares.add_argument("--tasks", nargs="+", default=[], metavar="TASK", help="of the suite; default: all")
-    compares.add_argument("--layouts", nargs="+", default=[], metavar="LAYOUT", help="e.g. hybrid bucket-5 multiagent")
-    compares.add_argument(
-        "--set",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="KEY=VALUE,VALUE,…",
-        help="any other key that varies, as in policy.learning_rate=1e-3,3e-3; all combinations are trained",
-    )
-    compares.add_argument(
-        "--change",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="KEY=VALUE",
-        help="one change at a time: each is compared with the configuration as it is; quoted, several keys are one "
-        "change, as in 'policy.gamma=0.9 policy.epochs=8'",
-    )
-    compares.add_argument(
-        "--also",
-        action="append",
-        default=[],
-        metavar="CONFIG",
-        help="another configuration of the same game that is compared; may be repeated",
-    )
-    compares.add_argument(
-        "--beside",
-        choices=TRAINERS,
-        help="train each variant also with PPO of Stable-Baselines3, on the same environment of Gymnasium",
-    )
-    compares.add_argument("--ppo", default="{}", metavar="JSON", help="further arguments of PPO there")
-    compares.add_argument(
-        "--search",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="KEY=RANGE",
-        help="search for the best settings instead, within ranges and choices: "
-        "policy.learning_rate=1e-5..1e-3:log policy.epochs=3..10 layout=hybrid,bucket-11",
-    )
-    compares.add_argument("--trials", type=at_least(1), metavar="N", help=f"trainings of a search; default {TRIALS}")
-    compares.add_argument("--seeds", type=at_least(1), metavar="N", help=f"runs of each variant; default {SEEDS}")
-    compares.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="for the runs and the page")
-    compares.add_argument("--metric", default="reward", help="the column that is compared; default %(default)s")
-    compares.add_argument("--behavior", metavar="NAME", help="whose metrics are compared; default: the game's first")
-    compares.add_argument(
-        "--score", type=float, help="that runs are timed to; default: the lowest interquartile mean of a variant"
-    )
-    compares.add_argument(
-        "--jobs",
-        type=at_least(1),
-        help="runs at the same time, each on two cores; default: 1, on a cluster as many as fit",
-    )
-    compares.add_argument("--backend", choices=("local", "ray"), default="local", help="where to train")
-    compares.add_argument(
-        "--cluster", metavar="HOST:PORT", help="of a running Ray cluster; default: start a local one for this command"
-    )
-    add_simulator_options(compares)
-    add_overrides(compares, "keys that all variants share, e.g. total_timesteps=100000")
-    options = parse_overrides(parser, arguments)
-    for name in ("layouts", "tasks"):  # overrides may stand behind them
-        words = getattr(options, name)
-        options.overrides += [word for word in words if OVERRIDE.match(word)]
-        setattr(options, name, [word for word in words if not OVERRIDE.match(word)])
-    check_simulator_options(parser, options)
-    if options.suite and options.config and OVERRIDE.match(options.config):
-        options.overrides, options.config = [options.config, *options.overrides], None
-    if bool(options.suite) == bool(options.config):
-        parser.error("name a configuration, or a suite with --suite")
-    if options.suite and (options.search or options.also or options.beside):
-        parser.error("--search, --also and --beside are for one configuration, not for a suite")
-    if options.tasks and not options.suite:
-        parser.error("--tasks are those of a suite; name it with --suite")
-    fixed = list(filter(is_fixed, options.search))  # they may stand behind what is searched
-    if fixed and fixed == options.search:
-        parser.error(f"--search {' '.join(fixed)}: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,VALUE")
-    options.search = [word for word in options.search if word not in fixed]
-    options.overrides += fixed
-    if options.search:
-        for name in ("layouts", "set", "change", "also", "seeds", "score"):
-            if getattr(options, name) not in ([], None):
-                parser.error(f"--{name} is not for a search; write what varies as --search KEY=VALUE,VALUE")
-    elif options.trials:
-        parser.error("--trials is for a search; say what is searched with --search, or use --seeds")
-    options.trials, options.seeds = options.trials or TRIALS, options.seeds or SEEDS
-    return options
-
-
-def search(options: argparse.Namespace) -> int:
-    """Search for the best settings; Optuna is imported only now. Raises ConfigError if it is not there."""
-    try:
-        from joybridge.compare.search import search as run
-    except ModuleNotFoundError as error:
-        if (error.name or "").startswith("joybridge"):
-            raise
-        raise ConfigError(
-            f"--search needs the module {error.name}; install it with `pip install 'joybridge[search]'`"
-        ) from error
-    return run(options)
 
 
 def compare(options: argparse.Namespace) -> int:

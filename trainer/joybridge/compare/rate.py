@@ -19,7 +19,6 @@ from joybridge.client.command_line import (
     wanted_simulators,
 )
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
-from joybridge.compare.rating import rate
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
@@ -70,6 +69,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 def rate_runs(options: argparse.Namespace) -> None:
     """Play a tournament, add it to the log, and write the page."""
+    from joybridge.compare.rating import rate  # here, so that what is not installed is missed before anything is played
+    from joybridge.compare.rating_page import Tournament, rating_table, write_rating_page
+
     first, folder = options.runs[0], options.output or options.runs[0] / "rating"
     config = play_config(first, options.overrides)
     configs = {run: run_config(run) for run in options.runs}
@@ -113,8 +115,6 @@ def rate_runs(options: argparse.Namespace) -> None:
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_matches(folder, log)
-    from joybridge.compare.rating_page import Tournament, rating_table, write_rating_page
-
     say(f"rating {len(log):,} matches")
     tournament = Tournament(
         title=config.game,

@@ -4,14 +4,15 @@ import argparse
 import json
 import shlex
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from statistics import mean
-from typing import Any, NamedTuple
+from typing import Any
 
 from joybridge.compare.page_parts import PICTURES, page_html, picture_block, table
 from joybridge.compare.pictures import Line, draw_themes, draw_times
+from joybridge.compare.suites import SUITES
 from joybridge.compare.table import read_table
 from joybridge.compare.variants import differences, file_name, read_variants
 from joybridge.config.config import Config
@@ -22,71 +23,12 @@ from joybridge.contract.files import read_file
 from joybridge.progress import say
 
 MAX_BYTES = 2**26  # of the numbers of a comparison
-ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own
-STATE_DEPENDENT = '{"use_sde": true, "sde_sample_freq": 4}'  # exploration of Stable-Baselines3 that we have not
 # Keys that say what is trained, how long and how it is watched, not how.
 NO_SETTINGS = {
     *("game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best_metric"),
     "pipeline_groups",
 }
 TIMES = "seconds"  # the picture of scores over them
-
-
-class Task(NamedTuple):
-    """A task of a suite."""
-
-    config: str  # the name of an installed configuration
-    overrides: tuple[str, ...] = ()
-    changes: tuple[str, ...] = ()  # of the configuration, one at a time, KEY=VALUE each
-    layouts: tuple[str, ...] = ()
-    metric: str = "reward"  # of the episodes at the end, with the most probable actions
-    aim: str = ""  # what is good, for people
-    gym: str = ""  # the environment, if the game is one
-    ppo: str = "{}"  # further arguments of PPO in Stable-Baselines3, JSON
-
-
-class Suite(NamedTuple):
-    """Tasks that are compared in the same way."""
-
-    tasks: Mapping[str, Task]
-    beside: str = ""  # another trainer
-    aims: str = ""  # head of their column; "": there are none
-
-
-def _hybrid(name: str, aim: str, layout: str, metric: str = "success") -> Task:
-    return Task(f"hybrid_suite/{name}", (), (ALL_IN_THE_LOSS, f"layout={layout}"), metric=metric, aim=aim)
-
-
-def _hard_move(actuators: int, stretch: str) -> Task:
-    layouts, aim = ("hybrid", "hybrid, power=bucket-5"), f"0.85 / {stretch}"
-    return Task("hybrid_suite/hard_move", (f"options.actuators={actuators}",), (), layouts, "success", aim)
-
-
-SUITES = {
-    "hybrid": Suite(
-        {
-            "platform": _hybrid("platform", "0.90 / 0.98", "bucket-11", "reward"),
-            "goal": _hybrid("goal", "0.50 / 0.78", "bucket-11"),
-            "hard_goal": _hybrid("hard_goal", "0.40 / 0.60", "bucket-11"),
-            "catch_point": _hybrid("catch_point", "0.85 / 0.93", "bucket-16"),
-            "moving": _hybrid("moving", "0.90 / 0.98", "bucket-11"),
-            "sliding": _hybrid("sliding", "0.80 / 0.95", "bucket-11"),
-            **{f"hard_move-{n}": _hard_move(n, "0.94" if n == 4 else "0.95") for n in (4, 6, 8, 10)},
-        },
-        aims="pass / stretch",
-    ),
-    "classic": Suite(
-        {
-            "cartpole": Task("classic/cartpole", gym="CartPole-v1"),
-            "acrobot": Task("classic/acrobot", gym="Acrobot-v1"),
-            "pendulum": Task("classic/pendulum", gym="Pendulum-v1", ppo=STATE_DEPENDENT),
-            "lunarlander": Task("classic/lunarlander", gym="LunarLander-v3"),
-            "lunarlander_continuous": Task("classic/lunarlander_continuous", gym="LunarLanderContinuous-v3"),
-            "bipedalwalker": Task("classic/bipedalwalker", gym="BipedalWalker-v3"),
-        },
-        beside="sb3",
-    ),
-}
 
 
 def compare_suite(options: argparse.Namespace, compare: Callable[[Namespace], int]) -> int:

@@ -23,9 +23,9 @@ ANSWER_SECONDS = 10.0  # for an answer of the simulator, before it is taken for 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.viewer") -> int:
     """Run the command line, the command first, and return its exit status."""
-    from joybridge.viewer.web import open_browser
-
     options = _parse(arguments, prog)
+    from joybridge.viewer.web import open_browser  # not before: help needs no further package
+
     interrupt_on_signals()
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:

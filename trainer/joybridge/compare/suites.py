@@ -1,0 +1,64 @@
+"""The suites of `joybridge compare --suite`, and their tasks."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own
+STATE_DEPENDENT = '{"use_sde": true, "sde_sample_freq": 4}'  # exploration of Stable-Baselines3 that we have not
+
+
+class Task(NamedTuple):
+    """A task of a suite."""
+
+    config: str  # the name of an installed configuration
+    overrides: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()  # of the configuration, one at a time, KEY=VALUE each
+    layouts: tuple[str, ...] = ()
+    metric: str = "reward"  # of the episodes at the end, with the most probable actions
+    aim: str = ""  # what is good, for people
+    gym: str = ""  # the environment, if the game is one
+    ppo: str = "{}"  # further arguments of PPO in Stable-Baselines3, JSON
+
+
+class Suite(NamedTuple):
+    """Tasks that are compared in the same way."""
+
+    tasks: Mapping[str, Task]
+    beside: str = ""  # another trainer
+    aims: str = ""  # head of their column; "": there are none
+
+
+def _hybrid(name: str, aim: str, layout: str, metric: str = "success") -> Task:
+    return Task(f"hybrid_suite/{name}", (), (ALL_IN_THE_LOSS, f"layout={layout}"), metric=metric, aim=aim)
+
+
+def _hard_move(actuators: int, stretch: str) -> Task:
+    layouts, aim = ("hybrid", "hybrid, power=bucket-5"), f"0.85 / {stretch}"
+    return Task("hybrid_suite/hard_move", (f"options.actuators={actuators}",), (), layouts, "success", aim)
+
+
+SUITES = {
+    "hybrid": Suite(
+        {
+            "platform": _hybrid("platform", "0.90 / 0.98", "bucket-11", "reward"),
+            "goal": _hybrid("goal", "0.50 / 0.78", "bucket-11"),
+            "hard_goal": _hybrid("hard_goal", "0.40 / 0.60", "bucket-11"),
+            "catch_point": _hybrid("catch_point", "0.85 / 0.93", "bucket-16"),
+            "moving": _hybrid("moving", "0.90 / 0.98", "bucket-11"),
+            "sliding": _hybrid("sliding", "0.80 / 0.95", "bucket-11"),
+            **{f"hard_move-{n}": _hard_move(n, "0.94" if n == 4 else "0.95") for n in (4, 6, 8, 10)},
+        },
+        aims="pass / stretch",
+    ),
+    "classic": Suite(
+        {
+            "cartpole": Task("classic/cartpole", gym="CartPole-v1"),
+            "acrobot": Task("classic/acrobot", gym="Acrobot-v1"),
+            "pendulum": Task("classic/pendulum", gym="Pendulum-v1", ppo=STATE_DEPENDENT),
+            "lunarlander": Task("classic/lunarlander", gym="LunarLander-v3"),
+            "lunarlander_continuous": Task("classic/lunarlander_continuous", gym="LunarLanderContinuous-v3"),
+            "bipedalwalker": Task("classic/bipedalwalker", gym="BipedalWalker-v3"),
+        },
+        beside="sb3",
+    ),
+}
