@@ -22,13 +22,13 @@ from joybridge.compare.variants import (
     Variant,
     beside,
     check_game,
-    differences,
     kept_spec,
     make_variants,
     read_change,
     read_values,
 )
 from joybridge.config.config import Config
+from joybridge.config.differences import differences
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import has_checkpoint

@@ -606,6 +606,13 @@ def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, 
     assert float((tmp_path / "closed").read_text()) > 0  # written outside of any fence, by the real clock
 
 
+def test_a_window_needs_a_display(tmp_path, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    driven = joybridge("drive", str(CATCHING), str(tmp_path))
+    assert driven.status == 1 and driven.errors.startswith("error: there is no display on which a window could open")
+
+
 PACE = r"reward [-\d.]+ in \d+ decisions(, [\d.]+ per second of 12.5)?\n"
 
 
@@ -625,7 +632,8 @@ def test_an_exported_policy_plays_the_program_in_its_own_window(run, tmp_path, m
     assert other.status == 1 and "the policy was trained with ['key_LEFT', 'key_RIGHT']" in other.errors
 
 
-def test_a_file_that_is_no_policy_is_refused(tmp_path):
+def test_a_file_that_is_no_policy_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     for suffix in ("onnx", "json"):
         path = tmp_path / f"policy.{suffix}"
         path.write_bytes(b"{}")

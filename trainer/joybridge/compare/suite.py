@@ -14,8 +14,9 @@ from joybridge.compare.page_parts import PICTURES, page_html, picture_block, tab
 from joybridge.compare.pictures import Line, draw_themes, draw_times
 from joybridge.compare.suites import SUITES
 from joybridge.compare.table import read_table
-from joybridge.compare.variants import differences, file_name, read_variants
+from joybridge.compare.variants import file_name, read_variants
 from joybridge.config.config import Config
+from joybridge.config.differences import differences
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import HELD_OUT, numbers
