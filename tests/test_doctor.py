@@ -4,6 +4,7 @@ import json
 import logging
 import socket
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -172,8 +173,45 @@ def test_a_port_that_nobody_or_another_program_listens_to_is_told_apart(capsys, 
         assert (status, [*found]) == (2, ["port", "calls"]) and found["port"][0] and not found["calls"][0]
     status, found = run(capsys, place)
     assert (status, [*found]) == (2, ["port"])
-    assert found["port"][1] == f"nothing listens at {place} (Connection refused); expected a server; start one"
+    missed = f"nothing listens at {place} (Connection refused); expected a server; start one, with"
+    assert found["port"][1].startswith(missed)
     status, found = run(capsys, "nobody.invalid:5005")
     assert status == 2 and found["port"][1].startswith("the name in nobody.invalid:5005 has no address (")
     status, found = run(capsys, "unix:/no/such/socket")
     assert status == 2 and "(No such file or directory)" in found["port"][1]
+
+
+def test_without_an_address_it_looks_where_a_server_listens_by_default(correct, config, capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "DEFAULT_ADDRESS", correct)
+    assert run(capsys)[1]["calls"] == (True, "ListGames returns gauntlet")
+    status, found = run(capsys, config, "arenas=3")
+    assert status == 0 and found["config"] == (True, f"gauntlet: {config} fits: hybrid, 3 arenas")
+
+
+def test_a_game_in_the_place_of_the_address_is_told_where_it_is_examined(capsys):
+    with pytest.raises(SystemExit):
+        main(["doctor", "my_game:MyGame"])
+    assert "serve a game of your own first: `joybridge serve --game my_game:MyGame`\n" in capsys.readouterr().err
+
+
+class Many(Service):
+    def ListGames(self, request, context):
+        listed = super().ListGames(request, context)
+        for name in ("one", "other"):
+            listed.games.add(name=name)
+        return listed
+
+
+def test_games_for_which_no_time_was_left_are_one_line(monkeypatch):
+    looked: list[object] = []
+
+    def look(*given):
+        looked.append(given)
+        return ()
+
+    clock = SimpleNamespace(monotonic=lambda: 1e9 * len(looked), perf_counter=time.perf_counter)
+    monkeypatch.setattr(examination, "time", clock)
+    monkeypatch.setattr(examination, "_game", look)
+    with serving(BrokenServer(set(), service=Many)) as address:
+        findings = [*examination.examine(address)]
+    assert findings[-1].text == "one, other: no time was left; name a game with --game"

@@ -545,5 +545,8 @@ def test_the_runtime_refuses_what_is_no_policy(runtime, tmp_path):
 def test_distributions_that_the_format_does_not_have_are_refused(simulator, tmp_path, capsys):
     run = make_run(tmp_path / "run", simulator, layout="beta, force=squashed")
     assert main(["export", str(run), str(tmp_path / "policy.onnx"), "--simulator", simulator]) == 1
-    assert "error: player: axes are drawn from Beta, which cannot be exported; train" in capsys.readouterr().err
+    refusal = "error: player: axes are drawn from Beta, which cannot be exported; play its run with `joybridge.play."
+    assert refusal in capsys.readouterr().err
     assert not (tmp_path / "policy.onnx").exists()
+    assert main(["record", str(run), str(tmp_path / "a.gif"), "--seconds", "0.2", "--simulator", simulator]) == 0
+    assert f"next: joybridge watch {run}\n" in capsys.readouterr().err  # no export, which would be refused

@@ -9,7 +9,7 @@ from importlib import import_module
 
 from joybridge.conformance.examination import Finding, Settings, examine
 from joybridge.conformance.expectations import Violation
-from joybridge.contract.address import address
+from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
@@ -29,7 +29,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="look at a running server for a few seconds, and say what is wrong")
-    doctor.add_argument("address", type=address, metavar="ADDRESS", help="HOST:PORT or unix:PATH")
+    help_ = f"HOST:PORT or unix:PATH; default {DEFAULT_ADDRESS}, where `joybridge serve` listens by default"
+    doctor.add_argument("address", nargs="?", metavar="ADDRESS", help=help_)
     help_ = "also examine whether the server fits this configuration"
     doctor.add_argument("config", nargs="?", metavar="CONFIG", help=help_)
     doctor.add_argument("overrides", nargs="*", metavar="key=value", help="keys of the configuration")
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     doctor.add_argument("--game", action="append", default=[], metavar="NAME", help=help_)
     add_credentials_arguments(doctor)
     doctor.add_argument("--json", action="store_true", help="print the findings as one JSON object on the last line")
-    options = parser.parse_args(arguments)
+    options = _parse(doctor, parser.parse_args(arguments))
     begin = time.perf_counter()
     findings: list[Finding] = []
 
@@ -75,6 +76,25 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         entries = [{"about": finding.about, "ok": finding.ok, "text": finding.text} for finding in findings]
         print(json.dumps({"address": options.address, "problems": len(problems), "findings": entries}))
     return 2 if problems and problems[0].about in UNREACHED else int(bool(problems))
+
+
+def _parse(doctor: argparse.ArgumentParser, options: argparse.Namespace) -> argparse.Namespace:
+    """Give the options their address, if a configuration stands in its place. Ends with the usage for what is neither.
+
+    A server is not started here: `doctor` is for those in any language, and needs nothing that one needs.
+    """
+    first = options.address
+    if first is None:
+        options.address = DEFAULT_ADDRESS
+    elif ":" not in first:
+        given = [first, *([options.config] if options.config else []), *options.overrides]
+        options.address, (options.config, *options.overrides) = DEFAULT_ADDRESS, given
+    else:
+        try:
+            address(first)
+        except argparse.ArgumentTypeError as error:
+            doctor.error(f"{error}; serve a game of your own first: `joybridge serve --game {first}`")
+    return options
 
 
 def _configured(config: str, overrides: Sequence[str]) -> tuple[str, Settings]:

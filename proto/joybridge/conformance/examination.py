@@ -79,11 +79,11 @@ def examine(
             return
         yield look("versions", lambda: _versions(client))
         yield look("health", lambda: _health(client))
-        for game in games or [summary.name for summary in listed]:
-            if time.monotonic() < until:
-                yield from _game(Subject(client, game, settings.options), settings, look)
-            else:
-                yield Finding("steps", None, f"{game}: no time was left for this game; name it with --game")
+        waiting = [*games] or [summary.name for summary in listed]
+        while waiting and time.monotonic() < until:
+            yield from _game(Subject(client, waiting.pop(0), settings.options), settings, look)
+        if waiting:
+            yield Finding("steps", None, f"{', '.join(waiting)}: no time was left; name a game with --game")
 
 
 def _look(about: str, run: Look) -> Finding:
@@ -112,7 +112,8 @@ def _port(address: str) -> str:
         text = f"{address} did not answer within {CONNECT_SECONDS:g} s"
         raise Violation(text, "a connection: is the host up, and is there a firewall?") from error
     except OSError as error:
-        raise Violation(f"nothing listens at {address} ({error.strerror})", "a server; start one") from error
+        wanted = "a server; start one, with a game of your own as in `joybridge serve --game MODULE:CLASS`"
+        raise Violation(f"nothing listens at {address} ({error.strerror})", wanted) from error
     return f"{address} accepts connections, after {1000 * (time.perf_counter() - begin):.1f} ms"
 
 

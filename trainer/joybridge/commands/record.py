@@ -8,9 +8,11 @@ from joybridge.client.argument_types import seconds
 from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
+from joybridge.layouts import list_roles
 from joybridge.play.video_formats import video_format
+from joybridge.policy.exportable import export_refusal
 from joybridge.progress import say
-from joybridge.run.folder import play_config
+from joybridge.run.folder import play_config, run_spec
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
@@ -44,7 +46,10 @@ def _record(options: argparse.Namespace) -> None:
 
 
 def _can_be_exported(options: argparse.Namespace) -> bool:
-    """Return whether no policy of the run sees its last actions."""
+    """Return whether a file can hold all policies of the run."""
     config = play_config(options.run, options.overrides)
-    policies = [config.policy, *map(config.policy_config, config.policies)]
-    return not any(policy.remember_acts for policy in policies)
+    try:
+        roles = list_roles(config.layout, run_spec(options.run))
+    except ConfigError:  # a run of an older version has no spec
+        return False
+    return not any(export_refusal(config, role) for role in roles)

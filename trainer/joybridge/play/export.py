@@ -11,9 +11,11 @@ from joybridge.config.errors import ExportError
 from joybridge.config.files import storing, write_atomically
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
+from joybridge.layouts import list_roles
 from joybridge.play.playing import Play, PlaySpec, open_play
 from joybridge.policy.config_fit import find_behavior
 from joybridge.policy.document import decode, encode, make_document
+from joybridge.policy.exportable import export_refusal
 from joybridge.policy.exported import Model, masks_of
 from joybridge.policy.onnx_model import build_model
 from joybridge.v1 import bridge_pb2 as pb
@@ -54,17 +56,9 @@ def export(plays: PlaySpec, output: Path, *, behavior: str) -> str:
     with open_play(plays, episodes=ARENAS, arenas_limit=ARENAS) as play:
         index = find_behavior(play.spec, behavior, "--behavior")
         actors = [player.actor for player in play.players if player.actor.behavior == index]
-        if play.config.pointer == "velocity":
-            raise ExportError(
-                "with `pointer: velocity` the trainer remembers where the pointer is, and exported files do not; play "
-                "the policy with joybridge.play.agent, or train it with axes that move the pointer"
-            )
-        for actor in actors:
-            if actor.config.network:
-                raise ExportError(
-                    f"{actor.name} has a network of its own, {actor.config.network}, which no exported file can hold; "
-                    "play its run with `joybridge.play.agent.load`, or train without policy.network"
-                )
+        for role in list_roles(play.config.layout, play.spec):
+            if role.behavior == index and (reason := export_refusal(play.config, role)):
+                raise ExportError(f"{role.name}: {reason}")
         about = {
             "game": play.spec.name,
             "options": play.config.options,

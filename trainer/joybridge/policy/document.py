@@ -14,10 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from joybridge.config.errors import ExportError
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
-from joybridge.layouts.layout import GAUSSIAN, SQUASHED
+from joybridge.layouts.layout import SQUASHED
 from joybridge.policy.actor import Actor
 from joybridge.policy.scaling import LIMIT, Scaling
 from joybridge.ppo.convolutions import Activate, Convolutions, ImageEncoder, Residual
@@ -64,18 +63,7 @@ def decode(data: bytes) -> Document:
 
 def _policy(actor: Actor) -> Document:
     """Return the network and the layout of one policy."""
-    state, space, layout = actor.state(), actor.layout.space, actor.layout
-    if unknown := [name for name in space.distributions if name not in (GAUSSIAN, SQUASHED)]:
-        names = ", ".join(dict.fromkeys(name.rpartition(":")[2] for name in unknown))
-        raise ExportError(
-            f"{actor.name}: axes are drawn from {names}, which cannot be exported; train it with another layout, "
-            "such as squashed, hybrid or bucket-11"
-        )
-    if actor.past.size:
-        raise ExportError(
-            f"{actor.name}: policies that see their last actions cannot be exported; train it with "
-            "policy.remember_acts=0 and policy.memory, or play it with joybridge.play.agent"
-        )
+    state, layout = actor.state(), actor.layout
     hidden = [
         {"weight": state[f"actor.hidden.{index}.weight"], "bias": state[f"actor.hidden.{index}.bias"]}
         for index in range(len(actor.config.hidden_sizes))
