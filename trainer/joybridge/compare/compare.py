@@ -23,8 +23,9 @@ from joybridge.compare.launch import (
     scored_policy,
     served_specs,
 )
-from joybridge.compare.names import ResultName
-from joybridge.compare.page import Setting, final_scores, write_page
+from joybridge.compare.names import ResultName, page_mark
+from joybridge.compare.page import final_scores, write_page
+from joybridge.compare.page_numbers import Setting
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.variants import (
@@ -102,7 +103,14 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     if not runs:
         raise ConfigError("there is nothing to compare, because every run is missing")
     analysis = analyze(options.metric, {label: runs[label] for label in policies if label in runs}, options.score)
-    setting = Setting(variants[0].config.game, [job.timesteps for job in jobs], policies, repetition(options), missing)
+    setting = Setting(
+        variants[0].config.game,
+        [job.timesteps for job in jobs],
+        policies,
+        repetition(options),
+        missing,
+        page_mark(options.metric, options.behavior),
+    )
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")
     if has_checkpoint(best := best_run(analysis, jobs)):

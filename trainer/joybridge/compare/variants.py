@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 
-from joybridge.compare.names import SEED
+from joybridge.compare.names import SEED, file_name
 from joybridge.config.config import MAY_CHANGE, Config, dump_config, load_config, make_config
 from joybridge.config.config_files import find_config
 from joybridge.config.differences import differences, in_words
@@ -51,11 +51,6 @@ class Kept(NamedTuple):
 
     config: Config
     spec: pb.GameSpec  # of its game when the comparison began
-
-
-def file_name(label: str) -> str:
-    """Return the name of the files of a variant."""
-    return re.sub(r"[^\w.+=-]+", "_", label.replace(", ", "-")).strip("_")
 
 
 def beside(variants: Sequence[Variant], trainer: str) -> list[Variant]:
