@@ -68,7 +68,11 @@ def test_every_command_describes_itself_without_what_only_its_work_needs():
     )
     told = subprocess.run([sys.executable, "-c", WITHOUT, extras], capture_output=True, text=True)
     assert (told.returncode, told.stderr) == (0, "")
-    assert all(f"usage: joybridge {name} " in told.stdout for name in cli.commands())
+    texts = told.stdout.split("usage: joybridge ")[1:]
+    assert [text.split()[0] for text in texts] == [*cli.commands()]
+    for text in texts:
+        about = text.split("\n\n")[1]
+        assert about[0].isupper() and about.endswith("."), text  # a sentence before the options says what it is for
 
 
 def test_a_tournament_without_what_its_page_needs_is_refused_before_anything_starts(monkeypatch, tmp_path, capsys):

@@ -200,7 +200,7 @@ def test_a_column_of_the_training_and_of_held_out_episodes_can_be_compared():
         check_metric(variant, spec, metric, None)
     other = Variant("", variant.config, "sb3")  # it counts rewards and lengths alone
     for metric in ("hits", "explained_variance"):
-        with pytest.raises(ConfigError, match=f"--metric got '{metric}'; archer has reward, length, reward_std, episo"):
+        with pytest.raises(ConfigError, match=f"'{metric}'; a run of Stable-Baselines3 has reward, length"):
             check_metric(other, spec, metric, None)
 
 

@@ -229,7 +229,9 @@ def test_parameters_are_drawn_at_each_episode(make):
         envs.reset(options={"parameters": {"shift": shift}})
 
 
-@pytest.mark.parametrize("value", [{"normal": [0, 1]}, {"uniform": [1]}, {}, {"choice": "ab"}, "2", None])
+@pytest.mark.parametrize(
+    "value", [{"normal": [0, 1]}, {"uniform": [1]}, {}, {"choice": "ab"}, {"choice": ["2"]}, "2", None, True, np.inf]
+)
 def test_what_is_no_value_of_a_parameter_is_named_before_a_simulator_is_asked(value):
     with pytest.raises(ConfigError, match=r"parameters.shift is .*, expected a number, \{'uniform': \[LOW, HIGH\]\}"):
         BridgeVectorEnv("brief", 1, simulator="127.0.0.1:1", parameters={"shift": value})

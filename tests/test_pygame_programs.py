@@ -606,6 +606,13 @@ def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, 
     assert float((tmp_path / "closed").read_text()) > 0  # written outside of any fence, by the real clock
 
 
+def test_a_file_is_no_name_of_a_game():
+    with pytest.raises(
+        ConfigError, match="my.py is a file: name a pygame program pygame:my.py, and a game"
+    ):
+        choose_game("my.py", (), None)
+
+
 def test_a_window_needs_a_display(tmp_path, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(name, raising=False)

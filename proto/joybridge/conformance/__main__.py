@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
     checker = commands.add_parser(
-        "check", help="test a server against the contract, in whatever language it is written"
+        "check", description="Test a running server against the contract, in whatever language it is written."
     )
     checker.add_argument("address", nargs="?", type=address, metavar="ADDRESS", help="HOST:PORT or unix:PATH")
     for option, metavar, text in (

@@ -28,7 +28,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     """
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    doctor = commands.add_parser("doctor", help="look at a running server for a few seconds, and say what is wrong")
+    doctor = commands.add_parser(
+        "doctor",
+        description="Look at a running server for a few seconds, and say what is wrong and what to repair first.",
+    )
     help_ = f"HOST:PORT or unix:PATH; default {DEFAULT_ADDRESS}, where `joybridge serve` listens by default"
     doctor.add_argument("address", nargs="?", metavar="ADDRESS", help=help_)
     help_ = "also examine whether the server fits this configuration"

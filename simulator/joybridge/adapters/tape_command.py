@@ -30,7 +30,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 def _parse(arguments: Sequence[str], prog: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=prog)
     tape = parser.add_subparsers(dest="command", required=True).add_parser(
-        "tape", help="regression tests of a pygame program: what was pressed, and a hash of each frame"
+        "tape",
+        description="Regression tests of a pygame program: a tape has what was pressed, and a hash of each frame.",
     )
     whats = tape.add_subparsers(dest="what", required=True)
     records = whats.add_parser("record", help="write a tape of random play")

@@ -140,15 +140,15 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             help=f"{text} (repeatable); arguments may follow, quoted, as in '{metavar} key=value'",
         )
     add_program_options(games)
-    server = commands.add_parser("serve", parents=[games], help="serve games over gRPC until interrupted")
+    server = commands.add_parser("serve", parents=[games], description="Serve games over gRPC until interrupted.")
     server.add_argument(
         "--address",
         type=address,
         help=f"HOST:PORT (port 0: any free port) or unix:PATH; default {DEFAULT_ADDRESS}. An address that other "
         "machines can reach needs --tls-cert, --tls-key and --token-file",
     )
-    server.add_argument("--host", help=f"the same in two parts: the host, by default {DEFAULT_HOST}")
-    server.add_argument("--port", help=f"and the port, by default {DEFAULT_PORT}")
+    server.add_argument("--host", help=f"the host alone, instead of --address; default {DEFAULT_HOST}")
+    server.add_argument("--port", help=f"the port alone, instead of --address, 0: any free one; default {DEFAULT_PORT}")
     server.add_argument(
         "--with-parent", action="store_true", help="exit when standard input closes, i.e. with the parent process"
     )
@@ -163,7 +163,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     _add_protection(server.add_argument_group("protection"))
     _add_limits(server.add_argument_group("limits", "a number of seconds may be 0: no limit"))
     lists = commands.add_parser(
-        "list", parents=[games], help="list the games: options, parameters, sensors, actions, rewards, metrics"
+        "list", parents=[games], description="List the games: options, parameters, sensors, actions, rewards, metrics."
     )
     lists.add_argument(
         "--simulator",
@@ -172,7 +172,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="list the games of the simulator that runs at this address, in whatever language it is written",
     )
     add_credentials_arguments(lists)
-    author = commands.add_parser("new", help="create a new game, or a configuration for the game of a running server")
+    author = commands.add_parser(
+        "new", description="Write a small game, or what a pygame program or a running server needs, to start from."
+    )
     begin = author.add_mutually_exclusive_group(required=True)
     begin.add_argument("name", nargs="?", help="write NAME.py, a small complete game, and NAME.yaml, its training")
     begin.add_argument(

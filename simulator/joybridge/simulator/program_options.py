@@ -10,8 +10,8 @@ from joybridge.contract.places import PYGAME
 SETTINGS = {  # the metavar and the help of each
     "reward": (
         "SOURCE",
-        "pay the difference of a number in rendered text, 'Score: (\\d+)', the beginning of a sound, "
-        "sound:NAME, or the difference of a variable, attr:NAME; each is a reward channel (repeatable)",
+        "what pays: by how much the number in a text changes that the program renders, 'Score: (\\d+)'; that a sound "
+        "begins, sound:NAME; by how much a variable changes, attr:NAME; each is a reward channel (repeatable)",
     ),
     "done": ("PATTERN", "end an episode when the program renders a text with this pattern (repeatable)"),
     "hook": ("FILE", "a Python file with functions state, reward, done or metrics over the program's main module"),

@@ -17,7 +17,13 @@ from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 
 LAST_SIMULATORS = "the simulators of the run's last training, if they answer; otherwise "
-ENVIRONMENTS = {"gym": "ID", "pettingzoo": "MODULE", "pygame": "PROGRAM", "unity": "BUILD", "unity-port": "PORT"}
+ENVIRONMENTS = {  # options for games that are no classes of ours: what each names, and what that is
+    "gym": ("ID", "an environment of Gymnasium"),
+    "pettingzoo": ("MODULE", "an environment of PettingZoo"),
+    "pygame": ("PROGRAM", "a program written with pygame"),
+    "unity": ("BUILD", "a player of Unity ML-Agents"),
+    "unity-port": ("PORT", "a player of Unity ML-Agents that is started by hand"),
+}
 
 
 def run_command(command: Callable[[argparse.Namespace], int | None], options: argparse.Namespace) -> int:
@@ -69,17 +75,17 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
         action="append",
         default=[],
         metavar="MODULE:CLASS",
-        help="another game for the simulator that this command starts; the current folder is searched first; a run "
-        "remembers its game",
+        help="a game of your own, for the simulator that this command starts; the current folder is searched first; "
+        "a run remembers its game",
     )
-    for option, metavar in ENVIRONMENTS.items():
+    for option, (metavar, what) in ENVIRONMENTS.items():
         parser.add_argument(
             f"--{option}",
             action="append",
             dest="game",
             type=f"{option}:{{}}".format,
             metavar=metavar,
-            help="an environment for the simulator that this command starts, as in `joybridge serve`",
+            help=f"{what}, for the simulator that this command starts; `joybridge serve --help` says more",
         )
 
 

@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    clones = commands.add_parser("clone", help="learn from demonstrations alone")
+    clones = commands.add_parser("clone", description="Learn from demonstrations alone, without playing the game.")
     clones.add_argument("demos", type=Path, help="a folder of demonstrations, all of one game")
     clones.add_argument("--layout", default="", help="how policies map to the device; default: of the configuration")
     clones.add_argument(

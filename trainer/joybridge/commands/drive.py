@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     """Run the command line, the command first, and return its exit status."""
     parser = argparse.ArgumentParser(prog=prog)
     drive = parser.add_subparsers(dest="command", required=True).add_parser(
-        "drive", help="let a policy play a pygame program in its own window, by the real clock"
+        "drive", description="Let a policy play a pygame program in its own window, by the real clock."
     )
     drive.add_argument(
         "program",

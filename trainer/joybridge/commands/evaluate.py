@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     """Return the options."""
-    parser, command = playing_parser(prog, "evaluate", "measure how well a run's policy plays")
+    parser, command = playing_parser(prog, "evaluate", "Measure how well the policy of a run plays.")
     command.add_argument("--episodes", type=at_least(1), default=210, help="number of episodes; default %(default)s")
     command.add_argument(
         "--over",

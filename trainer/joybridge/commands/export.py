@@ -11,7 +11,9 @@ from joybridge.commands.playing import games_played, open_player, parse_playing,
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line and return its exit status."""
-    parser, command = playing_parser(prog, "export", "write a run's policy as a file that plays without the trainer")
+    parser, command = playing_parser(
+        prog, "export", "Write the policy of a run as a file that plays without the trainer."
+    )
     command.add_argument("output", type=_policy_file, help="e.g. policy.onnx or policy.json")
     command.add_argument(
         "--behavior", default="", metavar="NAME", help="which behavior to export, if the game has several"

@@ -62,17 +62,19 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    look = commands.add_parser("look", help="play random allowed decisions and draw them beside what was pressed")
+    look = commands.add_parser(
+        "look", description="Draw random play of a game, beside what was pressed, into one picture."
+    )
     look.add_argument(
         "what",
         metavar="GAME|CONFIG|ADDRESS",
         help="a game, by its name or as MODULE:CLASS; a configuration, with its options and parameters; or "
         "HOST:PORT or unix:PATH of a running simulator",
     )
-    look.add_argument("output", type=Path, help="e.g. look.png")
+    look.add_argument("output", type=Path, help="the file of the picture, as in look.png")
     look.add_argument("--game", metavar="NAME", help="of the simulator at ADDRESS; may be left out if it has only one")
     add_credentials_arguments(look)
-    look.add_argument("--pictures", type=int, default=12, help="default %(default)s")
+    look.add_argument("--pictures", type=int, default=12, metavar="N", help="how many are drawn; default %(default)s")
     look.add_argument("--seed", type=int, default=0, help="of the game and of the decisions; default %(default)s")
     add_overrides(look, "options and parameters of the game, e.g. parameters.size=0.5")
     options = parse_overrides(parser, arguments)

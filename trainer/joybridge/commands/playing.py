@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def playing_parser(prog: str, name: str, text: str) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
     """Return the parser of a command line, and of its command, which has the options that all such commands have."""
     parser = argparse.ArgumentParser(prog=prog)
-    command = parser.add_subparsers(dest="command", required=True).add_parser(name, help=text)
+    command = parser.add_subparsers(dest="command", required=True).add_parser(name, description=text)
     command.add_argument("run", type=Path, help="folder of a run")
     command.add_argument(
         "--seed", type=at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"

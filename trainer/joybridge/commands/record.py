@@ -17,7 +17,7 @@ from joybridge.run.folder import play_config, run_spec
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line and return its exit status."""
-    parser, command = playing_parser(prog, "record", "record a video of a run's policy")
+    parser, command = playing_parser(prog, "record", "Record a video of the policy of a run.")
     command.add_argument("output", type=Path, help="e.g. play.mp4 or play.gif")
     command.add_argument("--seconds", type=seconds, default=40.0, help="length of the video; default %(default)g")
     command.add_argument("--inputs", action="store_true", help="below the picture, draw what the policy presses")

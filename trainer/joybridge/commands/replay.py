@@ -37,7 +37,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     """Run the command line and return its exit status: 1 if a step fails or differs."""
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    replays = commands.add_parser("replay", help="repeat what led to a fault, or a demonstration")
+    replays = commands.add_parser(
+        "replay", description="Repeat what led to a fault, or a demonstration, and say where the game plays otherwise."
+    )
     replays.add_argument("file", type=Path, help="a file of the folder faults of a run, or a demonstration")
     replays.add_argument("--demos", type=Path, metavar="DIR", help="record a demonstration anew, into this folder")
     add_simulator_options(replays, "for a fault, a simulator with the games of its run; otherwise ")

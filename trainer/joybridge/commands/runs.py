@@ -15,8 +15,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    runs = commands.add_parser("runs", help="list the runs in a folder")
-    runs.add_argument("folder", type=Path, nargs="?", default=Path("runs"), help="default: %(default)s")
+    runs = commands.add_parser("runs", description="List the runs in a folder.")
+    runs.add_argument(
+        "folder", type=Path, nargs="?", default=Path("runs"), help="folder of the runs; default %(default)s"
+    )
     runs.add_argument("--json", action="store_true", help="print one JSON object per run instead")
     return run_command(_runs, parser.parse_args(arguments))
 

@@ -58,7 +58,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     """Return the options."""
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    train = commands.add_parser("train", help="train a configuration")
+    train = commands.add_parser(
+        "train", description="Train policies as a configuration says; the folder of the run has all results."
+    )
     train.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
     add_overrides(train, "e.g. seed=3 policy.learning_rate=1e-4")
     train.add_argument(

@@ -28,14 +28,17 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
     compares = commands.add_parser(
-        "compare", help="train variants of a configuration with several seeds, and write a page that compares them"
+        "compare",
+        description="Train variants of a configuration with several seeds, and write a page that compares them.",
     )
     compares.add_argument("config", nargs="?", help="a YAML file, or the name of an installed one, as in archer/hybrid")
     compares.add_argument(
         "--suite", choices=SUITES, help="compare on all tasks of a suite instead of one configuration, on one page"
     )
-    compares.add_argument("--tasks", nargs="+", default=[], metavar="TASK", help="of the suite; default: all")
-    compares.add_argument("--layouts", nargs="+", default=[], metavar="LAYOUT", help="e.g. hybrid bucket-5 multiagent")
+    compares.add_argument("--tasks", nargs="+", default=[], metavar="TASK", help="only these tasks of the suite")
+    compares.add_argument(
+        "--layouts", nargs="+", default=[], metavar="LAYOUT", help="that are compared, as in hybrid bucket-5 multiagent"
+    )
     compares.add_argument(
         "--set",
         nargs="+",
@@ -65,7 +68,9 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         choices=TRAINERS,
         help="train each variant also with PPO of Stable-Baselines3, on the same environment of Gymnasium",
     )
-    compares.add_argument("--ppo", default="{}", metavar="JSON", help="further arguments of PPO there")
+    compares.add_argument(
+        "--ppo", default="{}", metavar="JSON", help="further arguments of that PPO, as in '{\"use_sde\": true}'"
+    )
     compares.add_argument(
         "--search",
         nargs="+",
@@ -77,18 +82,32 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     compares.add_argument("--trials", type=at_least(1), metavar="N", help=f"trainings of a search; default {TRIALS}")
     compares.add_argument("--seeds", type=at_least(1), metavar="N", help=f"runs of each variant; default {SEEDS}")
-    compares.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="for the runs and the page")
-    compares.add_argument("--metric", default="reward", help="the column that is compared; default %(default)s")
+    compares.add_argument(
+        "--output",
+        type=Path,
+        required=True,
+        metavar="FOLDER",
+        help="for the runs and the page; the same one continues a comparison",
+    )
+    compares.add_argument(
+        "--metric",
+        default="reward",
+        help="the column of metrics that is compared, as held_out_reward or a metric of the game; default %(default)s",
+    )
     compares.add_argument("--behavior", metavar="NAME", help="whose metrics are compared; default: the game's first")
     compares.add_argument(
-        "--score", type=float, help="that runs are timed to; default: the lowest interquartile mean of a variant"
+        "--score",
+        type=float,
+        help="the page says how soon each variant reaches it; default: the lowest interquartile mean of a variant",
     )
     compares.add_argument(
         "--jobs",
         type=at_least(1),
         help="runs at the same time, each on two cores; default: 1, on a cluster as many as fit",
     )
-    compares.add_argument("--backend", choices=("local", "ray"), default="local", help="where to train")
+    compares.add_argument(
+        "--backend", choices=("local", "ray"), default="local", help="train on this machine, or on a Ray cluster"
+    )
     compares.add_argument(
         "--cluster", metavar="HOST:PORT", help="of a running Ray cluster; default: start a local one for this command"
     )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job, PeerJob, Process, start
-from joybridge.compare.variants import Variant, check_game, keep
+from joybridge.compare.variants import TRAINERS, Variant, check_game, keep
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import HELD_OUT, is_builtin_metric, measured_columns, training_columns
@@ -69,7 +69,8 @@ def check_metric(variant: Variant, spec: pb.GameSpec, metric: str, behavior: str
     if plain not in measured and not trained:
         more = f"; {HELD_OUT}… before each of these" if config.evaluate_during else ""
         training = "" if variant.by else f"; of the training: {', '.join(training_columns())}, entropy_BRANCH"
-        raise ConfigError(f"--metric got {metric!r}; {spec.name} has {', '.join(measured)}{more}{training}")
+        whose = f"a run of {TRAINERS[variant.by]}" if variant.by else spec.name
+        raise ConfigError(f"--metric got {metric!r}; {whose} has {', '.join(measured)}{more}{training}")
 
 
 def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.Namespace) -> Job:

@@ -33,17 +33,23 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     """Run the command line, the command first, and return its exit status."""
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    rates = commands.add_parser("rate", help="let policies of runs play each other, and rate them")
+    rates = commands.add_parser(
+        "rate", description="Let policies of runs play each other in a tournament, and write a page with their ratings."
+    )
     rates.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folders of runs of one game")
     rates.add_argument(
         "--policies",
         type=at_least(1),
         default=POLICIES,
         metavar="N",
-        help="of each run at most, evenly chosen from its checkpoints; default %(default)s",
+        help="policies of each run at most, evenly chosen from its checkpoints; default %(default)s",
     )
     rates.add_argument(
-        "--matches", type=at_least(1), default=MATCHES, metavar="N", help="played at least; default %(default)s"
+        "--matches",
+        type=at_least(1),
+        default=MATCHES,
+        metavar="N",
+        help="matches that are played at least; default %(default)s",
     )
     rates.add_argument(
         "--others",
@@ -52,12 +58,17 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         metavar="WHO",
         help="another player: script:NAME, a script of the game's author, or an exported policy.json; may be repeated",
     )
-    rates.add_argument("--seed", type=at_least(0), default=1, help="of games, seats and samples; default %(default)s")
+    rates.add_argument(
+        "--seed", type=at_least(0), default=1, help="seed of games, seats and samples; default %(default)s"
+    )
     rates.add_argument(
         "--anchor", metavar="PLAYER", help="whose rating is 0; default: the earliest policy of the first run"
     )
     rates.add_argument(
-        "--output", type=Path, metavar="FOLDER", help="for log and page; default: rating in the first run"
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help="for the log of all matches and the page; default: rating in the first run",
     )
     add_simulator_options(rates, "the simulators of the first run's last training, if they answer; otherwise ")
     add_trust_option(rates)

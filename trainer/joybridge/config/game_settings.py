@@ -1,7 +1,8 @@
 """Options and parameters of a game: read from a command line, and compared with what the game has. No pydantic."""
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, SupportsFloat, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from joybridge.config.errors import ConfigError
 from joybridge.contract.distributions import choose_distributions
@@ -52,16 +53,42 @@ def drawn(parameters: Mapping[str, Value]) -> dict[str, pb.Distribution]:
     return {name: distribution_of(value) for name, value in parameters.items() if isinstance(value, Mapping)}
 
 
+def read_value(value: object, *, texts: bool = True) -> Value:
+    """Return a number as float, and a distribution as {kind: numbers}. Raises ValueError for anything else.
+
+    texts: a number may be written as text, as in YAML.
+    """
+    if not isinstance(value, Mapping):
+        return _number(value, texts)
+    (kind, numbers), *others = value.items() or [(None, None)]
+    if others or kind not in KINDS or not isinstance(numbers, Sequence) or isinstance(numbers, str):
+        raise ValueError(
+            "expected a number, {uniform: [LOW, HIGH]}, {log_uniform: [LOW, HIGH]} or {choice: [VALUE, …]}"
+        )
+    if kind != "choice" and len(numbers) != 2:
+        raise ValueError(f"expected two numbers, {{{kind}: [LOW, HIGH]}}")
+    return {kind: [_number(number, texts) for number in numbers]}
+
+
+def _number(value: Any, texts: bool) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) or (isinstance(value, str) and not texts) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError("expected a number, or a distribution such as {uniform: [LOW, HIGH]}")
+    return number
+
+
 def check_value(name: str, value: object) -> None:
-    """Raise ConfigError for what is neither a number nor a distribution, under the name of its parameter."""
-    kind, numbers = next(iter(value.items()), ("", None)) if isinstance(value, Mapping) else ("choice", [value])
-    single = not isinstance(value, Mapping) or len(value) == 1
-    whole = isinstance(numbers, Sequence) and all(isinstance(n, SupportsFloat) for n in numbers)
-    if not (single and whole and kind in KINDS and (kind == "choice" or len(list(numbers or ())) == 2)):
+    """Raise ConfigError for what Python code has given as a parameter and is neither a number nor a distribution."""
+    try:
+        read_value(value, texts=False)
+    except ValueError:
         raise ConfigError(
             f"parameters.{name} is {value!r}, expected a number, {{'uniform': [LOW, HIGH]}}, "
             "{'log_uniform': [LOW, HIGH]} or {'choice': [VALUE, …]}"
-        )
+        ) from None
 
 
 def distribution_of(value: Value) -> pb.Distribution:

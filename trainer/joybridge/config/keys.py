@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     """Run the command line, the command first, and return its exit status: 1 if no key is found."""
     parser = argparse.ArgumentParser(prog=prog)
     commands = parser.add_subparsers(dest="command", required=True)
-    keys = commands.add_parser("keys", help="list the keys of configurations: default, meaning, type and range")
+    keys = commands.add_parser("keys", description="List the keys of configurations: default, meaning, type and range.")
     keys.add_argument(
         "word",
         nargs="?",

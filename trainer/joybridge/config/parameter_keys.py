@@ -1,12 +1,10 @@
 """Keys about parameters of a game: what is drawn at each episode, and the lessons of a curriculum."""
 
-import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Self, TypeAlias
+from typing import Annotated, Self, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
-from joybridge.config.game_settings import KINDS
+from joybridge.config.game_settings import KINDS, read_value
 
 MAX_LESSONS = 1000
 MAX_LESSON_EPISODES = 100_000  # that a lesson looks at
@@ -16,30 +14,6 @@ class Checked(BaseModel):
     """What all parts of a configuration share: unknown keys are refused, and numbers are finite."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True)
-
-
-def read_value(value: Any) -> Any:
-    """Return a number as float, and a distribution as {kind: numbers}. Raises ValueError for anything else."""
-    if not isinstance(value, Mapping):
-        return _number(value)
-    (kind, numbers), *others = value.items() or [(None, None)]
-    if others or kind not in KINDS or not isinstance(numbers, list | tuple):
-        raise ValueError(
-            "expected a number, {uniform: [LOW, HIGH]}, {log_uniform: [LOW, HIGH]} or {choice: [VALUE, …]}"
-        )
-    if kind != "choice" and len(numbers) != 2:
-        raise ValueError(f"expected two numbers, {{{kind}: [LOW, HIGH]}}")
-    return {kind: [_number(number) for number in numbers]}
-
-
-def _number(value: Any) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise ValueError("expected a number, or a distribution such as {uniform: [LOW, HIGH]}")
-    return number
 
 
 Value: TypeAlias = Annotated[

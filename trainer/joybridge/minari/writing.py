@@ -31,7 +31,6 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     commands = parser.add_subparsers(dest="command", required=True)
     minari = commands.add_parser(
         "minari",
-        help="write demonstrations as datasets of Minari",
         description="Write demonstrations as datasets of Minari, GAME/BEHAVIOR-v0 for each behavior.",
     )
     minari.add_argument("demos", type=Path, help=f"a folder with demonstrations, files *{SUFFIX}")

@@ -75,7 +75,6 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     player = commands.add_parser(
         "mlagents",
-        help="let a trainer of Unity ML-Agents train a game",
         description="Play the part of a Unity player: a trainer of ML-Agents, such as mlagents-learn, trains the game.",
     )
     player.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")

@@ -70,8 +70,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     play = commands.add_parser(
         "play",
-        help="play a game in the browser, with pointer, keys or gamepad",
-        description="Play a game in the browser.",
+        description="Play a game in the browser, with pointer, keys or gamepad.",
     )
     play.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
     play.add_argument(

@@ -104,7 +104,6 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     watch = commands.add_parser(
         "watch",
-        help="watch a training that runs, or a game, in the browser",
         description="Watch a training that runs: its learning curves, and its newest policies at play. It only reads "
         "the folder of the run. Or watch random play of a game of a running simulator.",
     )
