@@ -323,6 +323,32 @@ def test_a_program_writes_into_folders_beside_it_without_a_trace(tmp_path):
     assert [path.name for path in outside.iterdir()] == ["file"] and (outside / "file").read_text() == "7"
 
 
+def test_a_program_that_fails_after_an_episode_costs_the_running_one(tmp_path, caplog):
+    switch = tmp_path.with_name(f"{tmp_path.name}-switch")  # on after the first play, which is at random
+    line = f"    if pygame.key.get_pressed()[pygame.K_UP] and pathlib.Path('{switch}').exists(): 1 / 0\n"
+    game = program(tmp_path, "import pathlib\n" + HEAD + LOOP + line + SHOW, "keys=UP mouse=false max_decisions=3")
+    switch.touch()
+    still, up = ([ActArrays(np.zeros((2, 0), np.float32), np.array([[0], [one]], np.int32))] for one in (0, 1))
+    once = "arena 1: the program has failed: ZeroDivisionError"
+    with opened(game, 2, decision_interval="1") as playing, pytest.raises(GameError, match=once):
+        playing.step(up)  # in its first episode
+    with opened(game, 2, decision_interval="1") as playing:
+        for _ in range(3):
+            playing.step(still)
+        state = playing.save()
+        (cut,) = playing.step(up)
+        assert cut.ended.tolist() == [1] and cut.truncated.tolist() == [False, True]
+        assert cut.interrupted is not None and cut.interrupted.tolist() == [True]
+        assert "the program failed in arena 1 after" in caplog.text and "ZeroDivisionError" in caplog.text
+        (after,) = playing.step(still)  # the other goes on, and the arena has begun anew
+        assert after.ended.tolist() == [] and after.interrupted is None
+        with pytest.raises(GameError, match=once):  # a second time without an end between
+            playing.step(up)
+    with opened(game, 2, decision_interval="1") as resumed:  # a resumed training does not end there for ever
+        resumed.restore(state)
+        assert resumed.step(up)[0].ended.tolist() == [1]
+
+
 SAVES_BY_PLACE = """
 import json, os, pathlib
 HERE = pathlib.Path(__file__).resolve().parent
@@ -606,10 +632,13 @@ def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, 
     assert float((tmp_path / "closed").read_text()) > 0  # written outside of any fence, by the real clock
 
 
+def test_a_hook_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(CatalogError, match=r"there is no hook .*none\.py; `joybridge new --pygame PROGRAM` writes one"):
+        program(tmp_path, HEAD + LOOP + SHOW, f"hook={tmp_path}/none.py")
+
+
 def test_a_file_is_no_name_of_a_game():
-    with pytest.raises(
-        ConfigError, match="my.py is a file: name a pygame program pygame:my.py, and a game"
-    ):
+    with pytest.raises(ConfigError, match=r"my\.py is a file: name a pygame program pygame:my\.py, and a game"):
         choose_game("my.py", (), None)
 
 

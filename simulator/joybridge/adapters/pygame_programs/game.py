@@ -1,7 +1,9 @@
 """A pygame program as a game: an arena is a process, a fork of the program as it was at its first frame."""
 
 import hashlib
+import logging
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,8 +18,10 @@ from joybridge.adapters.pygame_programs.tape import MAX_PICTURE_PIXELS, TapeWrit
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.simulator import quiet_step, spec
-from joybridge.simulator.batched_game import BatchedGame, check_range
+from joybridge.simulator.batched_game import ArenaError, BatchedGame, check_range
 from joybridge.v1 import bridge_pb2 as pb
+
+log = logging.getLogger("simulator")
 
 MAX_ARENAS = 128  # of a session: each is a process of 10 to 20 MB
 MAX_EPISODES = 2**40  # of an arena, for forged snapshots
@@ -64,6 +68,7 @@ class PygameGame(BatchedGame):
         self._seed = np.array([seed], np.uint64)
         self._episodes = np.zeros(arenas, np.int64)  # that have begun since the seed was set
         self._closed = False  # whether the window is, because an episode is over
+        self._trusted = np.zeros(arenas, bool)  # whether the last episode of the arena has come to its end
         self._lengths = np.zeros(arenas, np.int32)  # decisions of the present episode
         self._axes = np.zeros((arenas, limit, len(device.axes)), np.float32)  # of the present episode
         self._choices = np.zeros((arenas, limit, len(device.branches)), np.int32)
@@ -79,6 +84,7 @@ class PygameGame(BatchedGame):
         if seed is not None:
             self._seed[0] = seed
             self._episodes[:] = 0
+            self._trusted[:] = False
         self._seen = self._begin(range(len(self._episodes)))
 
     def observe(self) -> list[StepArrays]:
@@ -86,7 +92,10 @@ class PygameGame(BatchedGame):
         return [quiet_step(self._stack(self._seen), len(self._player.channels))]
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
-        """Advance every arena by one decision, all at once. Where the episode ends, the next one begins."""
+        """Advance every arena by one decision, all at once. Where the episode ends, the next one begins.
+
+        If the program fails in an arena in which an episode has ended well before, that costs the running episode.
+        """
         arenas = range(len(self._episodes))
         if self._closed:
             self._seen, self._closed = self._begin(arenas), False
@@ -95,12 +104,21 @@ class PygameGame(BatchedGame):
         if shown is not None:
             self._players.keep(shown, *size)
         for arena in arenas:
-            self._players.act(arena, self._act(arena, self._lengths[arena]))
-        played = [self._players.receive(arena) for arena in arenas]
-        self.tick_pictures = [] if shown is None else self._players.ticks(shown, *size)
+            with suppress(ArenaError):  # what is received says so
+                self._players.act(arena, self._act(arena, self._lengths[arena]))
+        played, failed = [], np.zeros(len(arenas), bool)
+        for arena in arenas:
+            try:
+                played.append(self._players.receive(arena))
+            except ArenaError as error:
+                played.append(self._forgive(arena, error))
+                failed[arena] = True
+        self.tick_pictures = [] if shown is None or failed[shown] else self._players.ticks(shown, *size)
         self._lengths += 1
-        ends = [a for a in arenas if played[a].over or self._lengths[a] == self._axes.shape[1]]
+        ends = [a for a in arenas if played[a].over or failed[a] or self._lengths[a] == self._axes.shape[1]]
+        self._trusted[ends] = ~failed[ends]
         self._seen = list(played)
+        self._close_tapes(np.flatnonzero(failed).tolist())
         self._note_on_tapes(played)
         if ends and self.settings.window:
             self._closed = True  # the next window opens if there is a next decision
@@ -114,9 +132,25 @@ class PygameGame(BatchedGame):
             step.terminated[ends] = [played[arena].over for arena in ends]
             step.truncated[ends] = [not played[arena].over for arena in ends]
             step.final_observations = self._stack([played[arena] for arena in ends])
+            step.interrupted = failed[ends] if failed.any() else None
             if self._player.metrics:
                 step.metrics = np.stack([played[arena].metrics for arena in ends])
         return [step]
+
+    def _forgive(self, arena: int, error: ArenaError) -> Played:
+        """Return what was seen last in an arena in which the program has failed, if that was not its first episode.
+
+        Raises the error otherwise: the author must see it, and a program that always fails teaches nothing.
+        """
+        if not self._trusted[arena]:
+            raise error
+        text = "%s: the program failed in arena %d after %d decisions: %s; its episode is cut, and the next one begins"
+        log.error(
+            text, self.name, self._first_arena + arena, self._lengths[arena], error.text, exc_info=error.__cause__
+        )
+        last = self._seen[arena]
+        rewards, metrics = np.zeros_like(last.rewards), np.zeros_like(last.metrics)
+        return last._replace(over=False, rewards=rewards, metrics=metrics, hashes=last.hashes[:0])
 
     def draw(self, arena: int) -> Array:
         """Return the display of one arena, uint8 [height, width, 3]."""
@@ -149,6 +183,7 @@ class PygameGame(BatchedGame):
             check_range(f"choices of {branch.name}", state["choices"][..., column], 0, len(branch.choices) - 1)
         self._seed, self._episodes, self._lengths = (state[name].copy() for name in ("seed", "episodes", "lengths"))
         self._axes, self._choices = state["axes"].copy(), state["choices"].copy()
+        self._trusted = self._episodes > 1
         arenas = range(len(self._episodes))
         self._close_tapes(arenas)  # a tape has an episode from its beginning
         for arena in arenas:

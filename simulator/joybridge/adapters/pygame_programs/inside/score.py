@@ -14,6 +14,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ class Score:
             texts.search(pattern, partial(self._end_at, pattern))
         self._hook: dict[str, Callable[[Any], Any]] = {}
         if hook:
+            if not Path(hook).is_file():
+                raise ValueError(f"there is no hook {hook}; `joybridge new --pygame PROGRAM` writes one")
             found = runpy.run_path(hook)
             self._hook = {name: found[name] for name in FUNCTIONS if name in found}
             if not self._hook:
