@@ -39,6 +39,7 @@ class Setting:
     policies: Mapping[str, str]  # whose metric is the score, by variant; "": a game has one policy
     command: str  # that makes this comparison
     missing: Sequence[str]  # runs that failed, each with its reason
+    differing: str = ""  # what differs among the variants, as Markdown
 
 
 def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]:
@@ -83,6 +84,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
             f"The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method.{bold}",
             _matrix(analysis, _p_cell),
         ]
+    blocks += [setting.differing] if setting.differing else []
     blocks += ["## Performance profiles", picture_block("profiles", CAPTIONS["profiles"])]
     blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
     blocks += ["## Wall-clock time", _wall_clock(analysis)]
