@@ -37,6 +37,7 @@ html_theme_options = {"navigation_with_keys": True}
 html_extra_path = ["start"]  # the page that leads from the site's root to this folder
 html_static_path = ["style"]
 html_css_files = ["joybridge.css"]
+html_js_files = ["search.js"]
 html_favicon = "../trainer/joybridge/viewer/page/icon.svg"
 html_show_sphinx = False
 html_show_copyright = False

@@ -56,6 +56,20 @@ def test_rewards_beyond_sense_are_named_once():
     assert line.startswith("player: a decision is rewarded with up to ±1e+12;") and "policy.reward_weights" in line
 
 
+@pytest.mark.parametrize(("paid", "lines"), [(0.0, 1), (-0.5, 0)])
+def test_a_game_that_has_never_paid_is_named_once(paid, lines):
+    policy, adviser = lively("hybrid")
+    policy.rollout.rewards[:] = 0.0
+    policy.rollout.rewards[3, 3] = paid
+    assert said(adviser, ROLLOUTS - 1) == []
+    found = said(adviser, 2 * ROLLOUTS)
+    assert len(found) == lines
+    if found:
+        assert found[0].startswith(
+            f"player: none of {SAME_DECISIONS:,} decisions was rewarded, so nothing can be learned"
+        )
+
+
 @pytest.mark.parametrize(
     ("layout", "column", "never"), [("hybrid", 1, 0), ("bucket-5", 3, 1), ("threshold-0.0", 3, -1)]
 )

@@ -1,11 +1,15 @@
 """`joybridge compare`: what it trains, refuses and repeats, and what its page says. Runs train in this process."""
 
+import csv
+import io
+import itertools
 import json
 import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from joybridge.compare import command, grid, launch
@@ -13,7 +17,8 @@ from joybridge.compare import page as pages
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
 from joybridge.compare.job import Job
 from joybridge.compare.launch import check_metric, make_job, scored_policy
-from joybridge.compare.page import Setting, page_text
+from joybridge.compare.page import page_text
+from joybridge.compare.page_numbers import Setting, pairs_csv, pairs_tex, scores_tex
 from joybridge.compare.page_parts import page_html
 from joybridge.compare.page_settings import settings_block
 from joybridge.compare.scores import Point, Run, score_run
@@ -23,13 +28,13 @@ from joybridge.compare.variants import (
     Variant,
     beside,
     check_game,
-    differences,
     kept_spec,
     make_variants,
     read_change,
     read_values,
 )
 from joybridge.config.config import Config
+from joybridge.config.differences import differences
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.run.checkpoint import has_checkpoint
@@ -86,9 +91,9 @@ def copied(whole, tmp_path, monkeypatch) -> Iterator[Path]:
     return tmp_path / "copy"
 
 
-def page(folder: Path) -> str:
+def page(folder: Path, name: str = "page") -> str:
     """Return the page without its only section that depends on the clock."""
-    before, _, after = (folder / OUT / "page.md").read_text().partition("## Wall-clock time")
+    before, _, after = (folder / OUT / f"{name}.md").read_text().partition("## Wall-clock time")
     return before + after[after.index("## ") :]
 
 
@@ -148,17 +153,24 @@ def test_finished_runs_may_be_deleted_and_the_rest_is_trained(whole, copied, sim
 
 
 @pytest.mark.no_cover  # see `whole`
-def test_another_metric_and_score_need_no_training(copied):
-    done = run_in(copied, "127.0.0.1:1", "--metric", "accuracy", "--score", "0.25")
-    assert done.status == 0
-    text = page(copied)
+def test_another_metric_and_score_need_no_training_and_leave_the_page_of_the_reward(whole, copied):
+    done = run_in(copied, "127.0.0.1:1", "--metric", "accuracy", "--score", "0.25", draw=True)
+    assert done.status == 0 and "out/page-accuracy.md" in done.output
+    assert_same(copied, whole)
+    pictures = [path.name for path in (OUT / "pictures").glob("curves*")]
+    assert sorted(pictures) == [f"curves{end}.png" for end in ("-accuracy-dark", "-accuracy-light", "-dark", "-light")]
+    for picture in (OUT / "pictures").glob("scores-[dl]*"):
+        assert picture.read_bytes() == (whole / picture).read_bytes()
+    assert "data:image" in (OUT / "page-accuracy.html").read_text()
+    text = page(copied, "page-accuracy")
+    assert "pictures/scores-accuracy-light.png" in text
     assert "mean *accuracy*" in text and "## Timesteps to a score of 0.25" in text
     assert "--metric accuracy --score 0.25" in text.splitlines()[-2]
     unknown = run_in(copied, "127.0.0.1:1", "--metric", "acuracy")
     assert unknown.status == 1
     known = "archer has reward, length, hits, accuracy, reward_std, episodes; of the training: "
     assert f"--metric got 'acuracy'; {known}" in unknown.errors
-    assert page(copied) == text  # the last page is still there
+    assert page(copied, "page-accuracy") == text  # the last page is still there
 
 
 @pytest.mark.parametrize(
@@ -469,8 +481,8 @@ def test_the_time_to_a_score_is_a_median_to_which_unsuccessful_runs_count():
     three = runs([1, 5, 5], [1, 1, 5], [1, 1, 1])
     analysis = analyze("reward", {"three": three, "none": runs([0, 0], [0, 1])}, 5.0)
     text = text_of(analysis)
-    assert "| three | 2 of 3 | 300 | 200 to 300 |" in text
-    assert "| none | 0 of 2 | not reached |  |" in text
+    assert "| three | 2 | 1 | 300 | 200 to 300 |" in text
+    assert "| none | 0 | 2 | not reached |  |" in text
     assert "| three | 3 | 3 |" in text  # seconds
 
 
@@ -489,6 +501,46 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
     tied = text_of(analyze("reward", {"good": runs([2.0], [2.0], [2.0]), "bad": runs([1.0], [1.0], [1.0])}))
     assert warning in tied and "No two variants differ significantly." in tied
     assert least_seeds(9) == 7  # the smallest p value of 36 pairs is then 36 x 2 / 3432 = 0.021, with 6 seeds 0.078
+
+
+def test_a_score_that_follows_from_the_runs_is_said_to_and_one_that_was_named_is_not():
+    scores = {"a": runs([1, 5]), "b": runs([1, 4])}
+    text = text_of(analyze("reward", scores))
+    assert "## Timesteps to a score of 4" in text and "**This score was chosen from these runs**" in text
+    assert "no measurement to report. Name a score that you chose before the runs with `--score`." in text
+    assert "chosen from these runs" not in text_of(analyze("reward", scores, 4.0))
+
+
+def test_effect_sizes_with_intervals_are_on_the_page_and_in_a_table():
+    good, bad = [10.0, 11.0, 12.0, 13.0], [0.0, 1.0, 2.0, 5.0]
+    analysis = analyze("reward", {"good": runs(*([each] for each in good)), "bad": runs(*([each] for each in bad))})
+    (line,) = csv.DictReader(io.StringIO(pairs_csv(analysis)))
+    assert (line["first"], line["second"], float(line["difference"])) == ("good", "bad", 10.0)  # of 11.5 and 1.5
+    # The same, from all 35 x 35 different pairs of samples that a bootstrap can draw, each as likely as it is.
+    drawn = [[sorted(each)[1:3] for each in itertools.product(values, repeat=4)] for values in (good, bad)]
+    middle, other = (np.array([sum(pair) / 2 for pair in each]) for each in drawn)
+    exact = np.percentile(middle[:, None] - other[None, :], [2.5, 97.5])
+    assert [float(line["difference_low"]), float(line["difference_high"])] == pytest.approx(exact, abs=0.5)
+    low, high = (f"{float(line[f'difference_{end}']):.4g}" for end in ("low", "high"))
+    text = text_of(analysis)
+    assert "The effect size: the IQM of the row minus that of the column" in text
+    assert f"| good |  | 10 [{low}, {high}] |" in text and f"| bad | -10 [-{high}, -{low}] |  |" in text
+    alone = analyze("reward", {"good": runs([2.0]), "bad": runs([1.0])})
+    assert "| good |  | 1 |" in text_of(alone) and "\ngood,bad,1.0,,,1.0,,,1.0,1.0\n" in pairs_csv(alone)
+
+
+def test_tables_for_a_paper_mean_nothing_else_to_latex():
+    rows = {"a_b, 5%": runs([-2.0], [-1.0]), "bucket-11 {x}": runs([1.0], [2.0])}
+    analysis = analyze("reward", rows)
+    scores, pairs = scores_tex(analysis), pairs_tex(analysis)
+    assert r"a\_b, 5\% & 2 & $-$1.5 [$-$2, $-$1] & $-$1.5 $\pm$ 0.7071 & $-$1.5 \\" in scores
+    assert r"bucket-11 \{x\} & 2 & 1.5 [1, 2] &" in scores
+    assert r"a\_b, 5\% -- bucket-11 \{x\} & $-$3 [$-$4, $-$2] & 0 [0, 0] & 0.33 \\" in pairs
+    for text in (scores, pairs):
+        body = text.split(r"\midrule")[1].split(r"\bottomrule")[0].strip().splitlines()
+        heads = text.split(r"\toprule")[1].split(r"\midrule")[0]
+        assert {line.count(" & ") for line in [*body, heads]} == {heads.count(" & ")}
+        assert text.count("{") == text.count("}")
 
 
 @pytest.mark.parametrize(("variants", "seeds"), [(1, 1), (2, 4), (3, 5)])
@@ -547,11 +599,11 @@ def test_the_html_page_is_one_file_that_follows_the_theme(whole):
     html = (whole / OUT / "page.html").read_text()
     assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 6
     assert not re.search(r'(?:src|srcset|href)="(?!data:|https://github.com)', html)
-    assert "prefers-color-scheme: dark" in html and html.count("<table>") == 5
+    assert "prefers-color-scheme: dark" in html and html.count("<table>") == 6
 
 
 def test_names_mean_nothing_to_markdown_and_html(tmp_path):
     analysis = analyze("reward", {"a|<b>*$": runs([1.0], [2.0]), "c": runs([1.5])})
     html = page_html(page_text(analysis, setting_of(analysis, ["x: <i>"])), tmp_path)
     assert "<strong>a|&lt;b&gt;*$</strong>" in html or "<td>a|&lt;b&gt;*$</td>" in html
-    assert "<li>x: &lt;i&gt;</li>" in html and html.count("<table>") == 5
+    assert "<li>x: &lt;i&gt;</li>" in html and html.count("<table>") == 6

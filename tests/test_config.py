@@ -198,7 +198,7 @@ def test_a_resumed_run_may_grow_but_neither_shrink_nor_change(tmp_path):
         ConfigError, match="total_timesteps was 100 and can only grow, got 50; to end earlier, set stop"
     ):
         check_run(Config(game="g", total_timesteps=50), tmp_path, resume=True)
-    with pytest.raises(ConfigError, match=r"seed changed .*; resume .*/config\.yaml, or use another --run"):
+    with pytest.raises(ConfigError, match=r"seed was 0 and is now 1; resume .*/config\.yaml, or use another --run"):
         check_run(Config(game="g", total_timesteps=200, seed=1), tmp_path, resume=True)
 
 

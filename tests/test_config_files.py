@@ -25,6 +25,15 @@ def test_a_configuration_is_found_by_name_from_any_folder_and_can_be_loaded(text
     assert load_config(find_config(text)).layout == "bucket-11"
 
 
+def test_a_program_is_no_configuration(tmp_path):
+    program = tmp_path / "sorter.py"
+    program.write_text("import pygame\n")
+    with pytest.raises(
+        ConfigError, match="sorter.py is a program, no configuration; `joybridge new --pygame .*sorter.py` writes"
+    ):
+        load_config(find_config(str(program)))
+
+
 def test_an_existing_file_comes_before_an_installed_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mine = tmp_path / "archer/hybrid.yaml"

@@ -123,6 +123,6 @@ def test_a_video_shows_what_the_policy_sees(run, simulator, tmp_path):
 def test_the_page_shows_what_the_policy_sees(run, simulator):
     with open_website(0, lambda page: watch(page, run, lambda: simulator, 1), "watch.html") as url:
         page = Page(url)
-        with Image.open(BytesIO(page.take("turn")["picture"])) as picture:
+        with Image.open(BytesIO(page.take("turn")["pictures"][0])) as picture:
             assert picture.size == (8 + MARGIN + 2, 6 + ROW + GAP)
         page.close()

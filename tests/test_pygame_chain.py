@@ -60,7 +60,7 @@ def play_at_the_page(folder):
         page = Page(url)
         _, turn = page.begin()
         for decision in range(EPISODES * PROGRAM["max_decisions"]):
-            picture = turn["picture"] or picture
+            picture = [picture, *turn["pictures"]][-1]
             turn = page.act([aim(picture)], [[decision % 2]])
             scores += [each["score"] for each in turn["ended"]]
         page.close()

@@ -7,6 +7,7 @@ import re
 import shutil
 from argparse import Namespace
 from contextlib import closing, redirect_stderr
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -104,6 +105,20 @@ def test_the_same_seed_and_decisions_give_the_same_bytes(catch):
             hashes.append(played(playing, catch, 60, np.random.default_rng(0), 2))
     assert hashes[0] == hashes[1] != hashes[2]
     assert hashes[0][1] > 0  # something was caught, and its text was read
+
+
+def test_the_frames_of_a_decision_are_those_of_decisions_of_a_frame_each(catch):
+    acts = [random_act(catch, np.random.default_rng(seed)) for seed in range(5)]
+    shown: dict[int, list[Any]] = {}
+    for interval in (4, 1):
+        shown[interval] = frames = []
+        with opened(catch, seed=3, decision_interval=str(interval)) as playing:
+            playing.drawn_by_tick = 0
+            for act in (act for act in acts for _ in range(4 // interval)):
+                playing.step(act)
+                frames += [*playing.tick_pictures, playing.draw(0)]
+    assert np.array_equal(shown[4], shown[1]) and len(shown[4]) == 20
+    assert all((one != next_one).any() for one, next_one in pairwise(shown[4]))
 
 
 def test_an_arena_is_the_same_alone_and_among_others(catch):
@@ -244,7 +259,7 @@ def test_time_is_virtual_everywhere(tmp_path):
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("open('/nowhere', 'w')", "may write in its home and its working directory only, not /nowhere"),
+        ("open('/nowhere', 'w')", "may write in its home, its working directory and beside itself only, not /nowhere"),
         ("pygame.image.save(screen, '/nowhere.png')", "not /nowhere.png"),
         ("import subprocess; subprocess.run(['true'])", "may not start or end processes"),
         ("import socket; socket.create_connection(('127.0.0.1', 9))", "may not use the network"),
@@ -306,6 +321,45 @@ def test_a_program_writes_into_folders_beside_it_without_a_trace(tmp_path):
     (tmp_path / "program.py").unlink()
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
     assert [path.name for path in outside.iterdir()] == ["file"] and (outside / "file").read_text() == "7"
+
+
+SAVES_BY_PLACE = """
+import json, os, pathlib
+HERE = pathlib.Path(__file__).resolve().parent
+for path in (HERE / 'scores.json', HERE / 'saves' / 'new.json', pathlib.Path(os.path.dirname(__file__), 'large.bin')):
+    path.parent.mkdir(exist_ok=True)
+    before = path.exists()
+    path.open('a').write('9')
+    assert before == (path.name == 'large.bin') and path.exists() and path.read_text().endswith('9')
+    os.remove(path)
+    assert not os.path.exists(path)
+    open(file=path, mode='w').write('8')
+(HERE / 'scores.tmp').write_text('7')
+os.replace(HERE / 'scores.tmp', HERE / 'scores.json')
+assert json.loads((HERE / 'scores.json').read_text()) == 7 and 'scores.json' in os.listdir(HERE)
+try:
+    open(HERE / '..' / 'x', 'w')
+except PermissionError:
+    pass
+else:
+    raise AssertionError
+"""
+
+
+def test_a_program_saves_by_its_own_place_without_a_trace(tmp_path, monkeypatch):
+    package = tmp_path / "packed"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    for folder, name in ((tmp_path, "program.py"), (package, "__main__.py")):
+        (folder / name).write_text(HEAD + SAVES_BY_PLACE + LOOP + SHOW)
+        (folder / "large.bin").write_text("7" * 200_000)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    monkeypatch.syspath_prepend(tmp_path)
+    for place in (tmp_path / "program.py", "packed"):
+        game: Any = load_game(f"pygame:{place}")
+        assert len(steps(game, 1)) == 1
+        game.processes.end()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.parametrize(
@@ -552,6 +606,20 @@ def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, 
     assert float((tmp_path / "closed").read_text()) > 0  # written outside of any fence, by the real clock
 
 
+def test_a_file_is_no_name_of_a_game():
+    with pytest.raises(
+        ConfigError, match="my.py is a file: name a pygame program pygame:my.py, and a game"
+    ):
+        choose_game("my.py", (), None)
+
+
+def test_a_window_needs_a_display(tmp_path, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    driven = joybridge("drive", str(CATCHING), str(tmp_path))
+    assert driven.status == 1 and driven.errors.startswith("error: there is no display on which a window could open")
+
+
 PACE = r"reward [-\d.]+ in \d+ decisions(, [\d.]+ per second of 12.5)?\n"
 
 
@@ -571,7 +639,8 @@ def test_an_exported_policy_plays_the_program_in_its_own_window(run, tmp_path, m
     assert other.status == 1 and "the policy was trained with ['key_LEFT', 'key_RIGHT']" in other.errors
 
 
-def test_a_file_that_is_no_policy_is_refused(tmp_path):
+def test_a_file_that_is_no_policy_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     for suffix in ("onnx", "json"):
         path = tmp_path / f"policy.{suffix}"
         path.write_bytes(b"{}")

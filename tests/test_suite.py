@@ -43,7 +43,7 @@ def test_tasks_are_trained_and_are_on_one_page(tmp_path, simulator, monkeypatch)
     assert "| catch_point | 64 | 0.85 / 0.93 |" in page and "missing" not in page
     assert "| task | timesteps | pass / stretch | unchanged | only_with=false | bucket-16 |" in page
     assert f"{tmp_path / 'page.html'}" in output
-    assert (tmp_path / "catch_point" / "page.html").exists()
+    assert (tmp_path / "catch_point" / "page-held_out_success.html").exists()
 
 
 def test_a_page_shows_variants_side_by_side_and_says_what_is_missing(tmp_path):
@@ -51,10 +51,13 @@ def test_a_page_shows_variants_side_by_side_and_says_what_is_missing(tmp_path):
         iqm = {"value": scores[0], "low": 0.0, "high": 1.0}
         return {"label": label, "scores": scores, "iqm": iqm, "curve": {"timesteps": [10, 200000]}}
 
-    for name, variants in (("platform", [variant("a", 0.5, 0.75), variant("b", 0.25)]), ("goal", [variant("b", 1.0)])):
+    platform, goal = [variant("a", 0.5, 0.75), variant("b", 0.25)], [variant("b", 1.0)]
+    for name, metric, variants in (("platform", "reward", platform), ("goal", "success", goal)):
         (tmp_path / name).mkdir()
         times = {each["label"]: {"seconds": [10.0, 20.0]} for each in variants}
-        (tmp_path / name / "compare.json").write_text(json.dumps({"variants": variants, "wall_clock": times}))
+        (tmp_path / name / f"compare-held_out_{metric}.json").write_text(
+            json.dumps({"variants": variants, "wall_clock": times})
+        )
         kept = {"config": Config(game=name, layout="bucket-3", policy={"gamma": 0.5, "epochs": 9}).model_dump()}
         (tmp_path / name / "variants.json").write_text(json.dumps({"a": kept | {"spec": {}}}))
     write_suite("hybrid", tmp_path, "joybridge compare --suite hybrid", {"moving": "it does not fit"})
@@ -63,7 +66,7 @@ def test_a_page_shows_variants_side_by_side_and_says_what_is_missing(tmp_path):
     assert f"| platform | 200,000 | 0.90 / 0.98 | {cells}" in page and "| platform | 2 | 15 | 15 |" in page
     assert "| goal | 200,000 | 0.50 / 0.78 | – | **1.000** [0.000, 1.000]<br>1.000 |" in page
     assert "- moving: it does not fit" in page
-    (tmp_path / "goal" / "compare.json").write_text("{")
+    (tmp_path / "goal" / "compare-held_out_success.json").write_text("{")
     with pytest.raises(ConfigError, match="cannot be read"):
         write_suite("hybrid", tmp_path, "", {})
 

@@ -68,8 +68,8 @@ class Page:
         while True:
             message = json.loads(self._socket.recv(seconds))
             for drawn in (message, message.get("rival")) if message["type"] == "turn" else ():
-                if drawn and drawn["picture"]:
-                    drawn["picture"] = self._socket.recv(SECONDS)
+                if drawn:
+                    drawn["pictures"] = [self._socket.recv(SECONDS) for _ in range(drawn["pictures"])]
             if message["type"] in kinds:
                 return message
 
@@ -208,12 +208,12 @@ def test_a_page_learns_the_game_and_plays_it(page):
     assert (game["name"], game["seed"], game["interval"], game["picture"]) == ("hybrid", "3", 0.1, list(PICTURE))
     (player,) = game["behaviors"]
     assert [one["name"] for one in player["axes"] + player["branches"]] == ["x", "force", "gear", "press"]
-    assert (turn["turn"], turn["played"], turn["picture"]) == (0, None, False)
+    assert (turn["turn"], turn["played"], turn["pictures"]) == (0, None, [])
     assert turn["behaviors"][0]["forbidden"] == [[[2], []]]  # one gear at a time
     turn = page.act([[0.25, 1.0]], [[1, 1]])
     assert turn["behaviors"][0]["axes"] == [[0.25, 1.0]] and turn["behaviors"][0]["choices"] == [[1, 1]]
     assert turn["behaviors"][0]["forbidden"] == [[[], []]]
-    assert turn["picture"][:2] == b"\xff\xd8"  # a JPEG
+    assert turn["pictures"][0][:2] == b"\xff\xd8"  # a JPEG
 
 
 def test_what_a_page_plays_is_what_a_client_plays(page, simulator):
@@ -502,7 +502,7 @@ def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):
                 assert end["score"] == pytest.approx(score)
                 score, ends = 0.0, ends + 1
             assert rival["scores"] == [[pytest.approx(score)]]
-            assert rival["picture"][:2] == b"\xff\xd8"
+            assert rival["pictures"][0][:2] == b"\xff\xd8"
         page.close()
     assert ends >= 2 and rival["title"] == "policy after 64 timesteps"
 

@@ -100,6 +100,22 @@ def test_keys_take_turns_and_a_forbidden_choice_is_seen_as_such(visit):
     assert tab.errors == []
 
 
+def test_every_tick_of_a_decision_is_shown(visit):
+    tab = visit("beastly_rivals")
+    tab.key("Enter", "Enter")
+    tab.wait(f"{TURN} > 1")
+    tab.key("KeyP", "p")
+    tab.wait(f"{SHOWN} && {TITLE} === 'Paused'")
+    tab.value(
+        "(() => { const { prototype } = CanvasRenderingContext2D, real = prototype.drawImage; window.shown = 0;"
+        "prototype.drawImage = function (...all) { window.shown += 1; return real.apply(this, all); }; })()"
+    )
+    turn = tab.value(TURN)
+    tab.key("Period", ".")
+    tab.wait(f"{TURN} > {turn} && window.shown >= 6")
+    assert tab.errors == []
+
+
 def test_two_people_play_one_match_in_two_tabs(visit):
     one, other = visit("noughts", people=2)
     one.wait(CLICK)

@@ -61,7 +61,7 @@ def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(sim
         assert {choice["label"] for choice in gear + press} >= {"press", "none"}
         for choices in (x, force, gear, press):
             assert sum(choice["chance"] for choice in choices) == pytest.approx(1, abs=1e-5)
-        assert page.take("turn")["turn"] > turn["turn"] and turn["picture"][:2] == b"\xff\xd8"
+        assert page.take("turn")["turn"] > turn["turn"] and turn["pictures"][0][:2] == b"\xff\xd8"
         assert files(run) == before
         go_on(run, simulator, stop_at=None)
         assert len(page.take("curves")["policies"]["player"]["reward"]) == 2
@@ -97,7 +97,7 @@ def test_a_page_sees_random_allowed_play_of_a_game_without_a_run(simulator, monk
             turns.append(page.take("turn"))
             ended = turns[-1]["ended"]
         assert [one["turn"] for one in turns] == list(range(1, len(turns) + 1))
-        assert all(one["picture"][:2] == b"\xff\xd8" for one in turns)
+        assert all(one["pictures"][0][:2] == b"\xff\xd8" for one in turns)
         for before, after in pairwise(turns):
             (forbidden,), (pressed,) = (before["behaviors"][0]["forbidden"][0], after["behaviors"][0]["choices"][0])
             assert pressed not in forbidden

@@ -80,7 +80,8 @@ class Gauntlet(BatchedGame):
             cls,
             [player, judge, runner],
             parameters=[parameter("drift", 0.0, 2.0, 1.0)],
-            tick_seconds=0.1,
+            tick_seconds=0.05,
+            decision_interval=2,
             max_episode_decisions=LONGEST,
             max_arenas=16,
             snapshot_bytes_per_arena=96,
@@ -129,6 +130,7 @@ class Gauntlet(BatchedGame):
 
     def step(self, acts):
         player, judge, runner = acts
+        self.tick_pictures = [] if self.drawn_by_tick is None else [self.draw(self.drawn_by_tick)]
         if runner.scripts is not None:
             paces = np.choose(runner.scripts, [runner.axes[:, 0], 0.25, 1.0])
             runner = ActArrays(paces[:, None].astype(np.float32), runner.choices)
@@ -1027,6 +1029,27 @@ class PicturesOnTheirSide(Honest):
     def later(self, step):
         for picture in step.pictures:
             picture.shape[:2] = reversed(picture.shape[:2])
+
+
+@broken("pictures_of_ticks_have_the_size_of_the_spec")
+class PicturesOfTooManyTicks(Honest):
+    def later(self, step):
+        step.tick_pictures.extend(2 * list(step.tick_pictures))
+
+
+@broken("pictures_of_ticks_have_the_size_of_the_spec")
+class TicksInGray(Honest):
+    def later(self, step):
+        for picture in step.tick_pictures:
+            picture.shape[2], picture.data = 1, picture.data[::3]
+
+
+@broken("drawing_does_not_change_the_episode")
+class TicksAreReal(Gauntlet):
+    def step(self, acts):
+        if self.drawn_by_tick is not None:
+            self.draws(self.drawn_by_tick)
+        return super().step(acts)
 
 
 @broken("pictures_are_in_the_order_of_draw")

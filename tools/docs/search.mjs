@@ -1,4 +1,4 @@
-// Asks questions of a site that Sphinx has built, with its own search: node search.mjs SITE '["pygame", …]'.
+// Asks questions of a site that Sphinx has built, with the search of its pages: node search.mjs SITE '["pygame", …]'.
 // Prints an object: question -> the pages that are found, best first.
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
@@ -13,11 +13,11 @@ const page = {
     readyState: "loading", documentElement: element, addEventListener() {},
     getElementById: () => element, createElement: () => element,
   },
-  _ready() {},
+  _ready() {}, addEventListener: (event, listen) => listen(),
 };
 page.window = page;
 createContext(page);
-for (const file of ["_static/base-stemmer.js", "_static/language_data.js", "_static/searchtools.js", "searchindex.js"]) {
+for (const file of ["_static/base-stemmer.js", "_static/language_data.js", "_static/searchtools.js", "_static/search.js", "searchindex.js"]) {
   runInContext(readFileSync(join(site, file), "utf8"), page, { filename: file });
 }
 page.questions = JSON.parse(questions);

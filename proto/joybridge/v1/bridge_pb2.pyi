@@ -460,7 +460,7 @@ class Started(_message.Message):
     def __init__(self, spec: _Optional[_Union[GameSpec, _Mapping]] = ..., step: _Optional[_Union[Step, _Mapping]] = ..., version: _Optional[_Union[Version, _Mapping]] = ..., local_socket: _Optional[str] = ...) -> None: ...
 
 class Act(_message.Message):
-    __slots__ = ("behaviors", "draw", "distributions")
+    __slots__ = ("behaviors", "draw", "distributions", "draw_ticks")
     class DistributionsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -471,10 +471,12 @@ class Act(_message.Message):
     BEHAVIORS_FIELD_NUMBER: _ClassVar[int]
     DRAW_FIELD_NUMBER: _ClassVar[int]
     DISTRIBUTIONS_FIELD_NUMBER: _ClassVar[int]
+    DRAW_TICKS_FIELD_NUMBER: _ClassVar[int]
     behaviors: _containers.RepeatedCompositeFieldContainer[BehaviorAct]
     draw: _containers.RepeatedScalarFieldContainer[int]
     distributions: _containers.MessageMap[str, Distribution]
-    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorAct, _Mapping]]] = ..., draw: _Optional[_Iterable[int]] = ..., distributions: _Optional[_Mapping[str, Distribution]] = ...) -> None: ...
+    draw_ticks: int
+    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorAct, _Mapping]]] = ..., draw: _Optional[_Iterable[int]] = ..., distributions: _Optional[_Mapping[str, Distribution]] = ..., draw_ticks: _Optional[int] = ...) -> None: ...
 
 class BehaviorAct(_message.Message):
     __slots__ = ("axes", "choices", "scripts")
@@ -528,14 +530,16 @@ class Snapshot(_message.Message):
     def __init__(self, parts: _Optional[_Mapping[str, bytes]] = ...) -> None: ...
 
 class Step(_message.Message):
-    __slots__ = ("behaviors", "pictures", "simulate_seconds")
+    __slots__ = ("behaviors", "pictures", "simulate_seconds", "tick_pictures")
     BEHAVIORS_FIELD_NUMBER: _ClassVar[int]
     PICTURES_FIELD_NUMBER: _ClassVar[int]
     SIMULATE_SECONDS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PICTURES_FIELD_NUMBER: _ClassVar[int]
     behaviors: _containers.RepeatedCompositeFieldContainer[BehaviorStep]
     pictures: _containers.RepeatedCompositeFieldContainer[Tensor]
     simulate_seconds: float
-    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorStep, _Mapping]]] = ..., pictures: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., simulate_seconds: _Optional[float] = ...) -> None: ...
+    tick_pictures: _containers.RepeatedCompositeFieldContainer[Tensor]
+    def __init__(self, behaviors: _Optional[_Iterable[_Union[BehaviorStep, _Mapping]]] = ..., pictures: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ..., simulate_seconds: _Optional[float] = ..., tick_pictures: _Optional[_Iterable[_Union[Tensor, _Mapping]]] = ...) -> None: ...
 
 class BehaviorStep(_message.Message):
     __slots__ = ("observations", "rewards", "terminated", "truncated", "masks", "deciding", "ended")

@@ -4,7 +4,7 @@ This class holds the arenas, their random streams and the parameters, resets the
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -73,6 +73,27 @@ class RecordGame(BatchedGame):
                 for name, value in draw_parameters(self.distributions, self.parameters, key, episode).items():
                     self.fields[name][arena] = value
         self.episodes[arenas] += 1
+
+    def play_ticks(self, ticks: int, play: Callable[[Array, Streams, Array, int], None], rewards: Array) -> None:
+        """Advance every arena by the ticks of a decision, and draw them if the session wants to see them.
+
+        play: advances the records of arenas, with their streams, by the first so many ticks of the decision, and writes
+        their rewards. What is seen on the way is played by copies, so that nothing depends on who looks.
+        """
+        self.tick_pictures = seen = []
+        for count in range(1, ticks) if self.drawn_by_tick is not None else ():
+            arenas: Any = self.arenas.copy()
+            play(arenas, Streams(*(part.copy() for part in self.streams)), rewards.copy(), count)
+            seen.append(self.draw_record(arenas[self.drawn_by_tick]))
+        play(self.arenas, self.streams, rewards, ticks)
+
+    def draw(self, arena: int) -> Array:
+        """Return a picture of one arena, uint8 [height, width, 3]."""
+        return self.draw_record(self.arenas[arena])
+
+    @abstractmethod
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
 
     def played_parameters(self, arenas: Array) -> Array | None:
         """Return the parameters of episodes that end, float32 [ended, parameters]; None if none of them is drawn.

@@ -52,6 +52,11 @@ class BatchedGame(ABC):
     # The session sets this before a step or a reset, only for games whose spec says parameters_per_episode.
     distributions: Mapping[str, pb.Distribution] = MappingProxyType({})
 
+    # The arena of which a game that can draws the ticks of the next step, all but the last, into `tick_pictures`, each
+    # uint8 [height, width, 3]. The session sets it before every step.
+    drawn_by_tick: int | None = None
+    tick_pictures: Sequence[Array] = ()
+
     @classmethod
     @abstractmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:

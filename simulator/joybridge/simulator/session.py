@@ -127,7 +127,7 @@ class Session:
 
     def is_brief(self, request: pb.PlayRequest) -> bool:
         """Return whether the answer takes so little time that the event loop may wait for it."""
-        return self.brief and request.HasField("act") and not request.act.draw
+        return self.brief and request.HasField("act") and not _draws(request.act)
 
     def answer(self, request: pb.PlayRequest) -> pb.PlayResponse:
         """Return the response to one request. Raises Refusal; the session must then end."""
@@ -190,6 +190,7 @@ class Session:
                     **choose_distributions(self.spec, act.distributions),
                 }
         self.steps += 1
+        self.game.drawn_by_tick = act.draw_ticks if act.HasField("draw_ticks") else None
         begin = time.perf_counter()
         self.previous = self.game.step(acts)
         seconds = time.perf_counter() - begin
@@ -197,7 +198,10 @@ class Session:
         response = pb.PlayResponse(step=pb.Step(simulate_seconds=seconds))
         self._fill(response.step)
         for arena in act.draw:
-            fill(response.step.pictures.add(), self._draw(arena))
+            fill(response.step.pictures.add(), self._picture(self.game.draw(arena), arena))
+        if act.HasField("draw_ticks"):
+            for picture in self.game.tick_pictures[: self.spec.decision_interval - 1]:
+                fill(response.step.tick_pictures.add(), self._picture(picture, act.draw_ticks))
         return response
 
     def _reset(self, reset: pb.Reset) -> pb.PlayResponse:
@@ -239,21 +243,24 @@ class Session:
         return acts
 
     def _check_draw(self, act: pb.Act) -> None:
-        if not act.draw:
+        if not _draws(act):
             return
+        field = "act.draw" if act.draw else "act.draw_ticks"
         if not self.spec.HasField("picture"):
-            raise Refusal(pb.REASON_NO_PICTURES, f"{self.spec.name} cannot be drawn; leave act.draw empty", "act.draw")
-        most = max_pictures(self.spec)
-        if len(act.draw) > most or max(act.draw) >= self.arenas:
+            raise Refusal(pb.REASON_NO_PICTURES, f"{self.spec.name} cannot be drawn; leave {field} empty", field)
+        last, count, most = max([*act.draw, act.draw_ticks]), len(act.draw), max_pictures(self.spec)
+        if act.HasField("draw_ticks"):
+            count += self.spec.decision_interval - 1
+        if count > most or last >= self.arenas:
             text = (
-                f"act.draw asks for {len(act.draw)} pictures up to arena {max(act.draw)}, "
+                f"{field} asks for {count} pictures up to arena {last}, "
                 f"expected at most {most} of arenas 0..{self.arenas - 1}"
             )
-            raise Refusal(pb.REASON_WRONG_DRAW, text, "act.draw")
+            raise Refusal(pb.REASON_WRONG_DRAW, text, field)
 
-    def _draw(self, arena: int) -> Array:
-        assert self.game is not None
-        picture, size = self.game.draw(arena), (self.spec.picture.height, self.spec.picture.width, 3)
+    def _picture(self, picture: Array, arena: int) -> Array:
+        """Return what the game has drawn of an arena. Raises GameError if the spec says something else."""
+        size = (self.spec.picture.height, self.spec.picture.width, 3)
         if picture.dtype != np.uint8 or picture.shape != size:
             came = f"{picture.dtype} {list(picture.shape)}"
             raise GameError(f"arena {arena}: draw returned {came}, expected uint8 {list(size)}")
@@ -263,6 +270,10 @@ class Session:
         if not self.spec.snapshot_bytes_per_arena:
             text = f"{self.spec.name} has no snapshots (snapshot_bytes_per_arena is 0); begin new episodes instead"
             raise Refusal(pb.REASON_NO_SNAPSHOTS, text)
+
+
+def _draws(act: pb.Act) -> bool:
+    return bool(act.draw) or act.HasField("draw_ticks")
 
 
 def hash_of_start(

@@ -187,6 +187,18 @@ class Session:
         outcome = self._run(self._ask, self._act(acts, draw), len(draw))
         return outcome.steps, outcome.pictures
 
+    def step_and_draw_ticks(self, acts: Sequence[ActArrays]) -> tuple[list[StepArrays], list[Array]]:
+        """Like `step`; also return what the first arena has shown after each tick, the last one at the end.
+
+        That is one picture where the game, or an older simulator, draws decisions only, or where pictures of all ticks
+        would be too many for a message. Raises SimulatorError.
+        """
+        request = self._act(acts, [0])
+        if max_pictures(self.spec) >= self.spec.decision_interval > 1:
+            request.act.draw_ticks = 0
+        outcome = self._run(self._ask, request, 1)
+        return outcome.steps, outcome.tick_pictures + outcome.pictures
+
     def distribute(self, distributions: Distributions) -> None:
         """Draw these parameters anew in all episodes that begin from the next step on; running ones keep theirs."""
         self._coming = {**self._coming, **distributions}
@@ -306,7 +318,7 @@ class Session:
     def _receive(self, response: Callable[[], pb.PlayResponse], pictures: int = 0) -> Outcome:
         """Return the step in a response, with so many pictures. Raises SimulatorError."""
         outcome = self._reader.step(response(), pictures)
-        self.steps, self.simulate_seconds, _ = outcome
+        self.steps, self.simulate_seconds = outcome.steps, outcome.simulate_seconds
         if self._drawn and any(len(step.ended) and step.parameters is None for step in self.steps):
             self._reader.refuse("ended.parameters is missing, though parameters have distributions")
         if self._log is not None:

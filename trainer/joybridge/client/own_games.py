@@ -20,6 +20,8 @@ def choose_game(game: Game, games: Games, simulator: str | None) -> tuple[str, l
     """
     if not isinstance(game, str | type):
         raise ConfigError(f"game is {game!r}, expected a name, a game class or 'MODULE:CLASS'")
+    if isinstance(game, str) and game.endswith(".py") and ":" not in game:
+        raise ConfigError(f"{game} is a file: name a pygame program pygame:{game}, and a game of your own MODULE:CLASS")
     own = isinstance(game, type) or ":" in game
     further = [games] if isinstance(games, str | type) else list(games)
     places = list(dict.fromkeys(_place(each) for each in ([game, *further] if own else further)))

@@ -22,6 +22,7 @@ class Outcome(NamedTuple):
     steps: list[StepArrays]  # one per behavior
     simulate_seconds: float  # that the game itself took
     pictures: list[Array]  # of the arenas that were to be drawn, uint8 [height, width, 3] each
+    tick_pictures: list[Array]  # of the arena of which the ticks before the last were to be drawn
 
 
 class Reader:
@@ -54,6 +55,8 @@ class Reader:
             raise SimulatorError(
                 f"the simulator at {self.address} sent {len(outcome.pictures)} pictures, expected {pictures}"
             )
+        if len(outcome.tick_pictures) >= self._spec.decision_interval:
+            self.refuse(f"{len(outcome.tick_pictures)} tick_pictures of {self._spec.decision_interval} ticks")
         self._steps += 1
         self.seconds = self._deadline
         return outcome
@@ -90,10 +93,10 @@ class Reader:
             if len(messages) != len(codecs):
                 raise TensorError(f"step.behaviors has {len(messages)} entries, expected {len(codecs)}")
             steps = [codec.unpack_step(message) for codec, message in zip(codecs, messages, strict=True)]
-            pictures = [self._picture.unpack(tensor) for tensor in step.pictures]
+            drawn = [[self._picture.unpack(tensor) for tensor in some] for some in (step.pictures, step.tick_pictures)]
         except TensorError as error:
             self.refuse(str(error))
-        return Outcome(steps, step.simulate_seconds, pictures)
+        return Outcome(steps, step.simulate_seconds, *drawn)
 
 
 def parse(kind: type[M], data: bytes, address: str) -> M:

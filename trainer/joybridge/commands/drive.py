@@ -1,6 +1,7 @@
 """`joybridge drive`: a policy plays a pygame program in its own window, by the real clock."""
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 MAX_DECISIONS = 100_000  # of an episode: only the program ends it
 FILES = (".onnx", ".json")
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")  # variables that name one, or what takes its place
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
@@ -48,6 +50,11 @@ Decisions = Iterator[tuple[float, bool]]  # the reward of each, and whether it w
 
 def _drive(options: argparse.Namespace) -> None:
     sys.path.insert(0, str(Path.cwd()))
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in DISPLAYS):
+        raise ConfigError(
+            "there is no display on which a window could open: start this in a desktop session, or, to see nothing, "
+            "under `xvfb-run -a`"
+        )
     with _file_at_play(options) if options.policy.suffix in FILES else _run_at_play(options) as (about, spec, play):
         say(f"{about}; the window's close button or Ctrl-C ends it")
         wanted = 1 / (spec.tick_seconds * spec.decision_interval)

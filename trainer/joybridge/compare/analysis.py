@@ -11,6 +11,7 @@ import numpy as np
 from joybridge.compare.estimators import (
     Estimate,
     bootstrap,
+    difference,
     estimate,
     holm,
     interquartile_mean,
@@ -18,7 +19,7 @@ from joybridge.compare.estimators import (
     performance_profile,
     probability_of_improvement,
 )
-from joybridge.compare.scores import Run
+from joybridge.compare.scores import Point, Run
 from joybridge.contract.tensors import Array
 
 SIGNIFICANCE = 0.05
@@ -66,6 +67,10 @@ class Result:
         """Return the median of the scores."""
         return median(self.scores)
 
+    def firsts(self, score: float) -> list[Point | None]:
+        """Return the first row of each run that reaches a score; None for a run without one."""
+        return [run.first_at(score) for run in self.runs]
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -73,6 +78,7 @@ class Pair:
 
     first: str
     second: str
+    difference: Estimate  # of the interquartile mean of the first from that of the second
     improvement: Estimate  # the probability that a run of the first is above one of the second
     p_value: float  # of the Mann-Whitney test
     corrected: float  # by Holm's method, for the number of pairs
@@ -86,11 +92,17 @@ class Analysis:
     score: float  # that the runs are timed to
     results: tuple[Result, ...]
     pairs: tuple[Pair, ...]  # each once, in the order of the variants
+    score_given: bool = True  # or it follows from the same runs
 
     @property
     def center(self) -> str:
         """Return what the interquartile mean is of so many runs: of three or fewer it leaves out none."""
         return "IQM" if max(len(result.runs) for result in self.results) > 3 else "mean"
+
+    @property
+    def has_intervals(self) -> bool:
+        """Return whether pairs have intervals: a bootstrap over one run of each only knows these two."""
+        return any(len(result.runs) > 1 for result in self.results)
 
     @property
     def smallest_p(self) -> float:
@@ -133,10 +145,18 @@ def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None 
     labels = list(combinations(scores, 2))
     p_values = [mann_whitney(scores[one][:, 0].tolist(), scores[other][:, 0].tolist()) for one, other in labels]
     pairs = tuple(
-        Pair(one, other, estimate(probability_of_improvement, scores[one], scores[other]), p_value, corrected)
+        Pair(
+            one,
+            other,
+            estimate(difference, scores[one], scores[other]),
+            estimate(probability_of_improvement, scores[one], scores[other]),
+            p_value,
+            corrected,
+        )
         for (one, other), p_value, corrected in zip(labels, p_values, holm(p_values), strict=True)
     )
-    return Analysis(metric, min(result.iqm.value for result in results) if score is None else score, results, pairs)
+    lowest = min(result.iqm.value for result in results)
+    return Analysis(metric, lowest if score is None else score, results, pairs, score is not None)
 
 
 def _curve(runs: Sequence[Run]) -> Band:

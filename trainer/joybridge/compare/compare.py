@@ -23,8 +23,9 @@ from joybridge.compare.launch import (
     scored_policy,
     served_specs,
 )
-from joybridge.compare.names import ResultName
-from joybridge.compare.page import Setting, final_scores, write_page
+from joybridge.compare.names import ResultName, page_mark
+from joybridge.compare.page import final_scores, write_page
+from joybridge.compare.page_numbers import Setting
 from joybridge.compare.page_settings import settings_block
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
@@ -110,6 +111,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         policies=policies,
         command=repetition(options),
         missing=missing,
+        mark=page_mark(options.metric, options.behavior),
         differing=settings_block(variants, [find_config(config) for config in (options.config, *options.also)]),
     )
     paths = write_page(analysis, setting, options.output)

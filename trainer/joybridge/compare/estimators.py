@@ -33,6 +33,14 @@ def interquartile_mean(scores: Array) -> Array:
     return np.asarray(trim_mean(together, 0.25, axis=-1))
 
 
+def difference(first: Array, second: Array) -> Array:
+    """Return how much the interquartile mean of the first scores is above that of the second.
+
+    first, second: [..., runs, tasks]; the result has the shape [...].
+    """
+    return interquartile_mean(first) - interquartile_mean(second)
+
+
 def probability_of_improvement(first: Array, second: Array) -> Array:
     """Return how likely a run of the first scores is above one of the second: the mean over tasks.
 

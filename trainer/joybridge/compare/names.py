@@ -49,3 +49,17 @@ class ResultName:
         millions = f"{self.timesteps / 1e6:.6f}".rstrip("0").rstrip(".")
         end = f"-{self.policy}" if self.policy else ""
         return f"{millions}M/{self.run}{end}"
+
+
+def file_name(label: str) -> str:
+    """Return the name of the files of something that is called so for people."""
+    return re.sub(r"[^\w.+=-]+", "_", label.replace(", ", "-")).strip("_")
+
+
+def page_mark(metric: str, *others: str | None) -> str:
+    """Return what the names of the files of a page end with, so that pages of one comparison stand side by side.
+
+    It is empty for the reward alone. others: what else makes a page another one, as the behavior does; None: nothing.
+    """
+    parts = ["" if metric == "reward" else metric, *others]
+    return "".join(f"-{file_name(part)}" for part in parts if part)

@@ -1,20 +1,25 @@
 """The page of a comparison: Markdown and HTML with the same text, and its numbers as CSV and JSON."""
 
-import csv
-import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
 from statistics import mean
-from typing import Any
 
-from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Band, Pair, Result, least_seeds
+from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Pair, Result, least_seeds
 from joybridge.compare.estimators import Estimate
-from joybridge.compare.page_parts import PICTURES, escaped, number_text, page_html, picture_block, table
+from joybridge.compare.page_numbers import Setting, as_data, pairs_csv, pairs_tex, scores_csv, scores_tex
+from joybridge.compare.page_parts import (
+    PICTURES,
+    escaped,
+    interval_text,
+    number_text,
+    page_html,
+    picture_block,
+    table,
+)
 from joybridge.compare.pictures import CAPTIONS, draw_pictures
 from joybridge.config.files import write_atomically
 
@@ -30,34 +35,25 @@ _NARROW = (
 )
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What was compared, for the beginning and the end of the page."""
-
-    game: str
-    timesteps: Sequence[int]  # lengths of the runs
-    policies: Mapping[str, str]  # whose metric is the score, by variant; "": a game has one policy
-    command: str  # that makes this comparison
-    missing: Sequence[str]  # runs that failed, each with its reason
-    differing: str = ""  # what differs among the variants, as Markdown
-
-
 def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]:
     """Write the page, its pictures and its numbers into a folder. Return the paths of all but the pictures.
 
     Raises StorageError.
     """
-    draw_pictures(analysis, folder / PICTURES)
+    draw_pictures(analysis, folder / PICTURES, setting.mark)
     text = page_text(analysis, setting)
     files = {
         "page.md": text,
         "page.html": page_html(text, folder),
         "scores.csv": scores_csv(analysis),
+        "scores.tex": scores_tex(analysis),
+        **({"pairs.csv": pairs_csv(analysis), "pairs.tex": pairs_tex(analysis)} if analysis.pairs else {}),
         "compare.json": json.dumps(as_data(analysis, setting), indent=1, ensure_ascii=False) + "\n",
     }
-    for name, content in files.items():
-        write_atomically(folder / name, content.encode())
-    return [folder / name for name in files]
+    paths = [folder / name.replace(".", f"{setting.mark}.") for name in files]
+    for path, content in zip(paths, files.values(), strict=True):
+        write_atomically(path, content.encode())
+    return paths
 
 
 def page_text(analysis: Analysis, setting: Setting) -> str:
@@ -68,11 +64,15 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
     blocks += [
         "## Final scores",
         final_scores(analysis),
-        picture_block("scores", CAPTIONS["scores"].format(center=center)),
+        picture_block(f"scores{setting.mark}", CAPTIONS["scores"].format(center=center)),
     ]
-    blocks += ["## Learning curves", picture_block("curves", CAPTIONS["curves"].format(center=center))]
+    blocks += ["## Learning curves", picture_block(f"curves{setting.mark}", CAPTIONS["curves"].format(center=center))]
     if analysis.pairs:
         blocks += ["## Which variant is better", _better(analysis)]
+        blocks += [
+            f"The effect size: the {center} of the row minus that of the column, with its 95 % interval.",
+            _matrix(analysis, partial(_difference_cell, known=analysis.has_intervals)),
+        ]
         blocks += [
             "The probability that a run of the row has a higher score than one of the column, with its 95 % "
             "interval; that of all or none of the runs has none, because a bootstrap only knows the runs that it has. "
@@ -85,71 +85,11 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
             _matrix(analysis, _p_cell),
         ]
     blocks += [setting.differing] if setting.differing else []
-    blocks += ["## Performance profiles", picture_block("profiles", CAPTIONS["profiles"])]
+    blocks += ["## Performance profiles", picture_block(f"profiles{setting.mark}", CAPTIONS["profiles"])]
     blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
     blocks += ["## Wall-clock time", _wall_clock(analysis)]
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"
-
-
-def scores_csv(analysis: Analysis) -> str:
-    """Return a line per run: its variant, its seed and its score."""
-    text = io.StringIO(newline="")
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(("variant", "seed", analysis.metric, f"timesteps_to_{analysis.score:.6g}"))
-    for result in analysis.results:
-        for run in result.runs:
-            first = run.first_at(analysis.score)
-            table.writerow((result.label, run.seed, repr(run.score), first.timesteps if first else ""))
-    return text.getvalue()
-
-
-def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
-    """Return all numbers as plain data. Only those under "wall_clock" differ when a comparison is made again."""
-
-    def band(each: Band, x: str) -> dict[str, list[float]]:
-        return {x: each.x, "value": each.value, "low": each.low, "high": each.high}
-
-    score, results = analysis.score, analysis.results
-    return {
-        "game": setting.game,
-        "metric": analysis.metric,
-        "score": score,
-        "missing": list(setting.missing),
-        "variants": [
-            {
-                "label": result.label,
-                "policy": setting.policies[result.label],
-                "seeds": [run.seed for run in result.runs],
-                "scores": result.scores,
-                "iqm": result.iqm._asdict(),
-                "mean": result.mean,
-                "std": result.std,
-                "median": result.median,
-                "timesteps_to_score": [first.timesteps if first else None for first in _firsts(result, score)],
-                "curve": band(result.curve, "timesteps"),
-                "profile": band(result.profile, "scores"),
-            }
-            for result in results
-        ],
-        "pairs": [
-            {
-                "first": pair.first,
-                "second": pair.second,
-                "improvement": pair.improvement._asdict(),
-                "p_value": pair.p_value,
-                "corrected": pair.corrected,
-            }
-            for pair in analysis.pairs
-        ],
-        "wall_clock": {
-            result.label: {
-                "seconds": [_finite(run.seconds) for run in result.runs],
-                "seconds_to_score": [_finite(first.seconds) if first else None for first in _firsts(result, score)],
-            }
-            for result in results
-        },
-    }
 
 
 def _introduction(analysis: Analysis, setting: Setting) -> str:
@@ -223,7 +163,7 @@ def final_scores(analysis: Analysis) -> str:
         (
             f"**{escaped(result.label)}**" if result.iqm.value == best else escaped(result.label),
             f"{len(result.runs)}",
-            _interval(result.iqm, len(result.runs)),
+            interval_text(result.iqm, len(result.runs) > 1),
             f"{number_text(result.mean)} ± {number_text(result.std)}",
             number_text(result.median),
             f"{number_text(min(result.scores))} to {number_text(max(result.scores))}",
@@ -256,6 +196,11 @@ def _matrix(analysis: Analysis, cell: Callable[[Pair, bool], str]) -> str:
     return table(("", *map(escaped, labels)), rows)
 
 
+def _difference_cell(pair: Pair, reverse: bool, *, known: bool) -> str:
+    value, low, high = pair.difference
+    return interval_text(Estimate(-value, -high, -low) if reverse else pair.difference, known)
+
+
 def _improvement_cell(pair: Pair, reverse: bool, *, bold: bool) -> str:
     value, low, high = pair.improvement
     if reverse:
@@ -272,20 +217,28 @@ def _p_cell(pair: Pair, reverse: bool) -> str:
 def _timesteps_to_score(analysis: Analysis) -> str:
     rows = []
     for result in analysis.results:
-        reached = [first.timesteps for first in _firsts(result, analysis.score) if first]
-        rows.append(
-            (escaped(result.label), f"{len(reached)} of {len(result.runs)}", *_middle(result, reached, "{:,.0f}"))
-        )
+        reached = [first.timesteps for first in result.firsts(analysis.score) if first]
+        middle, ends = _middle(result, reached, "{:,.0f}")
+        never = len(result.runs) - len(reached)
+        rows.append((escaped(result.label), f"{len(reached)}", f"{never}", middle, ends))
+    chosen = (
+        ""
+        if analysis.score_given
+        else "**This score was chosen from these runs**: it is the lowest of the final scores above, so the times say "
+        "how the variants differ here, and are no measurement to report. Name a score that you chose before the runs "
+        "with `--score`. "
+    )
+    heads = ("variant", "runs that reach it", "never", "median", "shortest to longest of those that do")
     return (
-        "Timesteps until the first row of metrics that reaches this score. The median counts runs that never do as "
-        "infinitely long.\n\n" + table(("variant", "runs that reach it", "median", "shortest to longest"), rows)
+        f"{chosen}Timesteps until the first row of metrics that reaches this score. The median counts runs that never "
+        "do as infinitely long; the range cannot, and leaves them out.\n\n" + table(heads, rows)
     )
 
 
 def _wall_clock(analysis: Analysis) -> str:
     rows = []
     for result in analysis.results:
-        reached = [first.seconds for first in _firsts(result, analysis.score) if first and math.isfinite(first.seconds)]
+        reached = [first.seconds for first in result.firsts(analysis.score) if first and math.isfinite(first.seconds)]
         whole = [run.seconds for run in result.runs if math.isfinite(run.seconds)]
         middle = _middle(result, reached, "{:,.0f}")[0]
         rows.append((escaped(result.label), f"{mean(whole):,.0f}" if whole else "", middle))
@@ -303,19 +256,5 @@ def _middle(result: Result, reached: Sequence[float], form: str) -> tuple[str, s
     return form.format(middle) if math.isfinite(middle) else "not reached", ends
 
 
-def _firsts(result: Result, score: float) -> list[Any]:
-    return [run.first_at(score) for run in result.runs]
-
-
 def _count(number: int, word: str) -> str:
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
-
-
-def _interval(estimate: Estimate, runs: int) -> str:
-    if runs == 1:
-        return number_text(estimate.value)
-    return f"{number_text(estimate.value)} [{number_text(estimate.low)}, {number_text(estimate.high)}]"
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from markdown_it import MarkdownIt
 
+from joybridge.compare.estimators import Estimate
 from joybridge.compare.pictures import picture
 
 PICTURES = "pictures"  # folder beside the page
@@ -65,3 +66,9 @@ def escaped(text: str) -> str:
 def number_text(value: float) -> str:
     """Return a number with four digits."""
     return f"{value:.4g}" if abs(value) < 10_000 else f"{value:,.0f}"
+
+
+def interval_text(estimate: Estimate, known: bool, form: str = "{}") -> str:
+    """Return an estimate with its interval, if that is known, each number in a form such as "{} %"."""
+    value, low, high = (form.format(number_text(each)) for each in estimate)
+    return f"{value} [{low}, {high}]" if known else value

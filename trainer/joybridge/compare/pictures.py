@@ -26,10 +26,13 @@ CAPTIONS = {
 }
 
 
-def draw_pictures(analysis: Analysis, folder: Path) -> None:
-    """Write all pictures of a comparison into a folder, see `picture`. Raises StorageError."""
+def draw_pictures(analysis: Analysis, folder: Path, mark: str = "") -> None:
+    """Write all pictures of a comparison into a folder, see `picture`. Raises StorageError.
+
+    mark: what their names end with, those of the page.
+    """
     draws = {"scores": _draw_scores, "curves": _draw_curves, "profiles": _draw_profiles}
-    draw_themes({name: partial(draw, analysis) for name, draw in draws.items()}, folder)
+    draw_themes({f"{name}{mark}": partial(draw, analysis) for name, draw in draws.items()}, folder)
 
 
 def draw_themes(draws: Mapping[str, Callable[[], Figure]], folder: Path) -> None:

@@ -32,13 +32,12 @@ from joybridge.compare.variants import (
     SEARCH,
     Variant,
     check_unchanged,
-    differences,
-    in_words,
     kept_spec,
     read_variants,
 )
 from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.config_files import find_config
+from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.progress import say

@@ -10,15 +10,17 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from joybridge.compare.names import file_name, page_mark
 from joybridge.compare.page_parts import PICTURES, page_html, picture_block, table
 from joybridge.compare.pictures import Line, draw_themes, draw_times
-from joybridge.compare.suites import SUITES
+from joybridge.compare.suites import SUITES, Task
 from joybridge.compare.table import read_table
-from joybridge.compare.variants import differences, file_name, read_variants
+from joybridge.compare.variants import read_variants
 from joybridge.config.config import Config
+from joybridge.config.differences import differences
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.config.metrics import HELD_OUT, numbers
+from joybridge.config.metrics import numbers
 from joybridge.contract.files import read_file
 from joybridge.progress import say
 
@@ -45,7 +47,7 @@ def compare_suite(options: argparse.Namespace, compare: Callable[[Namespace], in
         given.overrides = [*task.overrides, *options.overrides]
         if not (options.layouts or options.set or options.change):  # then these are what varies
             given.layouts, given.change = [*task.layouts], [*task.changes]
-        given.metric, given.beside, given.ppo = f"{HELD_OUT}{task.metric}", suite.beside, task.ppo
+        given.metric, given.beside, given.ppo = task.scored, suite.beside, task.ppo
         if task.gym and not options.simulator:
             given.game = [f"gym:{task.gym}"]
         try:
@@ -73,7 +75,7 @@ def again(options: argparse.Namespace) -> str:
 def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) -> list[Path]:
     """Write the page of a suite, from the numbers of the comparisons in the folder. Raises StorageError."""
     suite = SUITES[name]
-    found = {task: data for task in suite.tasks if (data := _numbers(folder / task)) is not None}
+    found = {task: data for task, each in suite.tasks.items() if (data := _numbers(folder / task, each)) is not None}
     labels = list(dict.fromkeys(each["label"] for data in found.values() for each in data["variants"]))
     heads = ["task", "timesteps", *([suite.aims] if suite.aims else []), *labels]
     rows = []
@@ -106,17 +108,16 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) 
     return [folder / path for path in files]
 
 
-def _numbers(folder: Path) -> dict[str, Any] | None:
-    """Return the numbers of a comparison, None if there are none."""
+def _numbers(folder: Path, task: Task) -> dict[str, Any] | None:
+    """Return the numbers of the comparison of a task, None if there are none."""
+    path = folder / f"compare{page_mark(task.scored)}.json"
     try:
-        data: dict[str, Any] = json.loads(read_file(folder / "compare.json", MAX_BYTES))
+        data: dict[str, Any] = json.loads(read_file(path, MAX_BYTES))
         return data
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        raise ConfigError(
-            f"{folder}/compare.json cannot be read ({error}); delete it, and repeat the command"
-        ) from error
+        raise ConfigError(f"{path} cannot be read ({error}); delete it, and repeat the command") from error
 
 
 def _timesteps(data: dict[str, Any]) -> int:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from joybridge.config.metrics import HELD_OUT
+
 ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own
 STATE_DEPENDENT = '{"use_sde": true, "sde_sample_freq": 4}'  # exploration of Stable-Baselines3 that we have not
 
@@ -18,6 +20,11 @@ class Task(NamedTuple):
     aim: str = ""  # what is good, for people
     gym: str = ""  # the environment, if the game is one
     ppo: str = "{}"  # further arguments of PPO in Stable-Baselines3, JSON
+
+    @property
+    def scored(self) -> str:
+        """Return the column that is the score of a run."""
+        return f"{HELD_OUT}{self.metric}"
 
 
 class Suite(NamedTuple):

@@ -3,7 +3,7 @@
 import itertools
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 
-from joybridge.compare.names import SEED
+from joybridge.compare.names import SEED, file_name
 from joybridge.config.config import MAY_CHANGE, Config, dump_config, load_config, make_config
 from joybridge.config.config_files import find_config
+from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
 from joybridge.contract.files import read_file
@@ -27,7 +28,6 @@ VARIANTS = "variants.json"
 TRAINERS = {"sb3": "Stable-Baselines3"}  # others than ours, with their names for people
 MODULES = {"sb3": "stable_baselines3"}
 MAX_BYTES = 2**26  # of this file
-MAX_DIFFERENCES = 3  # differences that an error names
 # What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
 OFFERS = {"description", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode"}
 
@@ -51,11 +51,6 @@ class Kept(NamedTuple):
 
     config: Config
     spec: pb.GameSpec  # of its game when the comparison began
-
-
-def file_name(label: str) -> str:
-    """Return the name of the files of a variant."""
-    return re.sub(r"[^\w.+=-]+", "_", label.replace(", ", "-")).strip("_")
 
 
 def beside(variants: Sequence[Variant], trainer: str) -> list[Variant]:
@@ -248,21 +243,3 @@ def _without_offers(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_offers(each) for key, each in value.items() if key not in OFFERS}
     return [_without_offers(each) for each in value] if isinstance(value, list) else value
-
-
-def differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield what differs in two trees of plain data: its dotted key, what it was and what it is."""
-    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        before, now = dict(enumerate(before)), dict(enumerate(now))
-    if isinstance(before, Mapping) and isinstance(now, Mapping):
-        for name in [*before, *(name for name in now if name not in before)]:
-            yield from differences(before.get(name), now.get(name), f"{key}.{name}" if key else f"{name}")
-    elif before != now:
-        yield key, before, now
-
-
-def in_words(changed: Sequence[tuple[str, Any, Any]]) -> str:
-    """Return what has changed as a part of a sentence."""
-    texts = [f"{key} was {json.dumps(was)} and is now {json.dumps(now)}" for key, was, now in changed[:MAX_DIFFERENCES]]
-    more = f", and {len(changed) - MAX_DIFFERENCES} more" if len(changed) > MAX_DIFFERENCES else ""
-    return ", ".join(texts) + more

@@ -60,6 +60,10 @@ def find_config(text: str) -> Path:
 
 def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return the keys and values of a file, on top of its preset and of what it extends. Raises ConfigError."""
+    if path.suffix == ".py":
+        raise ConfigError(
+            f"{path} is a program, no configuration; `joybridge new --pygame {path}` writes one, if it uses pygame"
+        )
     try:
         real, text = path.resolve(), read_file(path, MAX_CONFIG_SIZE).decode("utf-8")
     except UnicodeDecodeError as error:

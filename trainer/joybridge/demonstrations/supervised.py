@@ -63,7 +63,8 @@ def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
     if learned.actions is None:
         raise ConfigError(f"{learned.remark}; record whole episodes")
     decisions = 0 if held_out.actions is None else len(held_out.actions)
-    remark = f"{learned.remark}; {decisions:,} decisions of {count} others are held out"
+    other = "other is" if count == 1 else "others are"
+    remark = f"{learned.remark}; {decisions:,} decisions of {count} {other} held out"
     return Shown(learned.actions, held_out.actions, remark, held_out.unsaid)
 
 

@@ -41,8 +41,8 @@ TYPES = {
 }
 OPERATORS = {
     "Abs", "Add", "And", "ArgMax", "Cast", "Clip", "Concat", "Conv", "CumSum", "Div", "Elu", "Flatten", "Gather",
-    "GatherElements", "Gemm", "Greater", "Identity", "Less", "LessOrEqual", "MaxPool", "Min", "Mul", "ReduceSum",
-    "Relu", "Reshape", "Sigmoid", "Slice", "Softmax", "Sub", "Tanh", "Transpose", "Where",
+    "GatherElements", "Gemm", "Greater", "Identity", "Less", "LessOrEqual", "MatMul", "MaxPool", "Min", "Mul",
+    "ReduceSum", "Relu", "Reshape", "Sigmoid", "Slice", "Softmax", "Sub", "Tanh", "Transpose", "Where",
 }  # fmt: skip
 
 
@@ -300,6 +300,7 @@ class _Builder:
     # ------------------------------------------------------------------------------------------------- small parts
 
     def _node(self, operator: str, *inputs: str, **attributes: Any) -> str:
+        assert operator in OPERATORS, operator  # else nobody could read the model
         name = f"v{len(self.nodes)}"
         self.nodes.append(helper.make_node(operator, inputs, [name], **attributes))
         return name

@@ -28,6 +28,7 @@ class Adviser:
         """Look at a policy of a behavior."""
         self._policy, self._behavior = policy, behavior
         self._sensors, self._rewards = True, True  # may still be warned of
+        self._unpaid: int | None = 0  # decisions without any reward so far; None: there was one, or it is said
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
         self._same = dict.fromkeys(branches, (-1, 0))  # branch -> its last choice, how often
@@ -52,6 +53,15 @@ class Adviser:
                 "1: set smaller weights in policy.reward_weights, or policy.scale_rewards=true"
             )
         choices = self._choices()
+        if self._unpaid is not None:
+            self._unpaid = self._unpaid + len(choices) if peak == 0.0 else None
+        if self._unpaid is not None and self._unpaid >= SAME_DECISIONS:
+            yield (
+                f"{name}: none of {self._unpaid:,} decisions was rewarded, so nothing can be learned yet; look "
+                "with `joybridge play` whether the game pays, begin with demonstrations (`joybridge clone`), or reward "
+                "what leads there"
+            )
+            self._unpaid = None
         for button, before, now in self._forgotten(choices):
             yield (
                 f"{name}: {button!r} is pressed in {now:.1%} of the decisions, after {before:.1%}: it may be forgotten "

@@ -5,7 +5,6 @@ The spec is that of the game under the options of the training, so that policies
 
 import difflib
 import hashlib
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from joybridge.config.config import (
     load_config,
 )
 from joybridge.config.config_files import read_overrides
+from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
 from joybridge.config.wrong_keys import FORMS
@@ -72,9 +72,10 @@ def check_run(config: Config, run: Path, *, resume: bool) -> None:
                 f"{config.total_timesteps}; to end earlier, set stop_at"
             )
         if changed:
+            now = config.model_dump()
+            words = in_words(list(differences(changed, {key: now[key] for key in changed})))
             raise ConfigError(
-                f"cannot resume {run}: {', '.join(changed)} changed (was {json.dumps(changed)}); resume "
-                f"{run}/config.yaml, or use another --run for a new configuration"
+                f"cannot resume {run}: {words}; resume {run}/config.yaml, or use another --run for a new configuration"
             )
     elif not resume and has_checkpoint(run):
         raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")

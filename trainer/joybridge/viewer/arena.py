@@ -40,10 +40,10 @@ class Pressed(NamedTuple):
 class Arena:
     """An arena, from its first episode until it is closed.
 
-    turn: number of decisions so far. acts: what was played last, per behavior. picture: uint8 [height, width, 3], or
-    None. others: who hold the seats that people do not; None: chance does. rated: the log of its matches, if people
-    want to be rated. discarded: whether nobody learns from the present episode, or from the last one if no decision has
-    been played since.
+    turn: number of decisions so far. acts: what was played last, per behavior. pictures: uint8 [height, width, 3] each,
+    of the ticks of the last decision where the game draws them, or of its end. others: who hold the seats that people
+    do not; None: chance does. rated: the log of its matches, if people want to be rated. discarded: whether nobody
+    learns from the present episode, or from the last one if no decision has been played since.
     """
 
     def __init__(self, address: str, game: str, settings: Settings, timeout: float, demos: Path | None = None) -> None:
@@ -70,10 +70,9 @@ class Arena:
         self.scores = Scores(spec)
         self.acts = make_acts(spec, 1)
         self.turn = 0
-        self.picture: Array | None = None
+        self.pictures: list[Array] = []
         self.others: Players | None = None
         self.rated: RatedMatches | None = None
-        self._drawn = [0] if spec.HasField("picture") else []
         self._rng = np.random.default_rng(settings.seed)
 
     @property
@@ -86,11 +85,12 @@ class Arena:
         others.begin(self.steps)
         self.others = others
 
-    def play(self, pressed: Mapping[int, Pressed], *, draw: bool = True) -> None:
+    def play(self, pressed: Mapping[int, Pressed], *, draw: bool = True, ticks: bool = True) -> None:
         """Play one decision. pressed: by people, by the seat that they hold; `others` or chance play in the rest.
 
-        draw: make a picture, if the game can be drawn. Where a choice is forbidden, an allowed one is played. Raises
-        SimulatorError, and StorageError where a match cannot be logged.
+        draw: make a picture, if the game can be drawn; with `ticks`, one of every tick, if it can do that. Where a
+        choice is forbidden, an allowed one is played. Raises SimulatorError, and StorageError where a match cannot be
+        logged.
         """
         if self.rated:
             self.rated.hold(pressed)
@@ -112,7 +112,7 @@ class Arena:
         if self._demonstration:
             self.discarded = self.discarded and self._since > 0
             self._demonstration.hold(self._lanes([] if self.discarded else pressed))
-        self._step(draw=draw)
+        self._step(draw=draw, ticks=ticks)
         self._since += 1
         if any(end["seat"] in pressed for end in self.scores.ended):
             self._since, self._last = 0, self._since
@@ -132,16 +132,19 @@ class Arena:
             if self.turn % every == 0:
                 press_at_random(behavior.device, act, self._rng)
             obey_masks(act, step, self._rng)
-        self._step(draw=True)
+        self._step(draw=True, ticks=False)
 
-    def _step(self, *, draw: bool) -> None:
-        steps, pictures = self.session.step_and_draw(self.acts, self._drawn if draw else [])
+    def _step(self, *, draw: bool, ticks: bool) -> None:
+        session, draw = self.session, draw and self.spec.HasField("picture")
+        if draw and ticks:
+            steps, self.pictures = session.step_and_draw_ticks(self.acts)
+        else:
+            steps, self.pictures = session.step_and_draw(self.acts, [0] if draw else [])
         if self.others:
             self.others.store(steps)
         if self.rated:
             self.rated.take(steps)
         self.turn += 1
-        self.picture = pictures[0] if pictures else None
         self.scores.take(steps)
 
     def _lanes(self, seats: Collection[int]) -> list[list[int]] | None:

@@ -10,8 +10,8 @@ From a page, read by `read_message`:
 
 To a page:
     game    the game, its settings and the controls; then a first turn
-    turn    the state after a decision; for each `picture` that is true, a binary message with a JPEG
-            follows: of the arena, then of the rival
+    turn    the state after a decision; so many binary messages with a JPEG each follow as `pictures` says: of the
+            arena, one per tick in their order or one of its end, then of the rival
     recorded where what is played is recorded, and whether the episode is discarded
     people  of several people that play together: for whom the game waits
     waiting how many people are still missing before they begin
@@ -59,7 +59,7 @@ class Shown(Protocol):
     scores: Scores
     acts: list[ActArrays]
     turn: int
-    picture: Array | None
+    pictures: list[Array]
 
     @property
     def steps(self) -> Sequence[StepArrays]:
@@ -177,6 +177,7 @@ def game_message(arena: Shown, seat: int | None = None, *, fixed: bool = False) 
         name=spec.name,
         description=spec.description,
         interval=spec.tick_seconds * spec.decision_interval,  # s between two decisions; 0: the game waits for them
+        tick=spec.tick_seconds,  # s that each of several pictures of a decision is shown
         picture=[spec.picture.width, spec.picture.height] if spec.HasField("picture") else None,
         seed=str(settings.seed),
         options=[
@@ -224,7 +225,7 @@ def turn_message(arena: Shown, played: int | None, rival: "Rival | None", **more
         played=played,
         behaviors=behaviors,
         ended=arena.scores.ended,
-        picture=arena.picture is not None,
+        pictures=len(arena.pictures),
         rival=rival and _rival(rival),
         **more,
     )
@@ -236,7 +237,7 @@ def _rival(rival: "Rival") -> dict[str, Any]:
         "title": rival.title,
         "scores": [now.tolist() for now in scores.now],
         "ended": scores.ended,
-        "picture": rival.picture is not None,
+        "pictures": len(rival.pictures),
     }
 
 

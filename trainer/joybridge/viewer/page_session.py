@@ -126,7 +126,7 @@ def _play_arena(room: Room, arena: Arena, rival: "Rival | None", demos: Path | N
     """Play until a page asks for other settings, which are returned. demos: where it is recorded. Raises PageLeft.
 
     A decision needs an act of every page for its turn, so nothing is played that a page has not seen, and the game
-    waits for everybody. Its pace comes before its pictures: when it is late, every other one is left out.
+    waits for everybody. Its pace comes before its pictures: when it is late, only every other decision has one.
     """
     interval = arena.spec.tick_seconds * arena.spec.decision_interval
     acts: dict[int, Act] = {}  # by the place of the page
@@ -148,15 +148,15 @@ def _play_arena(room: Room, arena: Arena, rival: "Rival | None", demos: Path | N
         if not decided and (len(acts) < room.places or not ticking):
             wait = None
         elif decided or now >= due:
-            drew = not (drew and ticking and now > due + interval)
-            arena.play(_pressed(room, arena, acts), draw=drew)
+            late = ticking and now > due + interval
+            drew = not (late and drew)
+            arena.play(_pressed(room, arena, acts), draw=drew, ticks=not late)
             if rival:
                 rival.play()
             for place in places:
                 room.send(place, turn_message(arena, acts[place].id, rival))
-            for picture in (arena.picture, rival.picture if rival else None):
-                if picture is not None:
-                    room.send_all(encode_picture(picture))
+            for picture in [*arena.pictures, *(rival.pictures if rival else [])]:
+                room.send_all(encode_picture(picture))
             acts, due = {}, max(due, now - LATE * interval) + interval
             continue
         else:

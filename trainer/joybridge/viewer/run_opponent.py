@@ -26,20 +26,20 @@ FAST = 0.05  # s between decisions: where there are fewer, every other picture i
 
 
 class Rival:
-    """The policies of a run, which decide whenever the person does. picture: of the last decision, or None."""
+    """The policies of a run, which decide whenever the person does. pictures: of the last decision, at most one."""
 
     def __init__(self, play: Play) -> None:
         """Play in an open session."""
         self.title = play.heading()
         self.scores = Scores(play.spec)
-        self.picture: Array | None = None
+        self.pictures: list[Array] = []
         fast = play.spec.tick_seconds * play.spec.decision_interval < FAST
         self._decisions = play.decisions((2 if fast else 1) if play.spec.HasField("picture") else 0)
 
     def play(self) -> None:
         """Play one decision. Raises SimulatorError."""
         played = next(self._decisions)
-        self.picture = played.pictures[0] if played.pictures else None
+        self.pictures = played.pictures
         self.scores.take(played.after)
 
 

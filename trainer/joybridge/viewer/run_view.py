@@ -41,7 +41,7 @@ class Watched:
         self.acts, self.steps = make_acts(play.spec, 1), play.session.steps
         self.turn = 0
         self.timesteps = play.timesteps
-        self.picture: Array | None = None
+        self.pictures: list[Array] = []
         self.outputs: list[dict[str, Any]] = []
         self._view = play.view()
         self._decisions = play.decisions(1 if play.spec.HasField("picture") else 0)
@@ -52,9 +52,8 @@ class Watched:
         played = next(self._decisions)
         self.turn += 1
         self.acts, self.steps = played.acts, played.after
-        self.picture = None
-        if played.pictures:
-            self.picture = self._view.beside(played.pictures[0], played.after, self._play.remembered())
+        remembered = self._play.remembered()
+        self.pictures = [self._view.beside(picture, played.after, remembered) for picture in played.pictures]
         self.scores.take(played.after)
 
     def renew(self) -> None:
@@ -100,8 +99,8 @@ def _watch_arena(page: ServerConnection, run: Path, watched: Watched, shown: dic
         if running:
             watched.play()
             page.send(turn_message(watched, None, None, outputs=watched.outputs, timesteps=watched.timesteps))
-            if watched.picture is not None:
-                page.send(encode_picture(watched.picture))
+            for picture in watched.pictures:
+                page.send(encode_picture(picture))
         due = max(due, now) + interval(watched.spec) if running else now + LOOK_SECONDS
 
 

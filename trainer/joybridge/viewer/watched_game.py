@@ -36,6 +36,6 @@ def _watch(page: ServerConnection, arena: Arena) -> None:
         if running:
             arena.play_at_random(decisions_apart(arena.spec))
             page.send(turn_message(arena, None, None))
-            if arena.picture is not None:
-                page.send(encode_picture(arena.picture))
+            for picture in arena.pictures:
+                page.send(encode_picture(picture))
         due = max(due, now) + interval(arena.spec) if running else now + LOOK_SECONDS

@@ -45,13 +45,25 @@ def pictures_are_deterministic(subject: Subject) -> None:
     expect(same, "different pictures in a second session", "the same bytes")
 
 
+@check("Step")
+def pictures_of_ticks_have_the_size_of_the_spec(subject: Subject) -> None:
+    """The ticks before the last have at most decision_interval - 1 pictures, UINT8 [height, width, 3] each."""
+    size, most = _size(subject), subject.spec.decision_interval - 1
+    skip_unless(most < max_pictures(subject.spec), "a decision has too many ticks for pictures of all")
+    pictures = subject.expect_answered(*_requests(subject, [0], ticks=True))[-1].step.tick_pictures
+    expect(len(pictures) <= most, f"{len(pictures)} tick_pictures", f"at most {most}")
+    for picture in pictures:
+        expect_tensor(picture, pb.DTYPE_UINT8, size, "a picture of a tick")
+
+
 @check("Act")
 def drawing_does_not_change_the_episode(subject: Subject) -> None:
-    """Act.draw requests pictures and has no other effect."""
+    """Act.draw and Act.draw_ticks request pictures and have no other effect."""
     _size(subject)
+    ticks = subject.spec.decision_interval <= max_pictures(subject.spec)
     requests = [*subject.short_session.requests]
     for moment in range(1, len(requests)):
-        requests[moment] = _with_draw(requests[moment], [0])
+        requests[moment] = _with_draw(requests[moment], [0], ticks=ticks)
     got = [step_bytes(pb.Step(behaviors=step.behaviors)) for step in subject.expect_steps(requests)]
     expect(got == subject.short_session.step_bytes, "different steps if arenas are drawn", "the same bytes")
 
@@ -103,16 +115,17 @@ def _size(subject: Subject) -> tuple[int, int, int]:
     return subject.spec.picture.height, subject.spec.picture.width, 3
 
 
-def _with_draw(request: pb.PlayRequest, draw: Sequence[int]) -> pb.PlayRequest:
-    return act_request(pb.Act(behaviors=request.act.behaviors, draw=draw))
+def _with_draw(request: pb.PlayRequest, draw: Sequence[int], *, ticks: bool = False) -> pb.PlayRequest:
+    """Return an Act that draws. ticks: also the ticks of the first arena."""
+    return act_request(pb.Act(behaviors=request.act.behaviors, draw=draw, draw_ticks=0 if ticks else None))
 
 
-def _requests(subject: Subject, draw: Sequence[int]) -> list[pb.PlayRequest]:
+def _requests(subject: Subject, draw: Sequence[int], *, ticks: bool = False) -> list[pb.PlayRequest]:
     """Return a short session whose last Act draws."""
     requests = subject.short_session.requests[:4]
     if len(requests) < 2:
         raise Violation(f"{subject.short_session.end} in response to Act", "a Step")
-    return [*requests[:-1], _with_draw(requests[-1], draw)]
+    return [*requests[:-1], _with_draw(requests[-1], draw, ticks=ticks)]
 
 
 def _draw(subject: Subject, draw: Sequence[int]) -> list[pb.Tensor]:

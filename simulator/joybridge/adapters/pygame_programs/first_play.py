@@ -118,11 +118,18 @@ def watch_texts(processes: ProgramProcesses, look: Look) -> Shown:
             missed = [each for each in watched["missed"] if seed == 0 or each in missed]
             if left <= 0 or remarks or time.monotonic() > end:
                 break
-    if missed:
+    for kind in ([each for each in missed if is_end(each) == ends] for ends in (False, True)):
+        if not kind:
+            continue
         seen = ", ".join(f"{printable(text)[:TEXT_CHARS]!r}" for text in list(texts)[:MAX_NUMBERS]) or "none"
         played = f"{TEXT_DECISIONS - left} decisions of random play"
-        remarks.append(f"{', '.join(missed)} matched nothing in {played}; texts seen (case counts): {seen}")
+        remarks.append(f"{', '.join(kind)} matched nothing in {played}; texts seen (case counts): {seen}")
     return Shown(sorted(found.values(), key=lambda number: number.low == number.high)[:MAX_NUMBERS], remarks)
+
+
+def is_end(missed: str) -> bool:
+    """Return whether something that was not found, or a remark that begins with it, is an end of episodes."""
+    return missed.startswith("done '")
 
 
 def plays_the_same(processes: ProgramProcesses, look: Look) -> tuple[bool, list[int]]:

@@ -91,9 +91,13 @@ class PygameGame(BatchedGame):
         if self._closed:
             self._seen, self._closed = self._begin(arenas), False
         self._axes[arenas, self._lengths], self._choices[arenas, self._lengths] = acts[0].axes, acts[0].choices
+        shown, size = self.drawn_by_tick, self.look.picture()
+        if shown is not None:
+            self._players.keep(shown, *size)
         for arena in arenas:
             self._players.act(arena, self._act(arena, self._lengths[arena]))
         played = [self._players.receive(arena) for arena in arenas]
+        self.tick_pictures = [] if shown is None else self._players.ticks(shown, *size)
         self._lengths += 1
         ends = [a for a in arenas if played[a].over or self._lengths[a] == self._axes.shape[1]]
         self._seen = list(played)

@@ -9,7 +9,17 @@ import numpy as np
 from joybridge.adapters.pygame_programs.form import Form
 from joybridge.adapters.pygame_programs.processes import ProgramFault, ProgramProcesses, said
 from joybridge.adapters.pygame_programs.stacks import place_of
-from joybridge.adapters.pygame_programs.wire import ACT, DRAW, FAULT, REPLAY, STEP_HEADER, WATCHED, as_json
+from joybridge.adapters.pygame_programs.wire import (
+    ACT,
+    DRAW,
+    FAULT,
+    KEEP,
+    REPLAY,
+    STEP_HEADER,
+    TICKS,
+    WATCHED,
+    as_json,
+)
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.simulator.batched_game import ArenaError
 from joybridge.simulator.workers.link import Link
@@ -99,6 +109,15 @@ class Players:
         """Return a picture of an arena, uint8 [height, width, 3]."""
         self._send(arena, DRAW, as_json([height, width]))
         return np.frombuffer(self._receive(arena), np.uint8).reshape(height, width, 3)
+
+    def keep(self, arena: int, width: int, height: int) -> None:
+        """Let an arena keep pictures of the frames of its next decision, for `ticks`."""
+        self._send(arena, KEEP, as_json([height, width]))
+
+    def ticks(self, arena: int, width: int, height: int) -> list[Array]:
+        """Return pictures of the frames of the last decision but its last, uint8 [height, width, 3] each."""
+        self._send(arena, TICKS, b"")
+        return list(np.frombuffer(self._receive(arena), np.uint8).reshape(-1, height, width, 3))
 
     def end(self, arenas: Sequence[int]) -> None:
         """End the processes of some arenas."""

@@ -10,7 +10,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-from joybridge.adapters.pygame_programs.first_play import FirstPlay, Number, first_play
+from joybridge.adapters.pygame_programs.first_play import FirstPlay, Number, first_play, is_end
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses
 from joybridge.adapters.pygame_programs.settings import PygameSettings
 
@@ -63,7 +63,10 @@ def _write(path: Path | None, found: FirstPlay) -> None:
     part = path.with_suffix(f".{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(json.dumps(found._asdict()), encoding="utf-8")
+        remarks = [
+            remark for remark in found.remarks if not is_end(remark)
+        ]  # random play need not reach one: said once
+        part.write_text(json.dumps(found._replace(remarks=remarks)._asdict()), encoding="utf-8")
         part.replace(path)
     except OSError:
         return

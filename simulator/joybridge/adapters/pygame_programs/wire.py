@@ -12,9 +12,9 @@ from typing import Any
 
 from joybridge.simulator.workers.link import Link
 
-# To a stem: JSON. To a player: an act as float32 axes and int32 choices; JSON for DRAW and BRANCH; REPLAY: many acts;
-# WATCHED: nothing.
-FORK, ACT, DRAW, BRANCH, REPLAY, WATCHED = b"K", b"A", b"D", b"B", b"R", b"W"
+# To a stem: JSON. To a player: an act as float32 axes and int32 choices; JSON for DRAW, KEEP and BRANCH; REPLAY: many
+# acts; WATCHED and TICKS: nothing. KEEP comes before an act: pictures of the frames but the last, which TICKS asks for.
+FORK, ACT, DRAW, BRANCH, REPLAY, WATCHED, KEEP, TICKS = b"K", b"A", b"D", b"B", b"R", b"W", b"E", b"L"
 HELLO, FIRST, STEP, PICTURE, DONE, FAULT = b"H", b"1", b"T", b"P", b"N", b"F"  # from them
 
 STEP_HEADER = struct.Struct("<Bq")  # whether the episode is over, and the virtual time in nanoseconds

@@ -28,6 +28,7 @@ from joybridge.simulator import (
     spec,
 )
 from joybridge.simulator.compiled import compiled
+from joybridge.simulator.randomness import Streams
 from joybridge.v1 import bridge_pb2 as pb
 
 GOLDEN_RATIO = (1.0 + math.sqrt(5.0)) / 2.0  # its multiples, without their integers, are spread evenly over 0..1
@@ -227,7 +228,11 @@ class BeastlyRivals(PointerGame):
         move, blink = act.choices[:, -2:].T.copy()
         rewards = np.zeros((len(arenas), len(CHANNELS)))
         r.reserve_draws(self.streams, self.world)
-        r.decide(arenas, self.streams, self.world, velocity, move, blink, rewards)
+
+        def decide(arenas: Array, streams: Streams, rewards: Array, ticks: int) -> None:
+            r.decide(arenas, streams, self.world, velocity, move, blink, rewards, ticks)
+
+        self.play_ticks(r.DECISION_TICKS, decide, rewards)
         observations = self.observations(arenas)
         terminated = self.fields["dead"].copy()
         truncated = (self.fields["clock"] >= r.CLOCK_TICKS) & ~terminated
@@ -261,11 +266,11 @@ class BeastlyRivals(PointerGame):
         survival = arenas.tick // r.DECISION_TICKS
         return np.stack([survival, arenas.blinks, arenas.clicks, slow_share], axis=1).astype(np.float32)
 
-    def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]."""
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
         from joybridge.games.beastly_rivals.drawing import draw  # imported here because only pictures need pygame
 
-        return draw(self.arenas[arena], self.world.pitches, *PICTURE)
+        return draw(arena, self.world.pitches, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

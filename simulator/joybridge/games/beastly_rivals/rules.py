@@ -174,9 +174,9 @@ def _stop(body):
 
 
 @compiled
-def decide(arenas, streams, world, velocity, move, blink, rewards):
-    """Advance every arena by one decision: its action in each of the ticks, death or not. See `tick`."""
-    for number in range(DECISION_TICKS):
+def decide(arenas, streams, world, velocity, move, blink, rewards, ticks):
+    """Advance every arena by the first ticks of a decision: its action in each of them, death or not. See `tick`."""
+    for number in range(ticks):
         tick(arenas, streams, world, number, velocity, move, blink, rewards)
     for i in range(len(arenas)):
         arenas[i].clicks += 1 if move[i] or blink[i] else 0

@@ -34,7 +34,7 @@ from joybridge.simulator import (
     quiet_step,
     spec,
 )
-from joybridge.simulator.randomness import reserve
+from joybridge.simulator.randomness import Streams, reserve
 from joybridge.v1 import bridge_pb2 as pb
 
 PICTURE = (720, 480)  # width, height
@@ -187,7 +187,12 @@ class BeastlyRivalsFull(RecordGame):
             self._turn(heading, scripts)
         rewards = np.empty((lanes, len(CHANNELS)), np.float32)
         reserve(self.streams, r.MAX_DRAWS)
-        r.decide(self.arenas, self.streams, self.rules, velocity, act.choices[:, -1].copy(), scripts, rewards)
+        clicks = act.choices[:, -1].copy()
+
+        def decide(arenas: Array, streams: Streams, rewards: Array, ticks: int) -> None:
+            r.decide(arenas, streams, self.rules, velocity, clicks, scripts, rewards, ticks)
+
+        self.play_ticks(DECISION_TICKS, decide, rewards)
         step = StepArrays(self.observations(), rewards, np.zeros(lanes, bool), np.zeros(lanes, bool))
         over = self.fields["phase"] == OVER
         ends = over | (self.fields["tick"] >= MAX_DECISIONS * DECISION_TICKS)
@@ -248,11 +253,11 @@ class BeastlyRivalsFull(RecordGame):
         ]
         return np.stack(columns, axis=1).astype(np.float32)
 
-    def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]."""
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
         from joybridge.games.beastly_rivals_full.drawing import draw  # imported here because only pictures need pygame
 
-        return draw(self.arenas[arena], self.rules, *PICTURE)
+        return draw(arena, self.rules, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

@@ -78,8 +78,8 @@ def _shuffle(values, count, streams, i):
 
 
 @compiled
-def decide(arenas, streams, rules, velocity, clicks, scripts, rewards):
-    """Advance every arena by one decision. Episodes that end are left as they are, with all rewards paid.
+def decide(arenas, streams, rules, velocity, clicks, scripts, rewards, ticks):
+    """Advance every arena by the first ticks of a decision. Episodes that end are left as they are, with all paid.
 
     velocity [lanes, 2] is the commanded one of the pointers, clicks [lanes] are 0, 1 or 2 for a double click; those of
     lanes that wait are ignored. scripts [lanes]: 0, or which script plays instead, see scripts.py. rewards [lanes,
@@ -94,7 +94,7 @@ def decide(arenas, streams, rules, velocity, clicks, scripts, rewards):
             else:
                 _act(arena, j, velocity[first + j], clicks[first + j], rules)
         gained[:] = 0.0
-        for _ in range(DECISION_TICKS):
+        for _ in range(ticks):
             tick(arena, streams, i, rules, gained)
             if arena.phase == OVER:
                 break

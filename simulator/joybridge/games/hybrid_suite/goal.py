@@ -153,11 +153,11 @@ class Goal(SuiteGame):
         """Write the values of every sensor."""
         _observe(self.arenas, 2.0 * s.GOAL_HALF if self.quirks else s.GOAL_HALF, *values)
 
-    def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]."""
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
         from joybridge.games.hybrid_suite.drawing import draw_goal  # imported here because only pictures need pygame
 
-        return draw_goal(self.arenas[arena], *PICTURE)
+        return draw_goal(arena, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

@@ -90,11 +90,11 @@ class Moving(SuiteGame):
         """Write the values of every sensor."""
         _observe(self.arenas, *values)
 
-    def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]."""
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
         from joybridge.games.hybrid_suite.drawing import draw_moving  # imported here because only pictures need pygame
 
-        return draw_moving(self.arenas[arena], TARGET_RADIUS, self.inertia, *PICTURE)
+        return draw_moving(arena, TARGET_RADIUS, self.inertia, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

@@ -62,13 +62,13 @@ class ParticleGame(SuiteGame):
         velocity[:, 0], velocity[:, 1] = fields["vx"], fields["vy"]
         target[:, 0], target[:, 1] = fields["target_x"] - fields["x"], fields["target_y"] - fields["y"]
 
-    def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]."""
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
         from joybridge.games.hybrid_suite.drawing import (
             draw_particle,
         )  # imported here because only pictures need pygame
 
-        return draw_particle(self.arenas[arena], NEAR, *PICTURE)
+        return draw_particle(arena, NEAR, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

@@ -113,13 +113,13 @@ class Platform(SuiteGame):
         """Write the values of every sensor."""
         _observe(self.arenas, *values)
 
-    def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]."""
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
         from joybridge.games.hybrid_suite.drawing import (
             draw_platform,
         )  # imported here because only pictures need pygame
 
-        return draw_platform(self.arenas[arena], *PICTURE)
+        return draw_platform(arena, *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

@@ -262,18 +262,18 @@ class ShootingBirds(PointerGame):
             values.append(self.arenas.empty / self.arenas.tick)
         return np.stack(values, axis=1).astype(np.float32)
 
-    def draw(self, arena: int) -> Array:
-        """Return a picture of one arena, uint8 [height, width, 3]."""
+    def draw_record(self, arena: np.record) -> Array:
+        """Return a picture of the record of an arena, uint8 [height, width, 3]."""
         from joybridge.games.shooting_birds.drawing import (  # imported here because only pictures need pygame
             Scene,
             draw,
         )
 
-        level = int(self.fields["level"][arena])
+        level = int(arena.level)
         placements = placements_of(level, self.screens, camera.SCREEN_WIDTH)
         if self.generated:
             placements = self.generated.placed(level)
-        return draw(self.arenas[arena], self.world.obstacles, Scene(placements, self.screens), *PICTURE)
+        return draw(arena, self.world.obstacles, Scene(placements, self.screens), *PICTURE)
 
     def check_arenas(self, arenas: Array) -> None:
         """Raise ValueError for arenas in a state that cannot occur."""

@@ -20,7 +20,8 @@ def layout(spec: pb.GameSpec) -> str:
         name, others = "hybrid", "bucket-5, threshold-0.0, multiagent"
     elif seen and all(each == [pb.AXIS_KIND_POSITION] * 2 for each in kinds):
         height, width = seen[0].shape[:2]
-        name, others = f"map-{CELLS_ACROSS}x{max(1, round(CELLS_ACROSS * height / width))}", "bucket-7, hybrid"
+        name = f"map-{CELLS_ACROSS}x{max(1, round(CELLS_ACROSS * height / width))}"
+        others = "bucket-7, hybrid\n# A pointer is put on centers of cells; take more cells if targets are small."
     else:
         name, others = "bucket-7", "hybrid, multiagent"
     return f"layout: {name:<18}# how the policy controls axes and buttons; others: {others}"

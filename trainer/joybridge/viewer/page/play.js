@@ -27,7 +27,8 @@ const inputs = new Inputs($("stage"), $("picture"), onInput);
 const panel = new Panel(state, inputs, onChip);
 const figures = { turns: [], pictures: [], latencies: [] };
 let drawing = Promise.resolve(); // pictures are shown in their order
-let awaited = []; // the canvases of the pictures that follow
+let awaited = []; // of the pictures that follow: which canvas, and which tick of the decision
+let began = 0; // when the first picture of the turn came
 let first = null; // time of the first event that no act contains yet
 let timer = 0;
 let locked = false; // whether the browser holds the pointer
@@ -114,7 +115,8 @@ function takeTurn(turn) {
   if (played) inputs.consume(played.presses, played.movement);
   for (const id of state.acts.keys()) if (id <= turn.played) state.acts.delete(id);
   state.turn = turn;
-  awaited = [...(turn.picture ? ["picture"] : []), ...(turn.rival?.picture ? ["rival-picture"] : [])];
+  awaited = [["picture", turn.pictures], ["rival-picture", turn.rival?.pictures ?? 0]]
+    .flatMap(([id, count]) => [...Array(count).keys()].map((tick) => [id, tick]));
   state.chosen.clear();
   panel.take(turn);
   figures.turns.push(performance.now());
@@ -171,11 +173,14 @@ function onChip(number, choice) {
   answer(state.controls.length === 1);
 }
 
-// The pictures that a turn has announced follow it: of the arena, then of the rival.
+// The pictures that a turn has announced follow it: of the arena, one per tick in their pace, then of the rival.
 function draw(blob) {
-  const turn = state.turn, canvas = $(awaited.shift() ?? "picture");
+  const turn = state.turn, [id, tick] = awaited.shift() ?? ["picture", 0], canvas = $(id);
+  if (tick === 0) began = performance.now();
+  const due = began + 1000 * state.game.tick * tick;
   drawing = drawing.then(async () => {
-    const bitmap = await createImageBitmap(blob);
+    const bitmap = await createImageBitmap(blob), early = due - performance.now();
+    if (turn === state.turn && early > 0) await new Promise((shown) => setTimeout(shown, early)); // else a newer one waits
     canvas.getContext("2d").drawImage(bitmap, 0, 0);
     bitmap.close();
     if (canvas.id !== "picture") return;

@@ -15,8 +15,9 @@ from types import TracebackType
 from typing import Any
 
 from joybridge.adapters.pygame_programs.inside.display import Refused
+from joybridge.adapters.pygame_programs.inside.places import Places
 from joybridge.adapters.pygame_programs.inside.player import Player
-from joybridge.adapters.pygame_programs.inside.program import ProgramError, find_program
+from joybridge.adapters.pygame_programs.inside.program import Program, ProgramError, find_program
 from joybridge.adapters.pygame_programs.inside.scan import needs_joystick, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage, own_folder
 from joybridge.adapters.pygame_programs.inside.stem import copy_beside
@@ -53,12 +54,10 @@ def _run(player: Player, settings: Mapping[str, Any]) -> None:
         program = find_program(settings["place"], settings["arguments"])
         player.root = program.root
         player.stage.joysticks.plugged = needs_joystick(scan(program.root), settings["joystick"])
-        if program.beside is not None and settings["window"]:
-            os.chdir(program.beside)
+        if not settings["window"]:
+            _give_own_places(program, player.stage)
         elif program.beside is not None:
-            player.stage.fences.beside = str(program.beside)
-            with player.stage.fences.trusting():
-                copy_beside(program.beside, Path.cwd())
+            os.chdir(program.beside)
         program.run()
     except SystemExit:
         pass
@@ -67,6 +66,20 @@ def _run(player: Player, settings: Mapping[str, Any]) -> None:
     except BaseException as error:
         player.fail(f"{type(error).__name__}: {error}{_place(error.__traceback__)}", traceback.format_exc())
     player.end()
+
+
+def _give_own_places(program: Program, stage: Stage) -> None:
+    """Let a program write beside itself, and in the folder of its package, without a change there."""
+    folder = program.beside or program.root
+    if not folder.is_dir():  # a module alone, among others
+        return
+    stage.fences.beside = str(folder.resolve())
+    with stage.fences.trusting():
+        if program.beside is not None:
+            copy_beside(folder, Path.cwd())
+        else:
+            (stage.folders.own / "package").symlink_to(folder)
+        Places(folder, "package" if program.beside is None else "work", stage.folders, stage.fences).take()
 
 
 def _place(where: TracebackType | None) -> str:

@@ -79,7 +79,7 @@ class Fences:
         self.folder = os.path.realpath(folder) + os.sep
         self.beside = ""  # the folder whose files and folders are linked in working directories; "" for none
         self.refused = ""  # what was refused last
-        self._trusted = True  # while the surroundings of the program act
+        self.trusted = True  # while the surroundings of the program act
 
     def raise_up(self, megabytes: int) -> None:
         """Begin to refuse. megabytes: of memory that the process may have."""
@@ -95,19 +95,19 @@ class Fences:
         pygame.image.save = pygame.image.save_extended = save_image
         builtins.input = self._no_input
         sys.addaudithook(self._look)
-        self._trusted = False
+        self.trusted = False
 
     @contextmanager
     def trusting(self) -> Iterator[None]:
         """Let everything pass meanwhile."""
-        before, self._trusted = self._trusted, True
+        before, self.trusted = self.trusted, True
         try:
             yield
         finally:
-            self._trusted = before
+            self.trusted = before
 
     def _look(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if self._trusted:
+        if self.trusted:
             return
         if event == "open":
             path, mode, flags = arguments
@@ -134,9 +134,10 @@ class Fences:
         name = os.fsdecode(path)
         with self.trusting():
             own_copy(os.path.abspath(name), self.folder, self.beside)  # noqa: PTH100 (it keeps links)
-        if name not in (os.devnull, ":memory:", "") and not os.path.realpath(name).startswith(self.folder):
+            place = os.path.realpath(name)
+        if name not in (os.devnull, ":memory:", "") and not place.startswith(self.folder):
             self._refuse(
-                f"the program may write in its home and its working directory only, not {os.path.realpath(name)}"
+                f"the program may write in its home, its working directory and beside itself only, not {place}"
             )
 
     def _refuse(self, text: str, kind: type[Exception] = PermissionError) -> NoReturn:

@@ -24,11 +24,13 @@ from joybridge.adapters.pygame_programs.wire import (
     DRAW,
     FAULT,
     FIRST,
+    KEEP,
     PICTURE,
     REPLAY,
     STEP,
     STEP_HEADER,
     STICK_BUTTONS,
+    TICKS,
     WATCHED,
     as_json,
 )
@@ -58,6 +60,8 @@ class Player:
         self._watch: Watch | None = None
         self._numbers = Numbers()  # which sees texts up to the first frame, and then if the program is watched
         self._hashes = bytearray()  # of the frames of the decision, if they are wanted
+        self._kept_size: tuple[int, int] | None = None  # of pictures of the frames but the last, if they are wanted
+        self._kept: list[bytes] = []
 
     def enter(self, stage: Stage) -> None:
         """Play on a stage."""
@@ -75,6 +79,8 @@ class Player:
         if self._form["hashes"]:
             self._hashes += hash_of(self.stage.display.pixels())
         self.stage.score.after_frame()
+        if self._kept_size and self._frames_left > 0:
+            self._kept.append(scale(self.stage.display.pixels(), *self._kept_size).tobytes())
         if self.stage.score.over:
             self.end()
         elif self._asked:
@@ -186,6 +192,11 @@ class Player:
             self._act(self._acts.pop(0))
         elif kind == DRAW:
             self.link.send(PICTURE, scale(self.stage.display.pixels(), *json.loads(message)).tobytes())
+        elif kind == KEEP:
+            self._kept_size = tuple(json.loads(message))
+        elif kind == TICKS:
+            self.link.send(PICTURE, b"".join(self._kept))
+            self._kept_size, self._kept = None, []
         elif kind == WATCHED:
             self.link.send(DONE, as_json(self._watched()))
         elif kind == BRANCH:

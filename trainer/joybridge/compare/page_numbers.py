@@ -1,0 +1,167 @@
+"""The numbers of a comparison as files: CSV to read again, LaTeX for a paper, and JSON with everything."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from joybridge.compare.analysis import Analysis, Band
+from joybridge.compare.page_parts import interval_text, number_text
+
+# What LaTeX would take for a command, and how it is written.
+LATEX = str.maketrans({
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+})  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What was compared, for the beginning and the end of the page."""
+
+    game: str
+    timesteps: Sequence[int]  # lengths of the runs
+    policies: Mapping[str, str]  # whose metric is the score, by variant; "": a game has one policy
+    command: str  # that makes this comparison
+    missing: Sequence[str]  # runs that failed, each with its reason
+    mark: str = ""  # what the names of the files of the page end with
+    differing: str = ""  # what differs among the variants, as Markdown
+
+
+def scores_csv(analysis: Analysis) -> str:
+    """Return a line per run: its variant, its seed and its score."""
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(("variant", "seed", analysis.metric, f"timesteps_to_{analysis.score:.6g}"))
+    for result in analysis.results:
+        for run in result.runs:
+            first = run.first_at(analysis.score)
+            table.writerow((result.label, run.seed, repr(run.score), first.timesteps if first else ""))
+    return text.getvalue()
+
+
+def pairs_csv(analysis: Analysis) -> str:
+    """Return a line per pair of variants: the effect sizes with their 95 % intervals, and the p values.
+
+    An interval is empty where each variant has one run.
+    """
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    ends = [f"{name}{end}" for name in ("difference", "probability") for end in ("", "_low", "_high")]
+    table.writerow(("first", "second", *ends, "p_value", "corrected"))
+    known = analysis.has_intervals
+    for pair in analysis.pairs:
+        estimates = [
+            repr(value) if known or not index else ""
+            for each in (pair.difference, pair.improvement)
+            for index, value in enumerate(each)
+        ]
+        table.writerow((pair.first, pair.second, *estimates, repr(pair.p_value), repr(pair.corrected)))
+    return text.getvalue()
+
+
+def scores_tex(analysis: Analysis) -> str:
+    """Return the final scores as a table for LaTeX, the rows in the order of the page."""
+    rows = [
+        (
+            _latex(result.label),
+            f"{len(result.runs)}",
+            _latex(interval_text(result.iqm, len(result.runs) > 1)),
+            f"{_latex(number_text(result.mean))} $\\pm$ {number_text(result.std)}",
+            _latex(number_text(result.median)),
+        )
+        for result in analysis.results
+    ]
+    return _tabular(("variant", "runs", f"{analysis.center} [95\\,\\%]", r"mean $\pm$ sd", "median"), rows)
+
+
+def pairs_tex(analysis: Analysis) -> str:
+    """Return the effect sizes and p values of all pairs of variants as a table for LaTeX."""
+    known = analysis.has_intervals
+    rows = [
+        (
+            f"{_latex(pair.first)} -- {_latex(pair.second)}",
+            _latex(interval_text(pair.difference, known)),
+            _latex(interval_text(pair.improvement, known)),
+            f"{pair.corrected:.2g}",
+        )
+        for pair in analysis.pairs
+    ]
+    heads = ("pair", rf"$\Delta$ {analysis.center} [95\,\%]", r"$P$(first better) [95\,\%]", "$p$ (Holm)")
+    return _tabular(heads, rows)
+
+
+def _tabular(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [
+        r"% \usepackage{booktabs}, then \input this file",
+        rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}",
+        r"\toprule",
+        rf"{' & '.join(heads)} \\",
+        r"\midrule",
+        *(rf"{' & '.join(row)} \\" for row in rows),
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _latex(text: str) -> str:
+    """Return a text that means nothing to LaTeX; negative numbers in brackets have a minus sign."""
+    return re.sub(r"(?<![\w.+-])-(?=\d)", "$-$", text.translate(LATEX))
+
+
+def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
+    """Return all numbers as plain data. Only those under "wall_clock" differ when a comparison is made again."""
+
+    def band(each: Band, x: str) -> dict[str, list[float]]:
+        return {x: each.x, "value": each.value, "low": each.low, "high": each.high}
+
+    score, results = analysis.score, analysis.results
+    return {
+        "game": setting.game,
+        "metric": analysis.metric,
+        "score": score,
+        "score_given": analysis.score_given,
+        "missing": list(setting.missing),
+        "variants": [
+            {
+                "label": result.label,
+                "policy": setting.policies[result.label],
+                "seeds": [run.seed for run in result.runs],
+                "scores": result.scores,
+                "iqm": result.iqm._asdict(),
+                "mean": result.mean,
+                "std": result.std,
+                "median": result.median,
+                "timesteps_to_score": [first.timesteps if first else None for first in result.firsts(score)],
+                "curve": band(result.curve, "timesteps"),
+                "profile": band(result.profile, "scores"),
+            }
+            for result in results
+        ],
+        "pairs": [
+            {
+                "first": pair.first,
+                "second": pair.second,
+                "difference": pair.difference._asdict(),
+                "improvement": pair.improvement._asdict(),
+                "p_value": pair.p_value,
+                "corrected": pair.corrected,
+            }
+            for pair in analysis.pairs
+        ],
+        "wall_clock": {
+            result.label: {
+                "seconds": [_finite(run.seconds) for run in result.runs],
+                "seconds_to_score": [_finite(first.seconds) if first else None for first in result.firsts(score)],
+            }
+            for result in results
+        },
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
