@@ -607,9 +607,7 @@ def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, 
 
 
 def test_a_file_is_no_name_of_a_game():
-    with pytest.raises(
-        ConfigError, match="my.py is a file: name a pygame program pygame:my.py, and a game"
-    ):
+    with pytest.raises(ConfigError, match=r"my\.py is a file: name a pygame program pygame:my\.py, and a game"):
         choose_game("my.py", (), None)
 
 
