@@ -20,6 +20,7 @@ from joybridge.compare.launch import check_metric, make_job, scored_policy
 from joybridge.compare.page import page_text
 from joybridge.compare.page_numbers import Setting, pairs_csv, pairs_tex, scores_tex
 from joybridge.compare.page_parts import page_html
+from joybridge.compare.page_settings import settings_block
 from joybridge.compare.scores import Point, Run, score_run
 from joybridge.compare.table import TABLE, add_results, read_table
 from joybridge.compare.variants import (
@@ -406,6 +407,16 @@ def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
     suite = ["compare", "--suite", "hybrid", "--output", "y", "--tasks", "goal", "moving", "arenas=4"]
     options = command.parse(suite, "joybridge")
     assert (options.tasks, options.overrides) == (["goal", "moving"], ["arenas=4"])
+
+
+def test_a_page_says_what_differs_but_not_layouts_alone():
+    layouts = make_variants(["archer/hybrid"], [], [("layout", ["hybrid", "bucket-3"])])
+    assert settings_block(layouts, []) == ""
+    tuned = make_variants(["archer/hybrid"], [], [("layout", ["hybrid"]), ("policy.epochs", ["2", "3"])])
+    block = settings_block(tuned, [])
+    assert block == "## What differs\n\n| key | hybrid, epochs=2 | hybrid, epochs=3 |\n| --- | --- | --- |\n" + (
+        "| `policy.epochs` | 2 | 3 |"
+    )
 
 
 def test_differences_name_the_innermost_key():

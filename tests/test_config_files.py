@@ -29,7 +29,7 @@ def test_a_program_is_no_configuration(tmp_path):
     program = tmp_path / "sorter.py"
     program.write_text("import pygame\n")
     with pytest.raises(
-        ConfigError, match=r"sorter\.py is a program, no configuration; `joybridge new --pygame .*sorter.py` writes"
+        ConfigError, match=r"sorter\.py is a program, no configuration; `joybridge new --pygame .*sorter\.py` writes"
     ):
         load_config(find_config(str(program)))
 

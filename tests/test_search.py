@@ -20,6 +20,7 @@ from joybridge.compare import trials as trainings
 from joybridge.compare.command import parse
 from joybridge.compare.job import Job, Process
 from joybridge.compare.page_parts import page_html
+from joybridge.compare.page_settings import settings_block
 from joybridge.compare.pictures import draw_themes
 from joybridge.compare.ranges import Choices, Numbers, own_settings, read_ranges
 from joybridge.compare.scores import Point, Run, score_at, score_run
@@ -177,6 +178,12 @@ def test_a_search_finds_better_settings_prunes_hopeless_trials_and_says_what_to_
     assert train.startswith("joybridge train small.yaml ") and train in page and compare in page
     assert "--also out/best.yaml" in compare and "--seeds 5 --output out-seeds" in compare
     assert load_config(OUT / "best.yaml").policy.epochs == best.params["policy.epochs"]
+    files = ["small.yaml", str(OUT / "best.yaml")]
+    block = settings_block(make_variants(files, [], []), [Path(file) for file in files])
+    assert "| key | small | best |" in block and "| `policy.learning_rate` | 0.000325 | 0.00" in block
+    assert "`seed`" not in block and "`total_timesteps`" not in block  # those of a comparison are the same for all
+    assert "- out/best.yaml: The best of 20 trials of 2,000 timesteps with seed " in block
+    assert "policy.learning\\_rate=" in block.splitlines()[-1]
     with (OUT / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["state"] == "pruned" for row in rows] == [trial in pruned for trial in found]

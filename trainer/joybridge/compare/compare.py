@@ -26,6 +26,7 @@ from joybridge.compare.launch import (
 from joybridge.compare.names import ResultName, page_mark
 from joybridge.compare.page import final_scores, write_page
 from joybridge.compare.page_numbers import Setting
+from joybridge.compare.page_settings import settings_block
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.variants import (
@@ -38,6 +39,7 @@ from joybridge.compare.variants import (
     read_change,
     read_values,
 )
+from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import metrics_name, numbers
 from joybridge.contract.errors import JoybridgeError
@@ -104,12 +106,13 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         raise ConfigError("there is nothing to compare, because every run is missing")
     analysis = analyze(options.metric, {label: runs[label] for label in policies if label in runs}, options.score)
     setting = Setting(
-        variants[0].config.game,
-        [job.timesteps for job in jobs],
-        policies,
-        repetition(options),
-        missing,
-        page_mark(options.metric, options.behavior),
+        game=variants[0].config.game,
+        timesteps=[job.timesteps for job in jobs],
+        policies=policies,
+        command=repetition(options),
+        missing=missing,
+        mark=page_mark(options.metric, options.behavior),
+        differing=settings_block(variants, [find_config(config) for config in (options.config, *options.also)]),
     )
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")

@@ -28,6 +28,7 @@ class Setting:
     command: str  # that makes this comparison
     missing: Sequence[str]  # runs that failed, each with its reason
     mark: str = ""  # what the names of the files of the page end with
+    differing: str = ""  # what differs among the variants, as Markdown
 
 
 def scores_csv(analysis: Analysis) -> str:

@@ -24,6 +24,7 @@ from joybridge.compare.launch import (
     scored_policy,
     served_specs,
 )
+from joybridge.compare.page_settings import FOUND
 from joybridge.compare.ranges import Choices, Range, own_settings, read_ranges, settings_of
 from joybridge.compare.search_page import Outcome, outcome, ranking, write_page
 from joybridge.compare.trials import Search, train
@@ -136,7 +137,11 @@ def report(made: Search) -> int:
     best = settings_of(made.ranges, best_trial.params)
     own = own_settings(made.ranges, made.base, made.path, options.overrides)
     file = options.output / "best.yaml"
-    write_atomically(file, dump_config(made.config(best)).encode())
+    about = (
+        f"{FOUND}{len(trials)} trials of {made.base.end:,} timesteps with seed {made.base.seed}, by {options.metric} "
+        f"({best_trial.value:.4g}); searched: {' '.join(map(str, made.ranges))}\n"
+    )
+    write_atomically(file, (about + dump_config(made.config(best))).encode())
     commands = next_commands(made, best, file, own)
     result = Outcome(
         made.base.game,
