@@ -4,12 +4,24 @@ import pytest
 
 from joybridge.client.client import SimulatorLost, describe, list_games, wait_for
 from joybridge.client.launch import simulator_process
+from tests.support.command_line import joybridge
 
 GAME = """
 from joybridge.games.marble.game import Marble as BuiltIn
 class MyGame(BuiltIn):
     name = "mine"
 """
+
+
+def test_a_configuration_names_the_class_of_its_game(tmp_path):
+    config, run = tmp_path / "hybrid.yaml", tmp_path / "run"
+    config.write_text("game: tests.support.games:Hybrid\ntotal_timesteps: 64\narenas: 2\npolicy: {rollout_steps: 16}\n")
+    trained = joybridge("train", str(config), "--run", str(run))
+    assert trained.status == 0, trained.errors
+    assert "game: hybrid\n" in (run / "config.yaml").read_text()
+    assert joybridge("evaluate", str(run), "--episodes", "2").status == 0
+    refused = joybridge("train", str(config), "game=tests.support.games:Chess")
+    assert refused.status == 1 and "'tests.support.games:Chess' cannot be imported" in refused.errors
 
 
 def test_files_of_the_current_folder_do_not_take_the_place_of_installed_modules(tmp_path, monkeypatch):

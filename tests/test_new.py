@@ -31,7 +31,7 @@ TYPED = [
     "joybridge serve --game my_pond:MyPond",
     "joybridge check 127.0.0.1:5005 --game my_pond",
     "joybridge look my_pond:MyPond my_pond.png",
-    "joybridge train my_pond.yaml --game my_pond:MyPond --run runs/my_pond",
+    "joybridge train my_pond.yaml --run runs/my_pond",
     "joybridge evaluate runs/my_pond",
     "joybridge record runs/my_pond my_pond.mp4",
 ]
@@ -80,6 +80,13 @@ def written(tmp_path_factory):
     """Return a folder in which a game was begun, and the commands that were said to come next."""
     folder = tmp_path_factory.mktemp("author")
     return folder, typed(shell("joybridge new my_pond", folder))
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    """Forget the module of a game after each test: commands that run in this process import it."""
+    yield
+    sys.modules.pop("my_pond", None)
 
 
 @pytest.fixture

@@ -119,9 +119,9 @@ def wanted_simulators(options: argparse.Namespace) -> SimulatorSource:
 
 
 def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
-    """Let the program that configurations name as their game be one of the command's, under its name.
+    """Let the class or program that configurations name as their game be one of the command's, under its name.
 
-    configs: files, or names of installed ones; see `programs_of`. A simulator that is running has the program already.
+    configs: files, or names of installed ones; see `programs_of`. A simulator that is running has the game already.
     Raises ConfigError.
     """
     found = [programs_of(config, options.overrides) for config in configs]

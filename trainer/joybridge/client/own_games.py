@@ -2,11 +2,10 @@
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 
 from joybridge.client.client import list_games
 from joybridge.config.errors import ConfigError
-from joybridge.contract.places import PYGAME, program_name
+from joybridge.config.place_names import class_name, name_at
 
 Game = str | type  # a game class, or "MODULE:CLASS"
 Games = Game | Sequence[Game]
@@ -30,7 +29,9 @@ def choose_game(game: Game, games: Games, simulator: str | None) -> tuple[str, l
             f"{places[0]} cannot be added to the simulator at {simulator}, which is running: start that with "
             f"`joybridge serve --game {places[0]}` and pass the game's name, or leave out the argument simulator"
         )
-    return (_name(game) if own else str(game)), places
+    if not own:
+        return str(game), places
+    return (name_at(game) if isinstance(game, str) else class_name(game, game)), places
 
 
 def _place(game: Game) -> str:
@@ -44,28 +45,6 @@ def _place(game: Game) -> str:
             "module of its own, for example my_game.py, and import it from there"
         )
     return f"{module}:{name}"
-
-
-def _name(game: Game) -> str:
-    """Return the name of the game in a class or at "MODULE:CLASS". Raises ConfigError."""
-    found: object = game
-    if isinstance(game, str) and game.startswith(PYGAME):
-        try:
-            return program_name(game.removeprefix(PYGAME))
-        except ValueError as error:
-            raise ConfigError(f"game {game!r}: {error}") from error
-    if isinstance(game, str):
-        module, _, attribute = game.partition(":")
-        try:
-            found = getattr(import_module(module), attribute)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise ConfigError(
-                f"game {game!r} cannot be imported ({error}); expected a game's name or MODULE:CLASS"
-            ) from error
-    name = getattr(found, "name", None)
-    if not isinstance(found, type) or not isinstance(name, str):
-        raise ConfigError(f"game {game!r} is not a subclass of joybridge.simulator.Game or BatchedGame with a name")
-    return name
 
 
 def choose_at(place: str, game: str | None) -> str:

@@ -13,7 +13,7 @@ MAX_GAMES = 100
 class GameConfig(Checked):
     """One of several games: what is played, and how much of it."""
 
-    game: str = Field("", description="its name at the simulator, or pygame:PROGRAM; left out: its name here")
+    game: str = Field("", description="its name there, MODULE:CLASS or pygame:PROGRAM; left out: its name here")
     options: dict[str, str] = Field({}, description="options of the game")
     parameters: dict[str, Value] = Field({}, description="parameters of the game, or how they are drawn")
     share: float = Field(1.0, gt=0, description="of the timesteps that are learned from, beside the other games")

@@ -1,6 +1,7 @@
-"""Programs that configurations name as their games, by the place "pygame:PROGRAM" or with their settings as keys."""
+"""Games that configurations name by their places: "MODULE:CLASS", or "pygame:PROGRAM", also with settings as keys."""
 
 import json
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,15 +9,18 @@ from typing import Any
 
 from joybridge.config.config_files import find_config, merge, read_overrides, read_yaml
 from joybridge.config.errors import ConfigError
+from joybridge.config.place_names import name_at
 from joybridge.contract.places import PYGAME, program_name, program_place
+
+CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")  # MODULE:CLASS
 
 
 def programs_of(config: str, overrides: Sequence[str]) -> dict[str, str]:
-    """Return the places of the programs that a configuration names, by the keys that name them.
+    """Return the places of the classes and programs that a configuration names, by the keys that name them.
 
-    config: a file, or the name of an installed one. The value of `game` is "pygame:PROGRAM", or the program and its
-    settings as keys: {pygame: PROGRAM, KEY: VALUE}. A file that is not in the current folder is looked for beside the
-    configuration. Raises ConfigError.
+    config: a file, or the name of an installed one. The value of `game` is "MODULE:CLASS", "pygame:PROGRAM", or a
+    program and its settings as keys: {pygame: PROGRAM, KEY: VALUE}. A file of a program that is not in the current
+    folder is looked for beside the configuration. Raises ConfigError.
     """
     path = find_config(config)
     data = merge(read_yaml(path), read_overrides(overrides))
@@ -28,15 +32,8 @@ def programs_of(config: str, overrides: Sequence[str]) -> dict[str, str]:
 
 
 def with_names(places: Mapping[str, str]) -> list[str]:
-    """Return overrides that put the games' names where places of programs are named. Raises ConfigError."""
-    overrides = []
-    for key, place in places.items():
-        try:
-            name = program_name(place.removeprefix(PYGAME))
-        except ValueError as error:
-            raise ConfigError(f"{key} {place!r}: {error}") from error
-        overrides.append(f"{key}={json.dumps(name, ensure_ascii=False)}")
-    return overrides
+    """Return overrides that put the games' names where their places are. Raises ConfigError."""
+    return [f"{key}={json.dumps(name_at(place), ensure_ascii=False)}" for key, place in places.items()]
 
 
 def merged_place(program: str, trained: str, forced: Sequence[str] = (), held: Sequence[str] = ()) -> str:
@@ -87,11 +84,13 @@ def _place(game: Any) -> str | None:
             return program_place(game)
         except ValueError as error:
             raise ConfigError(f"game: got {game}; {error}") from error
-    return game if isinstance(game, str) and game.startswith(PYGAME) else None
+    return game if isinstance(game, str) and (game.startswith(PYGAME) or CLASS.fullmatch(game)) else None
 
 
 def _found(place: str, folder: Path) -> str:
-    """Return a place with the files that are in a folder and not in the current one."""
+    """Return a place with the files of a program that are in a folder and not in the current one."""
+    if not place.startswith(PYGAME):
+        return place
     try:
         words = shlex.split(place.removeprefix(PYGAME))
     except ValueError:  # which `with_names` says

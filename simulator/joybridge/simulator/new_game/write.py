@@ -87,7 +87,7 @@ a video:
 
 {go}  {joybridge} check 127.0.0.1:5005 --game {name}
   {joybridge} look {game} {name}.png
-  {joybridge} train {name}.yaml --game {game} --run runs/{name}
+  {joybridge} train {name}.yaml --run runs/{name}
   {joybridge} evaluate runs/{name}
   {joybridge} record runs/{name} {name}.mp4"""
 
