@@ -259,11 +259,18 @@ def test_sizes_follow_the_numbers_of_an_observation():
 
 @pytest.mark.parametrize(
     ("kind", "centered", "layout"),
-    [("position", False, "map-16x12"), ("velocity", False, "bucket-7"), ("position", True, "bucket-7")],
+    [
+        ("position", False, "map-16x12"),
+        ("velocity", False, "bucket-7"),
+        ("position", True, "bucket-7"),
+        ("", False, "hybrid"),
+    ],
 )
 def test_who_sees_an_image_begins_with_settings_for_images(kind, centered, layout):
     shown = image("screen", 48, 64, channels=3, centered=centered)
-    player = behavior("player", sensors=[shown], axes=[axis("x", kind=kind), axis("y", kind=kind)])
+    player = behavior(
+        "player", sensors=[shown], axes=[axis(name, kind=kind) for name in "xy" if kind], branches=[button("jump")]
+    )
     text = starter_config(GameSpec(name="field", behaviors=[player], max_arenas=128))
     config = YAML(typ="safe").load(text)
     assert config["layout"] == layout and config["arenas"] == 16 and "the image of 64x48" in text

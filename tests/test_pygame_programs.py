@@ -217,6 +217,20 @@ def test_an_episode_is_truncated_at_its_longest(tmp_path):
     assert ends == [False, True, False, True]
 
 
+def test_a_hook_of_the_page_presses_the_key_of_a_menu_in_each_episode(tmp_path):
+    page = (ROOT / "docs/pygame-programs.md").read_text()
+    hook = page.partition("**A menu before the game**")[2].partition("```python\n")[2].partition("```")[0]
+    (tmp_path / "menu_hook.py").write_text(hook)
+    menu = "pygame.font.init()\nshown = 'menu'\n" + LOOP
+    menu += "    shown = 'game' if any(e.type == pygame.KEYDOWN for e in events) else shown\n"
+    menu += "    pygame.font.Font(None, 12).render(f'{shown} {int(shown == \"game\")}', True, 'red')\n"
+    settings = f"hook={tmp_path}/menu_hook.py 'reward=^\\w+ (\\d+)' keys=LEFT mouse=false max_decisions=3"
+    game = program(tmp_path, HEAD + menu + SHOW, settings)
+    with opened(game) as playing:
+        still = [ActArrays(np.zeros((1, 0), np.float32), np.zeros((1, 1), np.int32))]
+        assert [playing.step(still)[0].rewards.sum() for _ in range(6)] == [1, 0, 0, 1, 0, 0]
+
+
 def test_a_hook_adds_a_sensor_rewards_an_end_and_metrics(tmp_path):
     hook = tmp_path / "hook.py"
     hook.write_text(

@@ -22,8 +22,10 @@ def layout(spec: pb.GameSpec) -> str:
         height, width = seen[0].shape[:2]
         name = f"map-{CELLS_ACROSS}x{max(1, round(CELLS_ACROSS * height / width))}"
         others = "bucket-7, hybrid\n# A pointer is put on centers of cells; take more cells if targets are small."
-    else:
+    elif any(kinds):
         name, others = "bucket-7", "hybrid, multiagent"
+    else:  # buttons alone, which may belong together
+        name, others = "hybrid", "multiagent"
     return f"layout: {name:<18}# how the policy controls axes and buttons; others: {others}"
 
 
