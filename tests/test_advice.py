@@ -7,7 +7,7 @@ from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
-from joybridge.run.advice import SAME_DECISIONS, Adviser
+from joybridge.run.advice import SAME_DECISIONS, Adviser, intervals_too_short
 from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
 
@@ -38,6 +38,17 @@ def said(adviser: Adviser, rollouts: int = ROLLOUTS) -> list[str]:
 @pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "threshold-0.0"])
 def test_nothing_is_said_about_a_lively_policy(layout):
     assert said(lively(layout)[1], 2 * ROLLOUTS) == []
+
+
+def test_a_run_that_is_never_measured_or_less_often_than_it_says_is_named():
+    during = {"every": 100}
+    short = Config(game="hybrid", total_timesteps=1000, log_interval=5000, evaluate_during=during)
+    rows, held_out = intervals_too_short(short)
+    assert "log_interval is 5,000, longer than the run of 1,000 timesteps, so it will have no row of metrics" in rows
+    assert "evaluate_during.every is 100, but" in held_out and "them, every 5,000 timesteps (log_interval)" in held_out
+    for due in (None, {"every": 500}, {"every": None}):
+        fine = Config(game="hybrid", total_timesteps=1000, log_interval=500, evaluate_during=due)
+        assert not [*intervals_too_short(fine)]
 
 
 def test_a_sensor_with_large_numbers_is_named_once_with_the_largest():

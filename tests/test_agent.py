@@ -135,6 +135,11 @@ def test_a_mask_is_obeyed(trained):
     assert {agent.act(SEEN, {"gear": [False, True, False]})["gear"] for _ in range(20)} == {1}
 
 
+def test_a_folder_that_does_not_exist_is_said_not_to(tmp_path):
+    with pytest.raises(ConfigError, match="nothing is not the folder of a run: there is no such folder"):
+        load(tmp_path / "nothing")
+
+
 def test_what_cannot_be_loaded_is_named(trained, tmp_path):
     with pytest.raises(ConfigError, match=r"duel has several behaviors; choose one with load\(run, behavior\): runner"):
         load(trained(game="duel", layout="bucket-5"))

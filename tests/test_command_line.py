@@ -60,13 +60,13 @@ def test_a_wrong_setting_is_refused_in_one_sentence_that_names_it(more, message,
     ("arguments", "message"),
     [
         (["train", CONFIG, "epocs=3"], "unknown key 'epocs'; did you mean 'policy.epochs'?"),
-        (["train", CONFIG, "--resume", "--run", "gone"], "gone is not the folder of a run: it has no config.yaml"),
+        (["train", CONFIG, "--resume", "--run", "gone"], "gone is not the folder of a run: there is no such folder"),
         (["train", "shooting_birds/bucket-12"], "there is no configuration 'shooting_birds/bucket-12'"),
         (["train", "my_gane.yaml"], "did you mean my_game.yaml?"),
         (["train", "my_game"], "did you mean my_game.yaml?"),
         (["evaluate", "runs/frist"], "did you mean runs/first?"),
-        (["evaluate", "gone"], "gone is not the folder of a run: it has no config.yaml"),
-        (["record", "gone", "play.mp4"], "gone is not the folder of a run: it has no config.yaml"),
+        (["evaluate", "gone"], "gone is not the folder of a run: there is no such folder"),
+        (["record", "gone", "play.mp4"], "gone is not the folder of a run: there is no such folder"),
     ],
 )
 def test_settings_are_checked_before_a_simulator_is_waited_for(arguments, message, capsys, tmp_path, monkeypatch):

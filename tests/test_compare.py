@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,17 @@ import pytest
 from joybridge.compare import command, grid, launch
 from joybridge.compare import page as pages
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
+from joybridge.compare.compare import held_out_analysis
 from joybridge.compare.job import Job
-from joybridge.compare.launch import check_metric, make_job, scored_policy
-from joybridge.compare.page import page_text
+from joybridge.compare.launch import check_metric, different_bodies, make_job, scored_policy
+from joybridge.compare.names import ResultName
+from joybridge.compare.page import page_text, write_page
 from joybridge.compare.page_numbers import Setting, pairs_csv, pairs_tex, scores_tex
 from joybridge.compare.page_parts import page_html
 from joybridge.compare.page_settings import settings_block
 from joybridge.compare.scores import Point, Run, score_run
 from joybridge.compare.table import TABLE, add_results, read_table
+from joybridge.compare.tested import SEED, check_test
 from joybridge.compare.variants import (
     VARIANTS,
     Variant,
@@ -32,11 +36,14 @@ from joybridge.compare.variants import (
     make_variants,
     read_change,
     read_values,
+    read_variants,
 )
 from joybridge.config.config import Config
 from joybridge.config.differences import differences
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.play.evaluate import evaluate
+from joybridge.play.playing import PlaySpec
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.run_lock import locked
 from joybridge.v1 import bridge_pb2 as pb
@@ -61,7 +68,7 @@ def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done
     """Compare two layouts with two seeds in a folder. draw: also draw the pictures, which takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         if not draw:
-            patch.setattr(pages, "draw_pictures", lambda *_: None)
+            patch.setattr(pages, "draw_pictures", lambda *_: [])
         patch.chdir(folder)
         patch.setattr(launch, "start", train_here)
         patch.setattr(grid, "POLL_SECONDS", 0.0)  # they have ended when they are polled
@@ -79,6 +86,7 @@ def whole(simulator, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     done = run_in(folder, simulator, draw=True)
     assert done.status == 0, done.errors
+    assert "networks, too: actor and critic have a body each in hybrid; share one in bucket-3. With" in done.errors
     assert "hybrid-s0: done, reward " in done.output and "next: joybridge evaluate out/runs/" in done.errors
     return folder
 
@@ -154,11 +162,15 @@ def test_finished_runs_may_be_deleted_and_the_rest_is_trained(whole, copied, sim
 
 @pytest.mark.no_cover  # see `whole`
 def test_another_metric_and_score_need_no_training_and_leave_the_page_of_the_reward(whole, copied):
-    done = run_in(copied, "127.0.0.1:1", "--metric", "accuracy", "--score", "0.25", draw=True)
+    more = "--metric", "accuracy", "--score", "0.25", "--figures", "svg"
+    done = run_in(copied, "127.0.0.1:1", *more, draw=True)
     assert done.status == 0 and "out/page-accuracy.md" in done.output
     assert_same(copied, whole)
     pictures = [path.name for path in (OUT / "pictures").glob("curves*")]
-    assert sorted(pictures) == [f"curves{end}.png" for end in ("-accuracy-dark", "-accuracy-light", "-dark", "-light")]
+    ends = "-accuracy-dark.png", "-accuracy-light.png", "-accuracy.svg", "-dark.png", "-light.png"
+    assert sorted(pictures) == [f"curves{end}" for end in ends]
+    assert "out/pictures/curves-accuracy.svg" in done.output
+    assert ">timesteps</text>" in (OUT / "pictures/curves-accuracy.svg").read_text()  # not the outlines of letters
     for picture in (OUT / "pictures").glob("scores-[dl]*"):
         assert picture.read_bytes() == (whole / picture).read_bytes()
     assert "data:image" in (OUT / "page-accuracy.html").read_text()
@@ -171,6 +183,69 @@ def test_another_metric_and_score_need_no_training_and_leave_the_page_of_the_rew
     known = "archer has reward, length, hits, accuracy, reward_std, episodes; of the training: "
     assert f"--metric got 'acuracy'; {known}" in unknown.errors
     assert page(copied, "page-accuracy") == text  # the last page is still there
+
+
+def test_the_page_says_that_the_variants_differ_in_their_networks(whole):
+    said = "## What differs\n\nThe variants differ in their networks, too: actor and critic have a body each in hybrid;"
+    assert said in page(whole)
+
+
+def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copied, simulator):
+    more = "--test", "parameters.size=0.5", "--episodes", "6", "--deterministic"
+    done = run_in(copied, simulator, *more)
+    assert done.status == 0, done.errors
+    assert_same(copied, whole)  # the page of the training, beside it
+    name = "-test_parameters.size=0.5-deterministic"
+    text = (OUT / f"page{name}.md").read_text()
+    assert "Learning curves" not in text and "Timesteps to" not in text  # these are of the training
+    played = "6 episodes that its policy plays in a test without learning, under parameters.size=0.5, with the most pro"
+    assert f"mean *reward* of the {played}" in text
+    assert "--test parameters.size=0.5 --episodes 6 --deterministic" in text.splitlines()[-2]
+    with (OUT / f"scores{name}.csv").open() as file:
+        scores = {(line["variant"], line["seed"]): float(line["reward"]) for line in csv.DictReader(file)}
+    plays = PlaySpec(OUT / "runs/bucket-3-s1", simulator, SEED, True, ["parameters.size=0.5"])
+    found = evaluate(plays, episodes=6, say=lambda _: None)["archer"]
+    assert len(scores) == 4 and scores["bucket-3", "1"] == found.means["reward"]
+    shutil.rmtree(OUT / "runs/hybrid-s0")
+    lost = run_in(copied, simulator, *more)
+    assert lost.status == 1 and "missing: hybrid-s0: out/runs/hybrid-s0 is not the folder of a run" in lost.errors
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--test", "parameters.sise=2"], "--test got parameters.sise; archer has options.observation=screen, "),
+        (["--test", "policy.gamma=0.5"], "policy belongs to the training of hybrid and cannot change now; what can is"),
+        (
+            ["--metric", "entropy", "--test"],
+            "--test got --metric entropy; of its episodes it has reward, length, hits, ",
+        ),
+    ],
+)
+def test_a_test_that_no_run_could_play_is_refused_before_anything_is_trained(words, message, tmp_path, simulator):
+    done = run_in(tmp_path, simulator, *words)
+    assert done.status == 1 and message in done.errors and "done" not in done.output
+    assert not (tmp_path / OUT / "runs").exists()
+
+
+def test_what_another_trainer_has_trained_plays_no_test():
+    (variant,) = make_variants(["archer/hybrid"], [], [])
+    options = command.parse(["compare", "archer/hybrid", "--output", "x", "--test"], "joybridge")
+    with pytest.raises(ConfigError, match="--test cannot play hybrid, SB3, of Stable-Baselines3; leave this variant"):
+        check_test([Variant("hybrid, SB3", variant.config, "sb3")], [pb.GameSpec()], options)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--deterministic"], "--episodes and --deterministic are for a test; say what is tested with --test"),
+        (["--search", "policy.epochs=1..8", "--test"], "--test is for a comparison of one configuration; compare what"),
+    ],
+)
+def test_options_of_a_test_are_for_a_comparison(words, message, capsys):
+    with pytest.raises(SystemExit):
+        command.parse(["compare", "archer/hybrid", "--output", "x", *words], "joybridge")
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -277,6 +352,13 @@ def test_another_default_of_an_option_or_an_option_that_is_gone_is_another_game(
     del spec.options[:]
     with pytest.raises(ConfigError, match=r'options.weather was "calm" and is now null'):
         check_game(variant, spec, OUT)
+
+
+def test_a_page_of_some_variants_names_the_others_in_the_folder_for_which_no_p_value_is_corrected(copied):
+    assert "Not on this page" not in page(copied)
+    done = run_in(copied, "127.0.0.1:1", "--layouts", "hybrid")
+    assert done.status == 0
+    assert "**Not on this page, but trained in the same folder: bucket-3.** The p values are correct" in page(copied)
 
 
 @pytest.mark.no_cover  # see `whole`
@@ -389,6 +471,20 @@ def test_only_runs_of_games_with_snapshots_are_resumed_and_go_on_after_a_loss(wh
     assert (job.exact, job.overrides, job.timesteps) == (True, (), 150_000)
 
 
+def test_a_difference_in_bodies_that_the_layouts_bring_is_named_and_shared_body_ends_it(whole):
+    spec = read_variants(whole / OUT)["hybrid"].spec
+
+    def warning(layouts, *overrides):
+        variants = make_variants(["archer/hybrid"], overrides, [("layout", layouts)])
+        return different_bodies(variants, [spec for _ in variants])
+
+    said = warning(["bucket-3", "hybrid", "beta", "ordinal-3"])
+    assert "actor and critic have a body each in hybrid, beta; share one in bucket-3, ordinal-3." in said
+    assert "With policy.shared_body=false behind the options" in said
+    assert warning(["bucket-3", "ordinal-3"]) == warning(["hybrid", "beta"]) == ""
+    assert warning(["bucket-3", "hybrid", "beta"], "policy.shared_body=false") == ""
+
+
 def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
     words = [
         "compare",
@@ -491,7 +587,9 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
     text = text_of(analyze("reward", {"good": runs(*good), "bad": runs(*bad)}))
     assert "- good (IQM 12) is better than bad (2), p = 0.0079." in text  # 2 of the 252 ways to choose 5 ranks of 10
     assert "| good |  | **100 % (all)** |" in text and "| bad | **0.0079** |  |" in text
-    assert "Too few runs" not in text
+    assert "Too few runs" not in text and "| **good** | 5 |" in text
+    alike = text_of(analyze("reward", {"a": runs(*good), "b": runs(*[[value + 0.5] for (value,) in good])}))
+    assert "Too few runs" not in alike and "| b | 5 |" in alike  # the higher one, by chance
     text = text_of(analyze("reward", {"good": runs(*good[:3]), "bad": runs(*bad[:3])}))
     assert "No two variants differ significantly." in text and "the same score" not in text
     warning = (
@@ -514,6 +612,7 @@ def test_a_score_that_follows_from_the_runs_is_said_to_and_one_that_was_named_is
 def test_effect_sizes_with_intervals_are_on_the_page_and_in_a_table():
     good, bad = [10.0, 11.0, 12.0, 13.0], [0.0, 1.0, 2.0, 5.0]
     analysis = analyze("reward", {"good": runs(*([each] for each in good)), "bad": runs(*([each] for each in bad))})
+    assert pairs_csv(analysis).splitlines()[1].split(",")[5:8] == ["1.0", "", ""]  # as on the page
     (line,) = csv.DictReader(io.StringIO(pairs_csv(analysis)))
     assert (line["first"], line["second"], float(line["difference"])) == ("good", "bad", 10.0)  # of 11.5 and 1.5
     # The same, from all 35 x 35 different pairs of samples that a bootstrap can draw, each as likely as it is.
@@ -535,7 +634,7 @@ def test_tables_for_a_paper_mean_nothing_else_to_latex():
     scores, pairs = scores_tex(analysis), pairs_tex(analysis)
     assert r"a\_b, 5\% & 2 & $-$1.5 [$-$2, $-$1] & $-$1.5 $\pm$ 0.7071 & $-$1.5 \\" in scores
     assert r"bucket-11 \{x\} & 2 & 1.5 [1, 2] &" in scores
-    assert r"a\_b, 5\% -- bucket-11 \{x\} & $-$3 [$-$4, $-$2] & 0 [0, 0] & 0.33 \\" in pairs
+    assert r"a\_b, 5\% -- bucket-11 \{x\} & $-$3 [$-$4, $-$2] & 0 & 0.33 \\" in pairs
     for text in (scores, pairs):
         body = text.split(r"\midrule")[1].split(r"\bottomrule")[0].strip().splitlines()
         heads = text.split(r"\toprule")[1].split(r"\midrule")[0]
@@ -585,6 +684,29 @@ def test_the_page_says_how_many_held_out_episodes_are_behind_a_score():
     assert "of its rows of metrics that have it, each of 1,500 episodes" in text([between, last])
 
 
+@pytest.mark.parametrize("every", [True, False])
+def test_the_page_of_the_training_shows_what_was_held_out_as_a_second_curve(every, tmp_path):
+    rows = [
+        {"timesteps": 100.0 * i, "reward": i, "held_out_reward": 2.0 * i, "held_out_episodes": 60.0} for i in (1.0, 2.0)
+    ]
+    if not every:
+        del rows[0]["held_out_reward"]
+    job = Job("a", 0, 200, tmp_path, tmp_path)
+    options = command.parse(["compare", "x", "--output", str(tmp_path)], "joybridge")
+    cells = [{name: f"{value}" for name, value in row.items()} for row in rows]
+    kept = {ResultName(job.name, 200): cells}
+    held_out = held_out_analysis({job: "a"}, {"a": ""}, kept, options)
+    assert held_out is not None and held_out.results[0].scores == [4.0]
+    analysis = analyze("reward", {"a": [score_run(rows, "x", 0, "reward")]})
+    write_page(analysis, replace(setting_of(analysis, []), held_out=held_out), tmp_path)
+    text = (tmp_path / "page.md").read_text()
+    assert "The same runs in the 60 held-out episodes of `evaluate_during`, from which nothing is learned" in text
+    assert "| a | 1 | 2 |" in text.replace("**", "") and "| a | 1 | 4 |" in text.replace("**", "")
+    assert ("pictures/held_out-light.png" in text) == (tmp_path / "pictures/held_out-light.png").exists() == every
+    plain = {name: [{"timesteps": "100", "reward": "1"}] for name in kept}
+    assert held_out_analysis({job: "a"}, {"a": ""}, plain, options) is None
+
+
 def test_variants_that_play_the_same_are_named():
     text = text_of(analyze("reward", {"hybrid": runs([1.0], [2.0]), "x": runs([1.0]), "y": runs([1.0], [2.0])}))
     assert "**hybrid and y have the same score with every seed.**" in text and text.count("the same score") == 1
@@ -592,7 +714,7 @@ def test_variants_that_play_the_same_are_named():
 
 def test_one_variant_has_a_page_without_comparisons():
     text = text_of(analyze("reward", {"alone": runs([1.0, 2.0])}))
-    assert "Which variant is better" not in text and "| **alone** | 1 | 2 | 2 ± 0 | 2 | 2 to 2 |" in text
+    assert "Which variant is better" not in text and "| alone | 1 | 2 | 2 ± 0 | 2 | 2 to 2 |" in text
 
 
 def test_the_html_page_is_one_file_that_follows_the_theme(whole):

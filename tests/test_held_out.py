@@ -115,7 +115,8 @@ def test_every_behavior_is_measured_and_told(simulator, tmp_path):
             "they change sensors, device or metrics of player, so its policy",
         ),
         ({"every": 64, "options": {"size": "huge"}}, "option 'size' got 'huge'"),
-        ({"every": 64, "parameters": {"wind": 1.0}}, "wind"),
+        ({"every": 64, "parameters": {"wind": 1.0}}, "evaluate_during.parameters.wind: "),
+        ({"every": 64, "parameters": {"drift": 99.0}}, "evaluate_during.parameters.drift: "),
     ],
 )
 def test_settings_that_cannot_be_played_are_refused_before_anything_is_learned(during, message, simulator, tmp_path):

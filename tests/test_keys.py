@@ -66,6 +66,8 @@ def test_a_word_finds_keys_by_name_by_meaning_and_by_the_name_of_another_library
         ("policy.autograd=false", "(true or false)"),
         ("accelerator=cpu", "(cpu or cuda)"),
         ("stop_at=null", "(integer ≥ 1 or null)"),
+        ("evaluate_during=null", "(keys or null)"),
+        ("curriculum=[]", "(list of lessons)"),
         ("parameters.NAME=VALUE", "(number or distribution by name)"),
     ],
 )

@@ -245,6 +245,14 @@ def test_a_game_whose_name_looks_like_an_option_is_written_as_a_file(folder, mon
     assert " train ./-rf.yaml --simulator " in said and " record runs/-rf ./-rf.mp4" in said
 
 
+def test_no_video_is_proposed_of_a_game_that_cannot_be_drawn(folder, monkeypatch):
+    described = load_game(BUILT_IN["orchard"]).describe({"observation": "state"})
+    described.ClearField("picture")
+    monkeypatch.setattr(starter, "describe_one", lambda address, game: described)
+    said = starter.write_config("127.0.0.1:1", None, folder)
+    assert "record" not in said and said.endswith(" evaluate runs/orchard")
+
+
 def test_sizes_follow_the_numbers_of_an_observation():
     def config(numbers, **settings):
         player = behavior("player", sensors=[sensor("all", [numbers])], branches=[button("press")])

@@ -16,7 +16,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.checkpoint import load_checkpoint, save_checkpoint
 from joybridge.run.folder import keep_spec, run_spec
-from joybridge.run.origin import FILE, differences, keep_origin, own_origin, remark, run_origins
+from joybridge.run.origin import FILE, differences, files_mark, keep_origin, own_origin, remark, run_origins
 from joybridge.run.results import find_runs, load, read_run
 from joybridge.run.train import train
 from joybridge.run.training import Audience
@@ -44,6 +44,19 @@ def test_a_run_and_its_checkpoints_say_with_what_they_were_made(runs):
     assert origin.python == sys.version.split()[0] and origin.cores > 0 and origin.processor
     assert len(origin.commit.removesuffix("-dirty")) == (40 if (ROOT / ".git").exists() else 0)
     assert origin.command == shlex.join(sys.argv)
+
+
+def test_files_that_pip_has_copied_from_a_checkout_have_a_mark_that_follows_from_them_alone():
+    lines = ["joybridge/cli.py,sha256=abc,12", "joybridge/run/train.py,sha256=def,34"]
+    mark = files_mark("\n".join(lines))
+    assert len(mark) == len("files-") + 16
+    of_this_place = [
+        "../../../bin/joybridge,sha256=xyz,1",
+        "joybridge/__pycache__/cli.pyc,,",
+        "joybridge-0.1.0/RECORD,,",
+    ]
+    assert files_mark("\n".join([*of_this_place, *reversed(lines)])) == mark
+    assert files_mark("\n".join(lines).replace("def", "deg")) != mark and files_mark("") == ""
 
 
 def test_a_training_that_continues_is_noted_once(runs, tmp_path, monkeypatch):

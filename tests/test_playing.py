@@ -3,6 +3,9 @@
 import json
 import re
 import sys
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import cast
 
 import av
 import numpy as np
@@ -12,6 +15,7 @@ from joybridge.cli import main
 from joybridge.client.simulator_source import FILE, SimulatorSource, last_simulators, remember
 from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
+from joybridge.play.sweep import Results, plot, read_sweep
 from joybridge.run.train import train
 from tests.support.games import PLACES
 
@@ -91,7 +95,7 @@ def test_an_option_that_changes_the_sensors_is_refused_with_what_does_not_fit(ru
 
 
 def test_a_parameter_is_swept_into_a_table_a_plot_and_json(run, simulator, capsys):
-    report, printed = evaluate(run, simulator, capsys, "--over", "parameters.drift=0,0.5,2")
+    report, printed = evaluate(run, simulator, capsys, "--over", "parameters.drift=0,0.5,2", "--figures", "pdf")
     assert list(report) == ["parameters.drift=0", "parameters.drift=0.5", "parameters.drift=2"]
     lengths = [report[setting]["player"]["means"]["length"] for setting in report]
     assert lengths == sorted(lengths, reverse=True) and lengths[0] > lengths[2]
@@ -103,6 +107,27 @@ def test_a_parameter_is_swept_into_a_table_a_plot_and_json(run, simulator, capsy
     assert f"{lengths[2]:.3f} ± " in rows[2]
     assert printed.out.splitlines()[5] == str(run / "over-parameters.drift.png")
     assert (run / "over-parameters.drift.png").read_bytes()[:4] == b"\x89PNG"
+    figure = run / "over-parameters.drift.pdf"
+    assert printed.out.splitlines()[6] == str(figure) and b"/FontFile2" in figure.read_bytes()  # text stays text
+
+
+@pytest.mark.parametrize(
+    "over", ["parameters.drift=0,0.25,0.5,8", "options.sight=all that there is,the screen of the game,some squares"]
+)
+def test_what_is_below_a_panel_does_not_overlap(over):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    sweep = read_sweep(over)
+    played = {"player": SimpleNamespace(means={"reward": 1.0, "hits": 2.0}, half_widths={"reward": 0.1, "hits": 0.2})}
+    figure = plot(sweep, cast(Results, dict.fromkeys(sweep.settings, played)))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    for axes in figure.axes[:2]:
+        labels = [label for label in axes.get_xticklabels() if label.get_text()]
+        angles = {label.get_rotation() for label in labels}
+        ends = [label.get_window_extent(canvas.get_renderer()) for label in labels]
+        apart = [one.x1 < other.x0 for one, other in pairwise(ends)]
+        assert all(apart) or (angles == {30.0} and {label.get_horizontalalignment() for label in labels} == {"right"})
 
 
 def test_without_matplotlib_a_sweep_prints_its_table_and_names_the_extra(run, simulator, capsys, monkeypatch):

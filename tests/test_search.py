@@ -122,7 +122,7 @@ class Training:
 @pytest.fixture
 def run(simulator, tmp_path, monkeypatch) -> Callable[..., Done]:
     """Return what searches in a folder of its own, with imitations."""
-    monkeypatch.setattr(search_page, "draw_themes", lambda *_: None)
+    monkeypatch.setattr(search_page, "draw_themes", lambda *_: [])
     for module in (grid, trainings):
         monkeypatch.setattr(module, "POLL_SECONDS", 0.0)
     monkeypatch.setattr(grid, "GRACE_SECONDS", 0.0)
@@ -264,7 +264,7 @@ def test_trainings_are_scored_from_their_metrics_and_a_lost_journal_is_made_agai
     assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 4
     before = files()
     (OUT / SEARCH).unlink()
-    monkeypatch.setattr(search_page, "draw_themes", lambda *_: None)
+    monkeypatch.setattr(search_page, "draw_themes", lambda *_: [])
     assert run(*more, begin=refuse).status == 0
     assert files() == before
 

@@ -69,3 +69,10 @@ def test_what_is_asked_for_has_hashes():
 def test_a_trainer_asks_for_few_packages():
     assert len(direct("train")) <= 14  # beside the seven of the contract
     assert len(PROJECT["dependencies"]) <= 7
+
+
+def test_what_is_cited_is_this_version():
+    cited = dict(re.findall(r"^([\w-]+): (.+)$", (ROOT / "CITATION.cff").read_text(), re.M))
+    assert (cited["title"].lower(), cited["version"]) == (PROJECT["name"], PROJECT["version"])
+    assert cited["license"] == PROJECT["license"] and cited["abstract"] == PROJECT["description"]
+    assert f"version = {{{PROJECT['version']}}}" in (ROOT / "docs/paper.md").read_text()

@@ -11,8 +11,7 @@ import pytest
 
 from joybridge.cli import main
 from joybridge.client.client import describe
-from joybridge.compare import rate as rating_command
-from joybridge.compare import rating_page
+from joybridge.compare import rating, rating_page
 from joybridge.compare.rating import rate
 from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
@@ -242,16 +241,17 @@ def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, cap
 def rated(simulator, *arguments, draw=False):
     """Rate runs in a small tournament. draw: also draw the pictures, which takes seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rating_command, "rate", partial(rate, resamples=10))
+        patch.setattr(rating, "rate", partial(rate, resamples=10))
         if not draw:
-            patch.setattr(rating_page, "draw_themes", lambda *_: None)
+            patch.setattr(rating_page, "draw_themes", lambda *_: [])
         done = joybridge("rate", *map(str, arguments), "--matches", "40", "--simulator", simulator)
     assert done.status == 0, done.errors
     return done
 
 
 def test_policies_of_a_run_are_rated_and_the_same_seed_gives_the_same_page(run, simulator, tmp_path):
-    done = rated(simulator, run, "--output", tmp_path / "one", "--policies", 3, draw=True)
+    done = rated(simulator, run, "--output", tmp_path / "one", "--policies", 3, "--figures", "svg", draw=True)
+    assert f"{tmp_path / 'one' / 'pictures' / 'payoff.svg'}" in done.output
     log = read_matches(tmp_path / "one")
     assert {player for match in log for player in match.players} == {"run@128", "run@384", "run@512"}
     assert len(log) == 40 and all(len(set(match.players)) == 2 for match in log)

@@ -11,6 +11,7 @@ from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
+from joybridge.play.figures import add_figures, save_vector
 from joybridge.play.sweep import plot, read_sweep, table
 from joybridge.progress import say
 from joybridge.run.folder import play_config
@@ -42,9 +43,12 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         action="store_true",
         help="also measure what is pressed and moved: clicks, paths of pointers, reversals of axes",
     )
+    add_figures(command)
     command.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     add_others(command)
     options = parse_playing(parser, command, arguments)
+    if options.figures and not options.over:
+        parser.error("--figures is for the plot of --over; name the values to play")
     if options.others and options.inputs:
         parser.error("--inputs measures all agents, also those of --others; give one of the two")
     return options
@@ -64,8 +68,8 @@ def _evaluate(options: argparse.Namespace) -> None:
         from joybridge.play.evaluate import evaluate, inputs_table, summary
         from joybridge.policy.config_fit import fitting_spec
 
-        for _, overrides in plays.values():  # all of them before the first is played
-            fitting_spec(simulator, play_config(run, overrides))
+        # All of them before the first is played.
+        specs = [fitting_spec(simulator, play_config(run, overrides)) for _, overrides in plays.values()]
         results = {
             setting: evaluate(
                 replace(play_spec(options, simulator, game), overrides=overrides),
@@ -84,11 +88,15 @@ def _evaluate(options: argparse.Namespace) -> None:
         if find_spec("matplotlib") is None:
             say("no plot: the module matplotlib is missing; install it with `pip install 'joybridge[report]'`")
         else:
-            plot(sweep, results, sweep.picture(run))
-            print(sweep.picture(run))
+            figure, path = plot(sweep, results), sweep.picture(run, "png")
+            figure.savefig(path, dpi=120)
+            print(path)
+            if options.figures:
+                print(save_vector(figure, sweep.picture(run, options.figures)))
     if options.inputs:
         print(inputs_table(results))
-    say_next("record", str(run), "play.mp4")
+    if games != [""] or specs[0].HasField("picture"):
+        say_next("record", str(run), "play.mp4")
     if options.json:
         objects = {s: {name: asdict(result) for name, result in found.items()} for s, found in results.items()}
         print(json.dumps(objects if sweep or games != [""] else objects[""]))

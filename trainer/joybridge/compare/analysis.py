@@ -74,14 +74,20 @@ class Result:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two variants, compared."""
+    """Two variants, compared. A bootstrap only knows the runs that it has: of one each it has no interval to give."""
 
     first: str
     second: str
+    runs: int  # of both together
     difference: Estimate  # of the interquartile mean of the first from that of the second
     improvement: Estimate  # the probability that a run of the first is above one of the second
     p_value: float  # of the Mann-Whitney test
     corrected: float  # by Holm's method, for the number of pairs
+
+    @property
+    def overlap(self) -> bool:
+        """Return whether neither all nor none of the runs of the first are better: else there is no interval."""
+        return 0 < self.improvement.value < 1
 
 
 @dataclass(frozen=True)
@@ -98,11 +104,6 @@ class Analysis:
     def center(self) -> str:
         """Return what the interquartile mean is of so many runs: of three or fewer it leaves out none."""
         return "IQM" if max(len(result.runs) for result in self.results) > 3 else "mean"
-
-    @property
-    def has_intervals(self) -> bool:
-        """Return whether pairs have intervals: a bootstrap over one run of each only knows these two."""
-        return any(len(result.runs) > 1 for result in self.results)
 
     @property
     def smallest_p(self) -> float:
@@ -148,6 +149,7 @@ def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None 
         Pair(
             one,
             other,
+            len(runs[one]) + len(runs[other]),
             estimate(difference, scores[one], scores[other]),
             estimate(probability_of_improvement, scores[one], scores[other]),
             p_value,

@@ -9,9 +9,11 @@ from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import add_simulator_options, check_simulator_options, run_command
 from joybridge.compare.ranges import is_fixed
 from joybridge.compare.suites import SUITES
+from joybridge.compare.tested import EPISODES, add_test_options
 from joybridge.compare.variants import TRAINERS
 from joybridge.config.errors import ConfigError
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.play.figures import add_figures
 
 SEEDS = 5
 TRIALS = 30
@@ -111,6 +113,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     compares.add_argument(
         "--cluster", metavar="HOST:PORT", help="of a running Ray cluster; default: start a local one for this command"
     )
+    add_test_options(compares)
+    add_figures(compares)
     add_simulator_options(compares)
     add_overrides(compares, "keys that all variants share, e.g. total_timesteps=100000")
     options = parse_overrides(parser, arguments)
@@ -132,6 +136,11 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         parser.error(f"--search {' '.join(fixed)}: nothing varies; write KEY=LOW..HIGH or KEY=VALUE,VALUE")
     options.search = [word for word in options.search if word not in fixed]
     options.overrides += fixed
+    if options.test is not None and (options.search or options.suite):
+        parser.error("--test is for a comparison of one configuration; compare what a search has found with --also")
+    if options.test is None and (options.episodes or options.deterministic):
+        parser.error("--episodes and --deterministic are for a test; say what is tested with --test")
+    options.episodes = options.episodes or EPISODES
     if options.search:
         for name in ("layouts", "set", "change", "also", "seeds", "score"):
             if getattr(options, name) not in ([], None):

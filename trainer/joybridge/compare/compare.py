@@ -18,6 +18,7 @@ from joybridge.compare.launch import (
     backend,
     check_length,
     check_metric,
+    different_bodies,
     make_job,
     repetition,
     scored_policy,
@@ -26,9 +27,11 @@ from joybridge.compare.launch import (
 from joybridge.compare.names import ResultName, page_mark
 from joybridge.compare.page import final_scores, write_page
 from joybridge.compare.page_numbers import Setting
+from joybridge.compare.page_parts import escaped
 from joybridge.compare.page_settings import settings_block
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
+from joybridge.compare.tested import check_test, test_marks, test_runs, test_words
 from joybridge.compare.variants import (
     SEARCH,
     Variant,
@@ -38,10 +41,11 @@ from joybridge.compare.variants import (
     make_variants,
     read_change,
     read_values,
+    read_variants,
 )
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
-from joybridge.config.metrics import metrics_name, numbers
+from joybridge.config.metrics import HELD_OUT, metrics_name, numbers
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import say
 from joybridge.run.checkpoint import has_checkpoint
@@ -70,6 +74,7 @@ def compare(options: argparse.Namespace) -> int:
     for variant, spec in zip(variants, specs, strict=True):
         check_metric(variant, spec, options.metric, options.behavior)
     with locked(options.output, option="--output"):
+        check_test(variants, specs, options)
         return compare_variants(variants, specs, options)
 
 
@@ -89,30 +94,47 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
             f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
             f"--seeds {least} is the least number with which they can"
         )
+    if warning := different_bodies(variants, specs):
+        say(warning)
     failed = train(list(jobs), options)
     results = read_table(options.output)
+    done: dict[Job, Run] = {}
+    for job in jobs:
+        if job not in failed:
+            try:
+                done[job] = finished_run(job, policies[jobs[job]], results, options)
+            except JoybridgeError as error:
+                failed[job] = str(error)
+    if options.test is not None:
+        done, untested = test_runs(done, {job: policies[label] for job, label in jobs.items()}, options)
+        failed |= untested
+    missing = [f"{job.name}: {failed[job].removeprefix('error: ')}" for job in jobs if job in failed]
+    for text in missing:
+        say(f"missing: {text}")
     runs: dict[str, list[Run]] = {}
-    missing = []
-    for job, label in jobs.items():
-        try:
-            if job in failed:
-                raise ConfigError(failed[job].removeprefix("error: "))
-            run = finished_run(job, policies[label], results, options)
-            runs.setdefault(label, []).append(run)
-        except JoybridgeError as error:
-            missing.append(f"{job.name}: {error}")
-            say(f"missing: {missing[-1]}")
+    for job, run in done.items():
+        runs.setdefault(jobs[job], []).append(run)
     if not runs:
         raise ConfigError("there is nothing to compare, because every run is missing")
     analysis = analyze(options.metric, {label: runs[label] for label in policies if label in runs}, options.score)
+    held_out = None
+    if options.test is None and not options.metric.startswith(HELD_OUT):
+        held_out = held_out_analysis({job: jobs[job] for job in done}, policies, results, options)
+    differing = settings_block(variants, [find_config(config) for config in (options.config, *options.also)])
+    if warning:
+        differing = f"{differing or '## What differs'}\n\n{escaped(warning[0].upper() + warning[1:])}."
     setting = Setting(
         game=variants[0].config.game,
         timesteps=[job.timesteps for job in jobs],
         policies=policies,
         command=repetition(options),
         missing=missing,
-        mark=page_mark(options.metric, options.behavior),
-        differing=settings_block(variants, [find_config(config) for config in (options.config, *options.also)]),
+        mark=page_mark(options.metric, options.behavior, *test_marks(options)),
+        differing=differing,
+        test=test_words(options),
+        figures=options.figures,
+        left_out=[name for name in read_variants(options.output) if name not in {each.name for each in variants}],
+        held_out=held_out,
     )
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")
@@ -160,6 +182,23 @@ def finished_run(job: Job, policy: str, results: Results, options: argparse.Name
     if name not in results:
         raise ConfigError(f"{job.run} has no metrics; delete this folder, and repeat the command to train it again")
     return score_run(numbers(results[name]), f"{name} in {options.output / TABLE}", job.seed, options.metric)
+
+
+def held_out_analysis(
+    jobs: Mapping[Job, str], policies: Mapping[str, str], results: Results, options: argparse.Namespace
+) -> Analysis | None:
+    """Return the statistics of what `evaluate_during` has measured beside the metric; None if a run has none of it.
+
+    jobs: the finished ones, with the labels of their variants. policies: whose metrics count, by label.
+    """
+    given = argparse.Namespace(**{**vars(options), "metric": f"{HELD_OUT}{options.metric}"})
+    runs: dict[str, list[Run]] = {}
+    try:
+        for job, label in jobs.items():
+            runs.setdefault(label, []).append(finished_run(job, policies[label], results, given))
+    except ConfigError:  # no such column
+        return None
+    return analyze(given.metric, {label: runs[label] for label in policies if label in runs})
 
 
 def best_run(analysis: Analysis, jobs: Mapping[Job, str]) -> Path:

@@ -21,7 +21,8 @@ class Display:
     def __init__(self, jobs: Sequence[Job], finished: Sequence[Job]) -> None:
         """Show a grid. finished: those of its jobs that were finished before."""
         self.console = Console(highlight=False)
-        self.console.print(f"{len(jobs)} runs, {len(finished)} of them already finished")
+        how = "" if self.console.is_terminal else "; a line for each that ends, and every minute"  # else a live table
+        self.console.print(f"{len(jobs)} runs, {len(finished)} of them already finished{how}", soft_wrap=True)
         self.jobs, self.ended, self.running = list(jobs), set(finished), set[Job]()
         self.rows = {job: job.last_row() for job in jobs}
         self.first = {job: self._done(job) if job.exact else 0 for job in jobs if job not in finished}  # nor failed

@@ -73,6 +73,29 @@ def check_metric(variant: Variant, spec: pb.GameSpec, metric: str, behavior: str
         raise ConfigError(f"--metric got {metric!r}; {whose} has {', '.join(measured)}{more}{training}")
 
 
+def different_bodies(variants: Sequence[Variant], specs: Sequence[pb.GameSpec]) -> str:
+    """Return a warning if some variants train actor and critic with one body and others with two; "" if none differ.
+
+    It is a second difference between layouts that no name shows, see `PolicyConfig.shared_body`.
+    """
+    bodies: dict[tuple[bool, ...], list[str]] = {}
+    for variant, spec in zip(variants, specs, strict=True):
+        if not variant.by:
+            roles = list_roles(variant.config.layout, spec)
+            shared = {
+                variant.config.policy_config(each.name).shares_body(each.layout.space.continuous) for each in roles
+            }
+            bodies.setdefault(tuple(sorted(shared)), []).append(variant.label)
+    if len(bodies) < 2:
+        return ""
+    words = {(False,): "have a body each", (True,): "share one", (False, True): "do either, by policy"}
+    said = "; ".join(f"{words[shared]} in {', '.join(labels)}" for shared, labels in sorted(bodies.items()))
+    return (
+        f"the variants differ in their networks, too: actor and critic {said}. With policy.shared_body=false behind "
+        "the options, they have a body each in all"
+    )
+
+
 def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.Namespace) -> Job:
     """Return a run of a variant.
 
@@ -121,6 +144,8 @@ def repetition(options: argparse.Namespace) -> str:
     words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
     words += ["--seeds", f"{options.seeds}"] if not options.search else []
     words += ["--metric", options.metric] if options.metric != "reward" else []
+    words += ["--test", *options.test, "--episodes", f"{options.episodes}"] if options.test is not None else []
+    words += ["--deterministic"] if options.deterministic else []
     words += ["--beside", options.beside] if options.beside else []
     words += ["--ppo", options.ppo] if options.ppo != "{}" else []
     words += ["--behavior", options.behavior] if options.behavior else []

@@ -1,8 +1,10 @@
 """How runs and their results are named: in one place, from a name to its text and back."""
 
+import hashlib
 import re
 from dataclasses import dataclass
 
+MAX_MARK_CHARS = 120
 SEED = re.compile(r"-s(\d+)(?=-|$)")  # where a run's experiment ends
 
 
@@ -62,4 +64,7 @@ def page_mark(metric: str, *others: str | None) -> str:
     It is empty for the reward alone. others: what else makes a page another one, as the behavior does; None: nothing.
     """
     parts = ["" if metric == "reward" else metric, *others]
-    return "".join(f"-{file_name(part)}" for part in parts if part)
+    mark = "".join(f"-{file_name(part)}" for part in parts if part)
+    if len(mark) > MAX_MARK_CHARS:
+        return f"{mark[:MAX_MARK_CHARS]}-{hashlib.sha256(mark.encode()).hexdigest()[:8]}"
+    return mark

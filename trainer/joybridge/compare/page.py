@@ -36,11 +36,14 @@ _NARROW = (
 
 
 def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]:
-    """Write the page, its pictures and its numbers into a folder. Return the paths of all but the pictures.
+    """Write the page, its pictures and its numbers into a folder. Return the paths of all but the page's pictures.
 
     Raises StorageError.
     """
-    draw_pictures(analysis, folder / PICTURES, setting.mark)
+    second = setting.held_out if setting.held_out and _has_curves(setting.held_out) else None
+    curves = {"curves": analysis} if not setting.test else {}
+    curves |= {"held_out": second} if second else {}
+    figures = draw_pictures(analysis, curves, folder / PICTURES, setting.mark, setting.figures)
     text = page_text(analysis, setting)
     files = {
         "page.md": text,
@@ -53,7 +56,7 @@ def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]
     paths = [folder / name.replace(".", f"{setting.mark}.") for name in files]
     for path, content in zip(paths, files.values(), strict=True):
         write_atomically(path, content.encode())
-    return paths
+    return [*paths, *figures]
 
 
 def page_text(analysis: Analysis, setting: Setting) -> str:
@@ -66,12 +69,18 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
         final_scores(analysis),
         picture_block(f"scores{setting.mark}", CAPTIONS["scores"].format(center=center)),
     ]
-    blocks += ["## Learning curves", picture_block(f"curves{setting.mark}", CAPTIONS["curves"].format(center=center))]
+    if not setting.test:
+        blocks += [
+            "## Learning curves",
+            picture_block(f"curves{setting.mark}", CAPTIONS["curves"].format(center=center)),
+        ]
+    if setting.held_out:
+        blocks += _held_out(setting.held_out, setting.mark)
     if analysis.pairs:
         blocks += ["## Which variant is better", _better(analysis)]
         blocks += [
             f"The effect size: the {center} of the row minus that of the column, with its 95 % interval.",
-            _matrix(analysis, partial(_difference_cell, known=analysis.has_intervals)),
+            _matrix(analysis, _difference_cell),
         ]
         blocks += [
             "The probability that a run of the row has a higher score than one of the column, with its 95 % "
@@ -86,8 +95,9 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
         ]
     blocks += [setting.differing] if setting.differing else []
     blocks += ["## Performance profiles", picture_block(f"profiles{setting.mark}", CAPTIONS["profiles"])]
-    blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
-    blocks += ["## Wall-clock time", _wall_clock(analysis)]
+    if not setting.test:
+        blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
+        blocks += ["## Wall-clock time", _wall_clock(analysis)]
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"
 
@@ -100,9 +110,10 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
     metric = escaped(analysis.metric)
     measured = any(run.measured is not None for result in analysis.results for run in result.runs)
     episodes = _episodes(analysis)
+    when = f"in a test without learning, {escaped(setting.test)}" if setting.test else "at the end without learning"
+    curves = "on the page of the training" if setting.test else "of the same metric in training"
     score = (
-        f"mean *{metric}* of the {episodes}episodes that its policy plays at the end without learning; curves and "
-        "times are of the same metric in training"
+        f"mean *{metric}* of the {episodes}episodes that its policy plays {when}; curves and times are {curves}"
         if measured
         else f"mean *{metric}* of the last tenth of its rows of metrics"
         + (f" that have it, each of {episodes}episodes" if episodes else "")
@@ -117,6 +128,26 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
     )
 
 
+def _held_out(analysis: Analysis, mark: str) -> list[str]:
+    """Return the section about held-out scores, for the page of the same metric in training."""
+    metric, episodes = escaped(analysis.metric), _episodes(analysis)
+    blocks = [
+        "## Held-out scores",
+        f"The same runs in the {episodes}held-out episodes of `evaluate_during`, from which nothing is learned: "
+        f"*{metric}*. With `--metric {analysis.metric}` the command writes a page about them, with effect sizes and "
+        "tests. If you choose a variant by them, report it on other settings, with `--test`.",
+        final_scores(analysis),
+    ]
+    if _has_curves(analysis):
+        blocks.append(picture_block(f"held_out{mark}", CAPTIONS["held_out"].format(center=analysis.center)))
+    return blocks
+
+
+def _has_curves(analysis: Analysis) -> bool:
+    """Return whether the metric was measured during the training, and not only at its end."""
+    return all(run.measured is None for result in analysis.results for run in result.runs)
+
+
 def _episodes(analysis: Analysis) -> str:
     """Return how many held-out episodes are behind a value, with a space; "" if none are."""
     counts = sorted({run.episodes for result in analysis.results for run in result.runs} - {0})
@@ -128,6 +159,13 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     if setting.missing:
         runs = "\n".join(f"- {escaped(each)}" for each in setting.missing)
         blocks.append(f"**These runs are missing, and the page is computed without them:**\n\n{runs}")
+    if setting.left_out:
+        names = ", ".join(map(escaped, setting.left_out))
+        blocks.append(
+            f"**Not on this page, but trained in the same folder: {names}.** The p values are corrected for the "
+            f"{_count(len(analysis.pairs), 'pair')} here. If these variants were chosen after all were seen, that "
+            "is too few: take the p values of a page with all."
+        )
     for one, other in combinations(analysis.results, 2):
         if one.scores == other.scores:
             blocks.append(
@@ -156,12 +194,13 @@ def _smallest_p(analysis: Analysis) -> str:
 
 
 def final_scores(analysis: Analysis) -> str:
-    """Return the scores of all variants as a table in Markdown; the best is bold if differences can be significant."""
+    """Return the scores of all variants as a table in Markdown; the best is bold if it differs from another one."""
     results = analysis.results
-    best = max(result.iqm.value for result in results) if analysis.smallest_p < SIGNIFICANCE else None
+    best = max(results, key=lambda result: result.iqm.value).label
+    differs = any(pair.corrected < SIGNIFICANCE for pair in analysis.pairs if best in (pair.first, pair.second))
     rows = [
         (
-            f"**{escaped(result.label)}**" if result.iqm.value == best else escaped(result.label),
+            f"**{escaped(result.label)}**" if differs and result.label == best else escaped(result.label),
             f"{len(result.runs)}",
             interval_text(result.iqm, len(result.runs) > 1),
             f"{number_text(result.mean)} ± {number_text(result.std)}",
@@ -196,9 +235,9 @@ def _matrix(analysis: Analysis, cell: Callable[[Pair, bool], str]) -> str:
     return table(("", *map(escaped, labels)), rows)
 
 
-def _difference_cell(pair: Pair, reverse: bool, *, known: bool) -> str:
+def _difference_cell(pair: Pair, reverse: bool) -> str:
     value, low, high = pair.difference
-    return interval_text(Estimate(-value, -high, -low) if reverse else pair.difference, known)
+    return interval_text(Estimate(0 - value, 0 - high, 0 - low) if reverse else pair.difference, pair.runs > 2)
 
 
 def _improvement_cell(pair: Pair, reverse: bool, *, bold: bool) -> str:

@@ -29,6 +29,10 @@ class Setting:
     missing: Sequence[str]  # runs that failed, each with its reason
     mark: str = ""  # what the names of the files of the page end with
     differing: str = ""  # what differs among the variants, as Markdown
+    test: str = ""  # how the policies play in a test, whose scores are compared; "": there is none
+    figures: str = ""  # the format in which pictures are also written, for a paper
+    left_out: Sequence[str] = ()  # variants in the same folder that are not compared, the names of their files
+    held_out: Analysis | None = None  # of the same runs and metric, where it was measured beside the training
 
 
 def scores_csv(analysis: Analysis) -> str:
@@ -46,17 +50,16 @@ def scores_csv(analysis: Analysis) -> str:
 def pairs_csv(analysis: Analysis) -> str:
     """Return a line per pair of variants: the effect sizes with their 95 % intervals, and the p values.
 
-    An interval is empty where each variant has one run.
+    An interval is empty where a bootstrap cannot know it, see `Pair`.
     """
     text = io.StringIO(newline="")
     table = csv.writer(text, lineterminator="\n")
     ends = [f"{name}{end}" for name in ("difference", "probability") for end in ("", "_low", "_high")]
     table.writerow(("first", "second", *ends, "p_value", "corrected"))
-    known = analysis.has_intervals
     for pair in analysis.pairs:
         estimates = [
             repr(value) if known or not index else ""
-            for each in (pair.difference, pair.improvement)
+            for each, known in ((pair.difference, pair.runs > 2), (pair.improvement, pair.overlap))
             for index, value in enumerate(each)
         ]
         table.writerow((pair.first, pair.second, *estimates, repr(pair.p_value), repr(pair.corrected)))
@@ -80,12 +83,11 @@ def scores_tex(analysis: Analysis) -> str:
 
 def pairs_tex(analysis: Analysis) -> str:
     """Return the effect sizes and p values of all pairs of variants as a table for LaTeX."""
-    known = analysis.has_intervals
     rows = [
         (
             f"{_latex(pair.first)} -- {_latex(pair.second)}",
-            _latex(interval_text(pair.difference, known)),
-            _latex(interval_text(pair.improvement, known)),
+            _latex(interval_text(pair.difference, pair.runs > 2)),
+            _latex(interval_text(pair.improvement, pair.overlap)),
             f"{pair.corrected:.2g}",
         )
         for pair in analysis.pairs

@@ -14,6 +14,7 @@ from PIL import Image
 
 from joybridge.compare.analysis import Analysis, Band
 from joybridge.config.files import storing, write_atomically
+from joybridge.play.figures import save_vector
 
 COLORS = ("#2f8fd6", "#e07b39", "#2ca58d", "#c45ab3", "#d9a400", "#7a6ff0", "#d64550", "#8a8f98")
 COLUMNS = 3  # of panels in a picture of several tasks
@@ -22,33 +23,46 @@ INK = {"light": ("#1f2328", "#ffffff"), "dark": ("#e6edf3", "#0d1117")}  # text 
 CAPTIONS = {
     "scores": "Score of each run (dots), {center} (line) and its 95 % interval (bar)",
     "curves": "Learning curves: {center} over runs, with 95 % intervals. Dotted: the score to which the runs are timed",
+    "held_out": "Held-out curves: {center} over runs, with 95 % intervals. Dotted: the lowest final score",
     "profiles": "Performance profiles: the fraction of runs whose score is above a value, with 95 % intervals",
 }
 
 
-def draw_pictures(analysis: Analysis, folder: Path, mark: str = "") -> None:
-    """Write all pictures of a comparison into a folder, see `picture`. Raises StorageError.
+def draw_pictures(
+    analysis: Analysis, curves: Mapping[str, Analysis], folder: Path, mark: str = "", figures: str = ""
+) -> list[Path]:
+    """Write all pictures of a comparison into a folder, see `draw_themes`.
 
-    mark: what their names end with, those of the page.
+    curves: the statistics whose learning curves are drawn, by the name of the picture. mark: what names end with.
     """
-    draws = {"scores": _draw_scores, "curves": _draw_curves, "profiles": _draw_profiles}
-    draw_themes({f"{name}{mark}": partial(draw, analysis) for name, draw in draws.items()}, folder)
+    draws = {"scores": partial(_draw_scores, analysis), "profiles": partial(_draw_profiles, analysis)}
+    draws |= {name: partial(_draw_curves, each) for name, each in curves.items()}
+    return draw_themes({f"{name}{mark}": draw for name, draw in draws.items()}, folder, figures)
 
 
-def draw_themes(draws: Mapping[str, Callable[[], Figure]], folder: Path) -> None:
-    """Write pictures into a folder, each for light and for dark pages. Raises StorageError."""
+def draw_themes(draws: Mapping[str, Callable[[], Figure]], folder: Path, figures: str = "") -> list[Path]:
+    """Write pictures into a folder, each for light and for dark pages. Raises StorageError.
+
+    figures: the format in which each is also written for a paper; "": in none. Return the paths of these figures.
+    """
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for theme, (ink, paper) in INK.items():
-        style: Any = {
-            "font.size": 10, "axes.grid": True, "grid.alpha": 0.2, "grid.color": ink, "grid.linewidth": 0.6,
-            "axes.spines.right": False, "axes.spines.top": False, "axes.edgecolor": ink, "axes.labelcolor": ink,
-            "text.color": ink, "xtick.color": ink, "ytick.color": ink, "legend.frameon": False,
-            "figure.facecolor": paper, "axes.facecolor": paper, "axes.formatter.useoffset": False,
-        }  # fmt: skip
-        with mpl.rc_context(style):
+    for theme, colors in INK.items():
+        with mpl.rc_context(_page_style(*colors)):
             for name, draw in draws.items():
                 save_figure(draw(), folder / picture(name, theme))
+    with mpl.rc_context(_page_style("#000000", "#ffffff")):
+        return [save_vector(draw(), folder / f"{name}.{figures}") for name, draw in draws.items() if figures]
+
+
+def _page_style(ink: str, paper: str) -> Any:
+    """Return settings of matplotlib for a color of the text and one of the background."""
+    return {
+        "font.size": 10, "axes.grid": True, "grid.alpha": 0.2, "grid.color": ink, "grid.linewidth": 0.6,
+        "axes.spines.right": False, "axes.spines.top": False, "axes.edgecolor": ink, "axes.labelcolor": ink,
+        "text.color": ink, "xtick.color": ink, "ytick.color": ink, "legend.frameon": False,
+        "figure.facecolor": paper, "axes.facecolor": paper, "axes.formatter.useoffset": False,
+    }  # fmt: skip
 
 
 class Line(NamedTuple):
@@ -98,7 +112,9 @@ def _draw_scores(analysis: Analysis) -> Figure:
     axes.set_yticks(range(len(analysis.results)), [without_formula(result.label) for result in analysis.results])
     axes.set_ylim(len(analysis.results) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel(without_formula(f"{analysis.metric}, mean of the last tenth of a run"))
+    measured = any(run.measured is not None for result in analysis.results for run in result.runs)
+    what = "mean of the episodes without learning" if measured else "mean of the last tenth of a run"
+    axes.set_xlabel(without_formula(f"{analysis.metric}, {what}"))
     return figure
 
 

@@ -22,6 +22,7 @@ from joybridge.client.simulator_source import choose_simulators, last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.play.figures import add_figures
 from joybridge.progress import say
 from joybridge.run.folder import play_config, run_config
 from joybridge.run.matches import Match, read_matches, write_matches
@@ -70,6 +71,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         metavar="FOLDER",
         help="for the log of all matches and the page; default: rating in the first run",
     )
+    add_figures(rates)
     add_simulator_options(rates, "the simulators of the first run's last training, if they answer; otherwise ")
     add_trust_option(rates)
     add_overrides(rates, "options and parameters of the game that differ from the training of the first run")
@@ -135,7 +137,7 @@ def rate_runs(options: argparse.Namespace) -> None:
         trained={name: (name.rpartition("@")[0], one.timesteps) for name, one in trained.items()},
         command=shlex.join(["joybridge", "rate", *map(str, options.runs), *repeated(options)]),
     )
-    paths = write_rating_page(tournament, folder)
+    paths = write_rating_page(tournament, folder, options.figures)
     print(rating_table(tournament), "", *paths, sep="\n")
 
 

@@ -61,20 +61,20 @@ class Tournament:
         return {run: sorted(points) for run, points in found.items() if len(points) > 1}
 
 
-def write_rating_page(tournament: Tournament, folder: Path) -> list[Path]:
-    """Write the page, its pictures and its numbers into a folder. Return the paths of the files but the pictures.
+def write_rating_page(tournament: Tournament, folder: Path, figures: str = "") -> list[Path]:
+    """Write the page, its pictures and its numbers into a folder. Return the paths of all but the page's pictures.
 
-    Raises StorageError.
+    figures: see `draw_themes`. Raises StorageError.
     """
     draws = {"payoff": _draw_payoff, "seats": _draw_seats}
     draws |= {"training": _draw_training} if tournament.runs else {}
-    draw_themes({name: partial(draw, tournament) for name, draw in draws.items()}, folder / PICTURES)
+    drawn = draw_themes({name: partial(draw, tournament) for name, draw in draws.items()}, folder / PICTURES, figures)
     text = page_text(tournament)
     numbers = json.dumps(as_data(tournament), indent=1, ensure_ascii=False) + "\n"
     files = {"page.md": text, "page.html": page_html(text, folder), "rating.json": numbers}
     for name, content in files.items():
         write_atomically(folder / name, content.encode())
-    return [folder / name for name in files]
+    return [*(folder / name for name in files), *drawn]
 
 
 def page_text(tournament: Tournament) -> str:

@@ -155,6 +155,7 @@ def report(made: Search) -> int:
         commands,
         repetition(options),
         made.metric if made.metric != options.metric else "",
+        options.figures,
     )
     print(ranking(result), "", *write_page(result, options.output), file, options.output / SEARCH, sep="\n")
     for command in commands:

@@ -49,20 +49,23 @@ class Outcome:
     next_commands: Sequence[str]
     command: str  # that makes this search
     rung_metric: str = ""  # of the rungs, if the metric is measured only at the end
+    figures: str = ""  # the format in which pictures are also written, for a paper
 
 
 def write_page(result: Outcome, folder: Path) -> list[Path]:
-    """Write the page, its pictures and the trials into a folder. Return the paths of all but the pictures.
+    """Write the page, its pictures and the trials into a folder. Return the paths of all but the page's pictures.
 
     Raises StorageError.
     """
     draws = {"trials": _draw_trials, "keys": _draw_keys}
-    draw_themes({name: partial(draw, result) for name, draw in draws.items()}, folder / PICTURES)
+    drawn = draw_themes(
+        {name: partial(draw, result) for name, draw in draws.items()}, folder / PICTURES, result.figures
+    )
     text = page_text(result)
     files = {"page.md": text, "page.html": page_html(text, folder), "trials.csv": trials_csv(result)}
     for name, content in files.items():
         write_atomically(folder / name, content.encode())
-    return [folder / name for name in files]
+    return [*(folder / name for name in files), *drawn]
 
 
 def page_text(result: Outcome) -> str:

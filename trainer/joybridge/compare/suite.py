@@ -57,7 +57,7 @@ def compare_suite(options: argparse.Namespace, compare: Callable[[Namespace], in
             say(f"missing: {name}: {error}")
     if len(missing) == len(options.tasks or suite.tasks):
         raise ConfigError("there is nothing to compare, because every task is missing")
-    for path in write_suite(options.suite, options.output, again(options), missing):
+    for path in write_suite(options.suite, options.output, again(options), missing, options.figures):
         print(path)
     return 1 if missing else status
 
@@ -72,8 +72,11 @@ def again(options: argparse.Namespace) -> str:
     return shlex.join([*words, "--seeds", f"{options.seeds}", "--output", options.output.name, *options.overrides])
 
 
-def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) -> list[Path]:
-    """Write the page of a suite, from the numbers of the comparisons in the folder. Raises StorageError."""
+def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], figures: str = "") -> list[Path]:
+    """Write the page of a suite, from the numbers of the comparisons in the folder. Raises StorageError.
+
+    figures: see `draw_themes`.
+    """
     suite = SUITES[name]
     found = {task: data for task, each in suite.tasks.items() if (data := _numbers(folder / task, each)) is not None}
     labels = list(dict.fromkeys(each["label"] for data in found.values() for each in data["variants"]))
@@ -84,7 +87,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) 
         rows.append([task, f"{_timesteps(data):,}", *aim, *_cells(data, labels, _score_cell)])
     costs = [[task, _settings(folder / task), *_cells(data, labels, _seconds_cell)] for task, data in found.items()]
     lines = {task: _lines(folder / task, data, suite.tasks[task].metric) for task, data in found.items()}
-    draw_themes({TIMES: partial(draw_times, lines)}, folder / PICTURES)
+    drawn = draw_themes({TIMES: partial(draw_times, lines)}, folder / PICTURES, figures)
     notes = [f"- {task}: {reason}" for task, reason in missing.items()]
     blocks = [
         f"# The suite {name}",
@@ -105,7 +108,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str]) 
     files = {"page.md": text, "page.html": page_html(text, folder)}
     for path, content in files.items():
         write_atomically(folder / path, content.encode())
-    return [folder / path for path in files]
+    return [*(folder / path for path in files), *drawn]
 
 
 def _numbers(folder: Path, task: Task) -> dict[str, Any] | None:

@@ -159,8 +159,8 @@ class Config(Checked):
     )
     evaluate_during: EvaluateDuring | None = Field(
         None,
-        description="held-out settings that policies play during training: `every`, `episodes`, and `options` "
-        "and `parameters` that differ, see Held-out settings in docs/training.md",
+        description="held-out settings that policies play during training: `every`, `episodes`, "
+        "`deterministic`, and `options` and `parameters` that differ, see Held-out settings in docs/training.md",
     )
     stratify_by: str | None = Field(
         None, description="option whose choices, but the default, evaluation plays equally often"

@@ -125,7 +125,7 @@ def _kind(schema: Mapping[str, Any]) -> str:
     if "$comment" in schema:
         return str(schema["$comment"])
     if "$ref" in schema:
-        return "lessons"
+        return "lessons" if schema["$ref"].endswith("/Lesson") else "keys"
     if "anyOf" in schema:
         return " or ".join(map(_kind, schema["anyOf"]))
     if "enum" in schema:

@@ -53,7 +53,7 @@ class PolicyConfig(Checked):
     activation: Literal["swish", "tanh", "relu", "elu"] = Field("swish", description="of the hidden layers")
     memory: MemoryConfig = Field(MemoryConfig(), description="what it remembers of an episode")
     shared_body: bool | None = Field(
-        None, description="one body for actor and critic; null: only if there are no Gaussians"
+        None, description="one body for actor and critic; null: only if no action is continuous"
     )
     ortho_init: bool = Field(
         False,
@@ -112,3 +112,7 @@ class PolicyConfig(Checked):
         1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
     )
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
+
+    def shares_body(self, continuous: int) -> bool:
+        """Return whether actor and critic are one body, of a policy with so many continuous actions."""
+        return continuous == 0 if self.shared_body is None else self.shared_body

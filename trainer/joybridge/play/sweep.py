@@ -10,12 +10,15 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.wrong_keys import FORMS
 
 if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
+    from matplotlib.figure import Figure
+
     from joybridge.play.evaluate import Evaluation
 
 Results = Mapping[str, Mapping[str, "Evaluation"]]  # "parameters.size=0.5" -> policy -> its evaluation
 
 PANELS = 6  # in a plot, at most: the reward and the first metrics
 COLUMNS = 3
+MAX_CHARS = 40  # of all choices of an option, which stand side by side below a panel
 
 
 class Sweep(NamedTuple):
@@ -29,10 +32,10 @@ class Sweep(NamedTuple):
         """Return an override of the configuration per value."""
         return [f"{self.key}={value}" for value in self.values]
 
-    def picture(self, run: Path) -> Path:
-        """Return where the plot of a run belongs."""
+    def picture(self, run: Path, form: str) -> Path:
+        """Return where the plot of a run belongs. form: "png", or one for a paper."""
         name = re.sub(r"[^\w.-]", "_", self.key)  # never a path of its own
-        return run / f"over-{name}.png"
+        return run / f"over-{name}.{form}"
 
 
 def read_sweep(text: str) -> Sweep:
@@ -61,23 +64,24 @@ def table(sweep: Sweep, results: Results) -> str:
             )
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         fewest = min(result[policy].episodes for result in results.values())
-        lines.append(f"{policy}: at least {fewest} episodes per value, mean and 95 % confidence")
+        least = "" if len({result[policy].episodes for result in results.values()}) == 1 else "at least "
+        lines.append(f"{policy}: {least}{fewest} episodes per value, mean and 95 % confidence")
         for key, *cells in rows:
             aligned = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
             lines.append("  ".join(["", f"{key:<{widths[0]}}", *aligned]))
     return "\n".join(lines)
 
 
-def plot(sweep: Sweep, results: Results, path: Path) -> None:
-    """Write a picture: reward and metrics over the values, with 95 % confidence intervals. Needs matplotlib."""
+def plot(sweep: Sweep, results: Results) -> "Figure":
+    """Return a picture: reward and metrics over the values, with 95 % confidence intervals. Needs matplotlib."""
     from matplotlib.figure import Figure
 
     policies = results[sweep.settings[0]]
     metrics = list(dict.fromkeys(name for first in policies.values() for name in first.means if name != "length"))
     metrics = metrics[:PANELS]
-    places = (
-        [float(value) for value in sweep.values] if not sweep.key.startswith("options.") else range(len(sweep.values))
-    )
+    named = sweep.key.startswith("options.")
+    places = range(len(sweep.values)) if named else [float(value) for value in sweep.values]
+    crowded = sum(map(len, sweep.values)) > MAX_CHARS
     columns = min(COLUMNS, len(metrics))
     rows = -(-len(metrics) // columns)
     figure = Figure(figsize=(4 * columns, 3.2 * rows), layout="constrained")
@@ -95,11 +99,12 @@ def plot(sweep: Sweep, results: Results, path: Path) -> None:
                     label=policy,
                 )
         axes.set(title=metric, xlabel=sweep.key)
-        axes.set_xticks(places, sweep.values)
+        if named:  # numbers have the marks of the axis, as values side by side would be written over each other
+            axes.set_xticks(places, sweep.values, rotation=30 if crowded else 0, ha="right" if crowded else "center")
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels:  # that no metric needs
         axes.set_visible(False)
     if len(policies) > 1:
         figure.axes[0].legend(frameon=False)
-    figure.savefig(path, dpi=120)
+    return figure

@@ -65,7 +65,7 @@ class Actor:
         self.metrics = [metric.name for metric in behavior.metrics]
         self.branches, self.gaussians = role.layout.names(behavior.device)
         space = role.layout.space
-        shared = config.shared_body if config.shared_body is not None else space.continuous == 0
+        shared = config.shares_body(space.continuous)
         self.past = PastActs(behavior.device, config.remember_acts)
         self.observation_size = self.past.size + self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)

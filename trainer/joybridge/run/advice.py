@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from joybridge.config.config import Config
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
@@ -19,6 +20,21 @@ LARGE_REWARD = 1000.0  # likewise, for the reward of one decision
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
+
+
+def intervals_too_short(config: Config) -> Iterator[str]:
+    """Yield what is odd in how often a run is measured, which is at its rows of metrics."""
+    if config.log_interval > config.end:
+        yield (
+            f"log_interval is {config.log_interval:,}, longer than the run of {config.end:,} timesteps, so it will "
+            "have no row of metrics; make it a tenth of the run or less"
+        )
+    every = config.evaluate_during and config.evaluate_during.every
+    if every and every < config.log_interval:
+        yield (
+            f"evaluate_during.every is {every:,}, but held-out episodes are played for rows of metrics: at each of "
+            f"them, every {config.log_interval:,} timesteps (log_interval)"
+        )
 
 
 class Adviser:

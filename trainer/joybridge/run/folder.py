@@ -100,6 +100,8 @@ def run_spec(run: Path) -> pb.GameSpec:
         spec = json_format.Parse(read_file(path, MAX_SPEC_BYTES), pb.GameSpec())
         check_spec(spec)
     except FileNotFoundError:
+        if not run.is_dir():
+            raise _no_run(run) from None
         raise ConfigError(
             f"{run} has no {SPEC}, which says what its policies observe and control; training writes it: continue the "
             f"run with `joybridge train {run}/config.yaml --run {run} --resume`"
@@ -113,10 +115,15 @@ def run_spec(run: Path) -> pb.GameSpec:
 def run_config(run: Path) -> Config:
     """Return the configuration that a run was made with. Raises ConfigError, which names runs of similar names."""
     if not (run / "config.yaml").exists():
-        near = difflib.get_close_matches(run.name, [path.parent.name for path in run.parent.glob("*/config.yaml")])
-        hint = f"; did you mean {', '.join(str(run.parent / name) for name in near)}?" if near else ""
-        raise ConfigError(f"{run} is not the folder of a run: it has no config.yaml{hint}")
+        raise _no_run(run)
     return load_config(run / "config.yaml")
+
+
+def _no_run(run: Path) -> ConfigError:
+    near = difflib.get_close_matches(run.name, [path.parent.name for path in run.parent.glob("*/config.yaml")])
+    hint = f"; did you mean {', '.join(str(run.parent / name) for name in near)}?" if near else ""
+    what = "it has no config.yaml" if run.is_dir() else "there is no such folder"
+    return ConfigError(f"{run} is not the folder of a run: {what}{hint}")
 
 
 def play_config(run: Path, overrides: Sequence[str]) -> Config:
@@ -129,12 +136,7 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
     check_code(run, trained)
     given = read_overrides(overrides).get("parameters", {})
-    for key in type(config).model_fields:
-        if key not in PLAYABLE_KEYS and getattr(config, key) != getattr(trained, key):
-            raise ConfigError(
-                f"{key} belongs to the training of {run} and cannot change now; what can is written "
-                f"{', '.join(FORMS[key] for key in (*OF_THE_GAME, 'hand'))}"
-            )
+    check_playable(trained, config, str(run))
     if not config.curriculum:
         return config
     last = {name: value for name, value in config.curriculum[-1].parameters.items() if name not in given}
@@ -145,3 +147,13 @@ def changes(before: Config, now: Config) -> dict[str, Any]:
     """Return what was in keys that have changed and may not in the middle of a run."""
     old, new = before.model_dump(), now.model_dump()
     return {key: old[key] for key in new if old[key] != new[key] and key not in MAY_CHANGE}
+
+
+def check_playable(trained: Config, played: Config, run: str) -> None:
+    """Raise ConfigError if a run would play with other keys than those that may differ from its training."""
+    for key in type(played).model_fields:
+        if key not in PLAYABLE_KEYS and getattr(played, key) != getattr(trained, key):
+            raise ConfigError(
+                f"{key} belongs to the training of {run} and cannot change now; what can is written "
+                f"{', '.join(FORMS[key] for key in (*OF_THE_GAME, 'hand'))}"
+            )

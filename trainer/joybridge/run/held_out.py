@@ -40,7 +40,8 @@ class HeldOut:
         self._end = config.total_timesteps if self._due.every else config.end
         self._measured = 0  # timesteps
         self._address = address
-        self._spec = fitting_spec(address, self._config)
+        # Parameters are checked by themselves, so that an error names the key that they are under.
+        self._spec = fitting_spec(address, self._config.model_copy(update={"parameters": {}}))
         values = {name: distribution_of(value) for name, value in self._due.parameters.items()}
         check_drawn(values, self._spec, "evaluate_during.parameters")
         for trained, played in zip(spec.behaviors, self._spec.behaviors, strict=True):

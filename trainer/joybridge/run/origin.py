@@ -3,6 +3,7 @@
 It stands in the run's folder, once for each training that continued it, and in every checkpoint.
 """
 
+import hashlib
 import json
 import os
 import platform
@@ -13,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import distribution, distributions
+from importlib.metadata import PackageNotFoundError, distribution, distributions
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
@@ -35,7 +36,7 @@ class Origin(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 
     joybridge: str  # version
-    commit: str  # of the sources, with "-dirty" behind it if they were changed; "": not known
+    commit: str  # of the sources, with "-dirty" behind it if they were changed, or `files_mark`; "": not known
     python: str
     packages: dict[str, str]  # versions of everything that is installed
     system: str
@@ -114,7 +115,7 @@ def remark(trained: Origin | None, most: int = 5) -> str:
 
 
 def _commit() -> str:
-    """Return the commit of the checkout, or of what pip has installed; "" if neither is known."""
+    """Return the commit of the checkout, or of what pip has installed, or `files_mark`; "" if none is known."""
     root = Path(__file__).parents[3]
     if (root / ".git").exists():
         command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
@@ -122,7 +123,19 @@ def _commit() -> str:
             return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     with suppress(TypeError, ValueError, KeyError):  # it was not installed from a repository
         return str(json.loads(distribution("joybridge").read_text("direct_url.json") or "")["vcs_info"]["commit_id"])
+    with suppress(PackageNotFoundError):
+        return files_mark(distribution("joybridge").read_text("RECORD") or "")
     return ""
+
+
+def files_mark(record: str) -> str:
+    """Return a mark of the installed files, where a copy of a checkout leaves no commit; "" if none are listed.
+
+    record: the text of RECORD, which pip writes; the same sources give the same mark everywhere.
+    """
+    lines = sorted(line for line in record.splitlines() if line.startswith("joybridge/") and ",sha256=" in line)
+    text = "\n".join(lines)
+    return f"files-{hashlib.sha256(text.encode()).hexdigest()[:16]}" if lines else ""
 
 
 def _processor() -> str:

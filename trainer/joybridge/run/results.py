@@ -98,5 +98,5 @@ def _line(run: Run) -> dict[str, str]:
         "reward": f"{rewards[-1]:.2f}" if rewards else "",
         "highest": f"{max(rewards):.2f}" if rewards else "",
         "minutes": f"{rows[-1]['seconds'] / 60:.1f}" if rows and "seconds" in rows[-1] else "",
-        "made with": f"{origin.joybridge} {origin.commit[:8]}".strip() if origin else "",
+        "made with": f"{origin.joybridge} {origin.commit.removeprefix('files-')[:8]}".strip() if origin else "",
     }

@@ -29,13 +29,14 @@ def write_config(address: str, game: str | None, folder: Path) -> str:
     write_new({path: starter_config(spec)})
     joybridge, run = shlex.quote(command(folder)), shlex.quote(f"runs/{path.stem}")
     go = "" if folder.resolve() == Path.cwd() else f"  {shlex.join(['cd', str(folder)])}\n"
+    drawn = spec.HasField("picture")
+    video = f"\n  {joybridge} record {run} {_argument(f'{path.stem}.mp4')}" if drawn else ""
     return f"""Created {path}, the training of {spec.name}.
 
-Train it, evaluate the policy and record a video:
+Train it{", evaluate the policy and record a video" if drawn else " and evaluate the policy"}:
 
 {go}  {joybridge} train {_argument(path.name)} --simulator {address} --run {run}
-  {joybridge} evaluate {run}
-  {joybridge} record {run} {_argument(f"{path.stem}.mp4")}"""
+  {joybridge} evaluate {run}{video}"""
 
 
 def _argument(name: str) -> str:

@@ -1,0 +1,108 @@
+"""The runs of a comparison under test settings of the game, by which neither a policy was trained nor a choice made."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from joybridge.client.argument_types import at_least
+from joybridge.client.command_line import wanted_simulators
+from joybridge.client.simulator_source import open_simulators
+from joybridge.compare.job import Job
+from joybridge.compare.scores import Run
+from joybridge.compare.variants import TRAINERS, Variant, config_path
+from joybridge.config.config import load_config
+from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import check_settings
+from joybridge.config.metrics import measured_columns
+from joybridge.contract.errors import JoybridgeError
+from joybridge.progress import say
+from joybridge.run.folder import check_playable
+from joybridge.v1 import bridge_pb2 as pb
+
+EPISODES = 210  # as many as `evaluate` plays
+SEED = 2**62  # of the games: not those of a training, nor of `evaluate_during`, and the same for all runs
+
+
+def add_test_options(compares: argparse.ArgumentParser) -> None:
+    """Add the options that say what is played for a test, and how."""
+    compares.add_argument(
+        "--test",
+        nargs="*",
+        metavar="KEY=VALUE",
+        help="let each finished run play other settings of the game, as in parameters.wind=3, and compare these scores "
+        "on a page of their own; without settings: other episodes of the same game",
+    )
+    compares.add_argument(
+        "--episodes",
+        type=at_least(1),
+        metavar="N",
+        help=f"of a test, of each run; default {EPISODES}",
+    )
+    compares.add_argument(
+        "--deterministic", action="store_true", help="in a test, take the most probable actions instead of sampling"
+    )
+
+
+def check_test(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], options: argparse.Namespace) -> None:
+    """Raise ConfigError for a test that the runs could not play, before they are trained; specs: of their games."""
+    if options.test is None:
+        return
+    for variant, spec in zip(variants, specs, strict=True):
+        if variant.by or variant.config.games:
+            who = TRAINERS.get(variant.by, "a run of several games")
+            raise ConfigError(f"--test cannot play {variant.label}, of {who}; leave this variant out")
+        played = load_config(config_path(options.output, variant.name), options.test)
+        check_playable(variant.config, played, variant.label)
+        check_settings(played.options, played.parameters, spec)
+        known = {f"options.{each.name}={choice}" for each in spec.options for choice in each.choices}
+        known |= {f"parameters.{each.name}" for each in spec.parameters}
+        given = [f"options.{name}={choice}" for name, choice in played.options.items()]
+        given += [f"parameters.{name}" for name in played.parameters]
+        if wrong := [each for each in given if each not in known]:
+            raise ConfigError(f"--test got {wrong[0]}; {spec.name} has {', '.join(sorted(known)) or 'nothing to set'}")
+        behavior = next((each for each in spec.behaviors if each.name == options.behavior), spec.behaviors[0])
+        measured = measured_columns([each.name for each in behavior.metrics])[:-2]  # of an episode, not of many
+        if options.metric not in measured:
+            raise ConfigError(f"--test got --metric {options.metric}; of its episodes it has {', '.join(measured)}")
+
+
+def test_words(options: argparse.Namespace) -> str:
+    """Return how the policies play in a test, for the page; "" without a test."""
+    if options.test is None:
+        return ""
+    settings = f"under {' '.join(options.test)}" if options.test else "under the settings of its training"
+    actions = "the most probable actions" if options.deterministic else "sampled actions"
+    return f"{settings}, with {actions}"
+
+
+def test_marks(options: argparse.Namespace) -> list[str]:
+    """Return what makes the page of a test another one, for the names of its files; nothing without a test."""
+    if options.test is None:
+        return []
+    return [" ".join(["test", *options.test]), *(["deterministic"] if options.deterministic else [])]
+
+
+def test_runs(
+    runs: Mapping[Job, Run], policies: Mapping[Job, str], options: argparse.Namespace
+) -> tuple[dict[Job, Run], dict[Job, str]]:
+    """Return the runs with what their newest policies have reached in a test as scores, and why others have none.
+
+    policies: whose metric counts; "": the only one.
+    """
+    from joybridge.play.evaluate import evaluate  # after the training: torch takes seconds to load
+    from joybridge.play.playing import PlaySpec
+
+    tested, failed = dict[Job, Run](), dict[Job, str]()
+    with open_simulators(wanted_simulators(options), options.wait, say) as connect:
+        address = connect()[0]
+        for job, run in runs.items():
+            plays = PlaySpec(job.run, address, SEED, options.deterministic, options.test)
+            try:
+                found = evaluate(plays, episodes=options.episodes, say=lambda _: None)
+            except JoybridgeError as error:
+                failed[job] = str(error)
+                continue
+            measured = found[policies[job] or next(iter(found))]
+            tested[job] = replace(run, measured=measured.means[options.metric], episodes=measured.episodes)
+            say(f"{job.name}: {options.metric} {tested[job].score:.4g} in {measured.episodes} test episodes")
+    return tested, failed
