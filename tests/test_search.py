@@ -469,6 +469,21 @@ def test_a_trial_has_the_score_that_a_comparison_gives_the_same_file(run, every)
     assert ("Until there, and of pruned trials everywhere" in (OUT / "page.md").read_text()) == (every != 500)
 
 
+def test_trials_are_pruned_no_earlier_than_is_wished(run):
+    begin = Imitation()
+    assert run("--trials", "20", "--prune-from", "0.7", begin=begin).status == 0
+    assert {trial.last_step for trial in trials() if trial.state == TrialState.PRUNED} <= {1400, 1600, 1800}
+    assert len(begin.terminated) > 1
+    changed = run("--trials", "21", "--prune-from", "1")
+    assert changed.status == 1 and "prune_from was 0.7 and is now 1" in changed.errors
+
+
+def test_no_trial_is_pruned_without_need(run):
+    begin = Imitation()
+    assert run("--trials", "20", "--prune-from", "1", begin=begin).status == 0
+    assert begin.terminated == [] and set(states()) == {"COMPLETE"}
+
+
 def test_a_metric_of_the_end_prunes_by_its_training(run):
     settings = ["evaluate_during={episodes: 2}"]
     begin = Imitation(held_out=math.inf)

@@ -25,3 +25,14 @@ def seconds(text: str) -> float:
     if not (math.isfinite(number) and number > 0):
         raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
     return number
+
+
+def share(text: str) -> float:
+    """Return a number of 0..1. Raises ArgumentTypeError."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0.0 <= number <= 1.0:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a number of 0..1")
+    return number

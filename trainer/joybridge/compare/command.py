@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.argument_types import at_least
+from joybridge.client.argument_types import at_least, share
 from joybridge.client.command_line import add_simulator_options, check_simulator_options, run_command
 from joybridge.compare.ranges import is_fixed
 from joybridge.compare.suites import SUITES
@@ -17,6 +17,7 @@ from joybridge.play.figures import add_figures
 
 SEEDS = 5
 TRIALS = 30
+PRUNE_FROM = 0.2
 OVERRIDE = re.compile(r"[a-z_.]+=")  # not a mixture of layouts, as in "hybrid, angle=bucket-5"
 
 
@@ -83,6 +84,13 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "policy.learning_rate=1e-5..1e-3:log policy.epochs=3..10 layout=hybrid,bucket-11",
     )
     compares.add_argument("--trials", type=at_least(1), metavar="N", help=f"trainings of a search; default {TRIALS}")
+    compares.add_argument(
+        "--prune-from",
+        type=share,
+        metavar="SHARE",
+        help="of the training of a trial, after which it is ended if it falls behind; 1: none is. Default: "
+        f"{PRUNE_FROM}; choose more if learning begins late",
+    )
     compares.add_argument("--seeds", type=at_least(1), metavar="N", help=f"runs of each variant; default {SEEDS}")
     compares.add_argument(
         "--output",
@@ -145,9 +153,10 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         for name in ("layouts", "set", "change", "also", "seeds", "score"):
             if getattr(options, name) not in ([], None):
                 parser.error(f"--{name} is not for a search; write what varies as --search KEY=VALUE,VALUE")
-    elif options.trials:
-        parser.error("--trials is for a search; say what is searched with --search, or use --seeds")
+    elif options.trials or options.prune_from is not None:
+        parser.error("--trials and --prune-from are for a search; say what is searched with --search")
     options.trials, options.seeds = options.trials or TRIALS, options.seeds or SEEDS
+    options.prune_from = PRUNE_FROM if options.prune_from is None else options.prune_from
     return options
 
 

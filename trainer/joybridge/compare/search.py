@@ -15,6 +15,7 @@ from optuna.storages.journal import JournalFileBackend, JournalStorage
 from optuna.trial import TrialState
 
 from joybridge.client.command_line import add_own_game, wanted_simulators
+from joybridge.compare.command import PRUNE_FROM
 from joybridge.compare.launch import (
     backend,
     check_length,
@@ -64,6 +65,7 @@ def search(options: argparse.Namespace) -> int:
         "seed": base.seed,
         "metric": options.metric,
         "behavior": options.behavior,
+        **({"prune_from": options.prune_from} if options.prune_from != PRUNE_FROM else {}),
     }
     with locked(options.output, option="--output"):
         study = open_study(options.output, identity)

@@ -29,7 +29,7 @@ from joybridge.progress import Progress
 from joybridge.v1 import bridge_pb2 as pb
 
 FIRST_TRIALS = 3  # trials; if all of them fail, the others would as well
-TENTHS = range(2, 10)  # of a run: where a hopeless trial ends
+TENTHS = range(1, 10)  # of a run: where a hopeless trial ends
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ class Search:
     def rungs(self) -> list[int]:
         """Return the timesteps where trials are compared: ends of rows of metrics before the end of a run."""
         interval, last = self.base.log_interval, self.base.end
-        marks = (math.ceil(tenth * last / 10 / interval) * interval for tenth in TENTHS)
+        tenths = [tenth for tenth in TENTHS if tenth >= 10 * self.options.prune_from]
+        marks = (math.ceil(tenth * last / 10 / interval) * interval for tenth in tenths)
         return [mark for mark in dict.fromkeys(marks) if mark < last]
 
     def config(self, settings: Mapping[str, str]) -> Config:
