@@ -7,7 +7,7 @@ from pathlib import Path
 
 from joybridge.client.argument_types import at_least, share
 from joybridge.client.command_line import add_simulator_options, check_simulator_options, run_command
-from joybridge.compare.ranges import is_fixed
+from joybridge.compare.ranges import PRUNE_FROM, is_fixed
 from joybridge.compare.suites import SUITES
 from joybridge.compare.tested import EPISODES, add_test_options
 from joybridge.compare.variants import TRAINERS
@@ -17,7 +17,6 @@ from joybridge.play.figures import add_figures
 
 SEEDS = 5
 TRIALS = 30
-PRUNE_FROM = 0.2
 OVERRIDE = re.compile(r"[a-z_.]+=")  # not a mixture of layouts, as in "hybrid, angle=bucket-5"
 
 

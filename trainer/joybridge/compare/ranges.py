@@ -23,6 +23,7 @@ NOT_SEARCHED = {  # keys that are not searched, and why
     "stop_at": "trials of other lengths cannot be compared",
     "log_interval": "trials are compared where they have rows of metrics",
 }
+PRUNE_FROM = 0.2  # of a training: where trials that fall behind may end, unless the search says so
 MAX_WHOLE = 2**53  # larger whole numbers are not exact as float64
 FORM = "KEY=LOW..HIGH, KEY=LOW..HIGH:log or KEY=VALUE,VALUE,…"
 EXAMPLE = "policy.learning_rate=1e-5..1e-3:log"

@@ -15,7 +15,6 @@ from optuna.storages.journal import JournalFileBackend, JournalStorage
 from optuna.trial import TrialState
 
 from joybridge.client.command_line import add_own_game, wanted_simulators
-from joybridge.compare.command import PRUNE_FROM
 from joybridge.compare.launch import (
     backend,
     check_length,
@@ -26,7 +25,7 @@ from joybridge.compare.launch import (
     served_specs,
 )
 from joybridge.compare.page_settings import FOUND
-from joybridge.compare.ranges import Choices, Range, own_settings, read_ranges, settings_of
+from joybridge.compare.ranges import PRUNE_FROM, Choices, Range, own_settings, read_ranges, settings_of
 from joybridge.compare.search_page import Outcome, outcome, ranking, write_page
 from joybridge.compare.trials import Search, train
 from joybridge.compare.variants import (
