@@ -253,7 +253,7 @@ def test_resuming_with_another_configuration_or_number_of_simulators_is_refused(
     run = tmp_path / "run"
     assert train(run, *SMALL, "stop_at=100", "--simulator", address).status == 0
     changed = train(run, *SMALL, "seed=4", "--resume", "--simulator", address)
-    assert "seed changed" in changed.errors
+    assert "seed was 0 and is now 4" in changed.errors
     three = train(run, *SMALL, "stop_at=400", "--resume", *["--simulator", address] * 3)
     assert (
         "the checkpoint holds 2 sessions, but 2 groups at 3 simulators make 3; resume with 2 simulators" in three.errors

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -110,9 +111,20 @@ def _file_at_play(options: argparse.Namespace) -> Iterator[tuple[str, pb.GameSpe
     with simulator_process([window_place(options.program, (), about.game, held)]) as address:
         session = Session(address, about.game, arenas=1, seed=options.seed, options=about.options)
         with closing(session):
-            words = f"{options.policy}, after {about.timesteps:,} timesteps"
+            words = f"{options.policy}, after {about.timesteps:,} timesteps{_unsaid(options.program)}"
             policy = load_exported(options.policy, session.spec)
             yield words, session.spec, play_file(policy, session, options.seed)
+
+
+def _unsaid(program: str) -> str:
+    """Return what an exported policy does not know and the command line does not say, as a part of a sentence."""
+    words = shlex.split(program)
+    if any(word.startswith(("reward=", "done=", "hook=")) for word in words):
+        return ""
+    return (
+        "; the file does not say what pays and what ends an episode, so all is one episode without rewards: name both "
+        f"behind the program, as in \"{words[0]} 'reward=Score: (\\d+)' 'done=Game over'\""
+    )
 
 
 def device_settings(axes: Sequence[str], branches: Sequence[str]) -> list[str]:

@@ -1,6 +1,7 @@
 """Everything that surrounds the program."""
 
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -38,6 +39,8 @@ class Stage:
         self.texts = Texts()
         self.played: Counter[str] = Counter()  # sounds, by the name of the file
         self._chance: Chance | None = None
+        if window:
+            _be_silent_without_a_sound_card()
         if isinstance(self.clock, VirtualClock):
             Sounds(self.clock, self.played)
             self._chance = Chance()
@@ -75,6 +78,15 @@ class Stage:
         """Return the width and the height of the display."""
         height, width = self.display.pixels().shape
         return width, height
+
+
+def _be_silent_without_a_sound_card() -> None:
+    """Let a program that plays sounds run where there is nothing to play them on."""
+    try:
+        pygame.mixer.init()
+    except pygame.error:
+        os.environ["SDL_AUDIODRIVER"] = "dummy"
+    pygame.mixer.quit()
 
 
 def own_folder(base: Path) -> Folders:
