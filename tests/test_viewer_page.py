@@ -139,6 +139,15 @@ def test_two_people_play_one_match_in_two_tabs(visit):
     one.wait(f"{TITLE} === 'Waiting for others'")
 
 
+def test_the_space_bar_does_not_scroll_the_page_before_the_game_begins(visit):
+    tab = visit("archer")
+    tab.size(1200, 400)
+    tab.value("addEventListener('keydown', (event) => { window.kept = event.defaultPrevented; })")
+    tab.key("Space", " ")
+    tab.wait("window.kept === true")
+    assert tab.errors == []
+
+
 def test_changed_controls_are_remembered(visit):
     tab = visit("orchard")
     tab.value("document.querySelector('#controls-card').open = true")

@@ -192,7 +192,7 @@ export class Panel {
       const held = seat === null || game.seats[seat].behavior === behavior;
       group.classList.toggle("waiting", !held || !turn.behaviors[behavior].deciding[this.agent(behavior)]);
     }
-    $("decision").textContent = `decision ${turn.turn}`;
+    $("decision").textContent = `decision ${turn.turn} in all`;
     this.showScores(turn);
     this.showRival(turn.rival);
   }

@@ -273,7 +273,9 @@ $("theme").addEventListener("click", () => {
   localStorage.setItem("joybridge.theme", (document.documentElement.dataset.theme = dark ? "light" : "dark"));
 });
 addEventListener("keydown", (event) => {
-  if (!isFree(event) || event.repeat || !state.game) return;
+  if (!isFree(event)) return;
+  if (event.code === "Space") event.preventDefault(); // it would scroll the page
+  if (event.repeat || !state.game) return;
   if (event.code === "Enter" && !state.running) run();
   else if (event.code === "Enter" && !state.game.interval) step();
   else if (event.code === "Escape" && state.running) pause();
