@@ -318,7 +318,7 @@ def test_a_finished_run_is_unfinished_after_its_configuration_changes(whole, con
     assert plain.finished()
     other = replace(plain, overrides=("policy.epochs=1",))
     assert not other.finished()
-    assert "policy changed" in run_grid([other], 1, whole.results)[other]
+    assert "policy.epochs was 4 and is now 1" in run_grid([other], 1, whole.results)[other]
 
 
 def test_files_of_a_run_are_copied_and_old_checkpoints_are_deleted(tmp_path):
