@@ -200,7 +200,7 @@ class Session:
         for arena in act.draw:
             fill(response.step.pictures.add(), self._picture(self.game.draw(arena), arena))
         if act.HasField("draw_ticks"):
-            for picture in self.game.tick_pictures[: self.spec.decision_interval - 1]:
+            for picture in self.game.tick_pictures:
                 fill(response.step.tick_pictures.add(), self._picture(picture, act.draw_ticks))
         return response
 

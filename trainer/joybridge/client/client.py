@@ -324,9 +324,7 @@ class Session:
         if self._log is not None:
             self._log.came(self.steps)
         if any(step.interrupted is not None for step in self.steps):
-            failed = [
-                self._start.first_arena + arena for arena in self.failed_arenas()
-            ]  # as the simulator's log has it
+            failed = [self._start.first_arena + arena for arena in self.failed_arenas()]  # their numbers in its log
             text = f"{self.spec.name} failed at {self.address} in arenas {failed}, whose episodes are cut"
             log.warning("%s and count as no results; see the simulator's log", text)
             self.write_fault(text)

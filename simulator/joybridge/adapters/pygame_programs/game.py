@@ -101,10 +101,10 @@ class PygameGame(BatchedGame):
             self._seen, self._closed = self._begin(arenas), False
         self._axes[arenas, self._lengths], self._choices[arenas, self._lengths] = acts[0].axes, acts[0].choices
         shown, size = self.drawn_by_tick, self.look.picture()
-        if shown is not None:
-            self._players.keep(shown, *size)
         for arena in arenas:
             with suppress(ArenaError):  # what is received says so
+                if arena == shown:
+                    self._players.keep(shown, *size)
                 self._players.act(arena, self._act(arena, self._lengths[arena]))
         played, failed = [], np.zeros(len(arenas), bool)
         for arena in arenas:

@@ -63,9 +63,8 @@ def _write(path: Path | None, found: FirstPlay) -> None:
     part = path.with_suffix(f".{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        remarks = [
-            remark for remark in found.remarks if not is_end(remark)
-        ]  # random play need not reach one: said once
+        # An end that random play has not reached is said once: it need not.
+        remarks = [remark for remark in found.remarks if not is_end(remark)]
         part.write_text(json.dumps(found._replace(remarks=remarks)._asdict()), encoding="utf-8")
         part.replace(path)
     except OSError:
