@@ -21,6 +21,7 @@ const state = {
   chosen: new Map(), // control -> choice, in a game without a clock
   acts: new Map(), // id -> { presses, movement }
   id: 0, events: [], // times of events that are not shown yet, as [id, time]
+  step: 0, // the last id that is to be played while the game is held
   seat: null,
 };
 const inputs = new Inputs($("stage"), $("picture"), onInput);
@@ -127,6 +128,8 @@ function takeTurn(turn) {
     curtain("The episode is over", panel.summary(own), { keys: false });
   } else if (state.running) {
     answer();
+  } else if (state.step > turn.played) { // a single decision that was asked for while this turn was on its way
+    answer(true);
   } else if (turn.turn === 0) {
     state.ready = true;
     const { interval, picture } = state.game;
@@ -141,6 +144,7 @@ function answer(decide = false) {
   panel.refuse(act.refused);
   state.id += 1;
   state.acts.set(state.id, { presses: act.presses, movement: act.movement });
+  if (decide && !state.running) state.step = state.id;
   if (first !== null) state.events.push([state.id, first]);
   first = null;
   const others = !state.game.interval && state.running && !panel.decides();
@@ -222,6 +226,7 @@ function lock() {
 function hold() {
   state.running = inputs.active = false;
   state.ready = false;
+  state.step = 0;
   clearTimeout(timer);
   forget();
   $("stage").classList.remove("playing");
