@@ -21,21 +21,19 @@ from scipy import stats
 from tools.chaos.process import children, mebibytes
 
 BLOCKS = 10
-LIMIT = 1.0  # MiB per minute
+LIMIT = 1.0  # MiB per hour
 SAMPLE_SECONDS = 0.5
 
 
-def slope(minutes: Sequence[float], memory: Sequence[float]) -> tuple[float, float]:
-    """Return the growth of memory in MiB per minute, and half the width of its 95 % confidence interval."""
-    times, sizes = (
-        [block.mean() for block in np.array_split(np.array(values), BLOCKS)] for values in (minutes, memory)
-    )
+def slope(hours: Sequence[float], memory: Sequence[float]) -> tuple[float, float]:
+    """Return the growth of memory in MiB per hour, and half the width of its 95 % confidence interval."""
+    times, sizes = ([block.mean() for block in np.array_split(np.array(values), BLOCKS)] for values in (hours, memory))
     line = stats.linregress(times, sizes)
     return float(line.slope), float(line.stderr * stats.t.ppf(0.975, BLOCKS - 2))
 
 
 def watch(trainer: "subprocess.Popen[bytes]", minutes: float) -> dict[str, list[tuple[float, float]]]:
-    """Return (minute, MiB) samples of a trainer and its simulator. Raises RuntimeError if the trainer ends."""
+    """Return (hour, MiB) samples of a trainer and its simulator. Raises RuntimeError if the trainer ends."""
     samples: dict[str, list[tuple[float, float]]] = {"trainer": [], "simulator": []}
     begin = time.monotonic()
     while (now := (time.monotonic() - begin) / 60.0) < minutes:
@@ -44,7 +42,7 @@ def watch(trainer: "subprocess.Popen[bytes]", minutes: float) -> dict[str, list[
         processes = {"trainer": trainer.pid, "simulator": next(iter(children(trainer.pid)), None)}
         for name, process in processes.items():
             if process is not None and now > minutes / 3.0:
-                samples[name].append((now, mebibytes(process)))
+                samples[name].append((now / 60.0, mebibytes(process)))
         time.sleep(SAMPLE_SECONDS)
     return samples
 
@@ -71,8 +69,8 @@ def main() -> int:
         growth, half = slope(times, sizes)
         grows |= growth - half > LIMIT
         print(
-            f"{name}: {sizes[0]:.0f} to {sizes[-1]:.0f} MiB in {times[-1] - times[0]:.1f} minutes, growth "
-            f"{growth:+.2f} ± {half:.2f} MiB per minute{', which is too much' if growth - half > LIMIT else ''}",
+            f"{name}: {sizes[0]:.0f} to {sizes[-1]:.0f} MiB in {60.0 * (times[-1] - times[0]):.1f} minutes, growth "
+            f"{growth:+.2f} ± {half:.2f} MiB per hour{', which is too much' if growth - half > LIMIT else ''}",
             flush=True,
         )
     return int(grows)
