@@ -14,7 +14,7 @@ from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.simulator.authentication import load_server_credentials
-from joybridge.simulator.catalog import load_games, specs
+from joybridge.simulator.catalog import CatalogError, load_games, specs
 from joybridge.simulator.listing import WIDTH, listing
 from joybridge.simulator.log import open_log
 from joybridge.simulator.new_game.program import write_program
@@ -61,12 +61,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         if options.game:  # the script `joybridge`, unlike `python -m`, does not search the current folder
             sys.path.insert(0, str(Path.cwd()))
         if options.command == "list":
-            specs = _specs(options)
-            shown = specs[: len(options.game)] or specs  # those that are named stand first, and are what is asked for
-            print(listing(shown))
-            if others := [spec.name for spec in specs[len(shown) :]]:
-                named = f"served beside it: {', '.join(others)}; `joybridge list` alone describes them"
-                print("\n" + fill(named, WIDTH))
+            print(_list(options))
         else:
             _serve(options)
     except (JoybridgeError, OSError) as error:
@@ -88,6 +83,21 @@ def _place(parser: argparse.ArgumentParser, options: argparse.Namespace) -> str:
         return address(f"{options.host or DEFAULT_HOST}:{options.port or DEFAULT_PORT}")
     except argparse.ArgumentTypeError as error:
         parser.error(f"--host and --port: {error}")
+
+
+def _list(options: argparse.Namespace) -> str:
+    """Return what `joybridge list` prints. Raises JoybridgeError, also for a name that no game has."""
+    offered = _specs(options)
+    names = [spec.name for spec in offered]
+    if unknown := [name for name in options.names if name not in names]:
+        hint = "; `joybridge train` takes names of configurations" if "/" in unknown[0] else ""
+        raise CatalogError(f"no game is called {unknown[0]!r}{hint}; games: {', '.join(names)}")
+    given = offered[: len(options.game)]  # those that options add stand first
+    shown = [spec for spec in offered if spec.name in options.names] or given or offered
+    if options.names or len(shown) == len(offered):
+        return listing(shown)
+    beside = f"served beside it: {', '.join(names[len(shown) :])}; `joybridge list` alone describes them"
+    return f"{listing(shown)}\n\n{fill(beside, WIDTH)}"
 
 
 def _specs(options: argparse.Namespace) -> list[pb.GameSpec]:
@@ -165,6 +175,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     lists = commands.add_parser(
         "list", parents=[games], description="List the games: options, parameters, sensors, actions, rewards, metrics."
     )
+    lists.add_argument("names", nargs="*", metavar="NAME", help="of a game; default: those that are added here, or all")
     lists.add_argument(
         "--simulator",
         type=address,
