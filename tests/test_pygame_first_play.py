@@ -94,10 +94,20 @@ def test_rewards_and_ends_that_match_nothing_are_named_with_the_texts_that_were_
     assert len(plays) == 1
 
 
+def test_an_end_that_was_rendered_before_the_first_frame_alone_is_explained(tmp_path, plays, caplog):
+    program = tmp_path / "catch.py"
+    once = "over = font.render('Game over', True, 'white')"
+    program.write_text(CATCHING.read_text().replace("while lives > 0:", f"{once}\n    while lives > 0:"))
+    served(program, "snapshots=false keys=LEFT 'done=Game over'")
+    ((*_, said),) = caplog.record_tuples
+    assert "catch: done 'Game over' (rendered before the first frame; a text that is shown again and not" in said
+    assert "matched nothing in 200 decisions" in said
+
+
 def test_a_program_that_fails_when_it_is_played_keeps_its_numbers_and_is_named(tmp_path, plays, caplog):
     program = tmp_path / "catch.py"
     program.write_text(CATCHING.read_text().replace("score += 10", "score += 10 // (score < 20)"))
     description = served(program, "snapshots=false keys=LEFT")[0]
-    assert "Numbers in its texts that may be rewards: 'reward=^Score: (\\d+)' (0 to 20)." in description
+    assert "Numbers in its texts that may be rewards: 'reward=^Score: (-?\\d+)' (0 to 20)." in description
     ((*_, said),) = caplog.record_tuples
     assert "decisions of random play, arena 0: the program has failed: ZeroDivisionError" in said

@@ -621,10 +621,10 @@ def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypa
     add_own_game(options, ["game.yaml"])
     load_config(tmp_path / "game.yaml", options.overrides)
     written = (tmp_path / "game.yaml").read_text()
-    assert '  #   - "^Score: (\\\\d+)"  # 0 to ' in written and '  # done: "Game over"  # ' in written
+    assert '  #   - "^Score: (-?\\\\d+)"  # 0 to ' in written and '  # done: "Game over"  # ' in written
     paid = written.replace("  # reward:", "  reward:").replace("  #   - ", "    - ").replace("  # done:", "  done:")
     keys = YAML(typ="safe").load(paid)["game"]
-    assert "^Score: (\\d+)" in keys["reward"] and keys["done"] == "Game over"
+    assert "^Score: (-?\\d+)" in keys["reward"] and keys["done"] == "Game over"
     (place,) = options.game
     assert place == "pygame:game.py keys=LEFT buttons=left hook=game_hook.py -- easy"
     game: Any = load_game(place)

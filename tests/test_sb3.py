@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 from joybridge.compare.sb3 import arguments_of, main
+from joybridge.compare.variants import Variant, beside
 from joybridge.config.config import Config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
@@ -66,3 +68,24 @@ def test_a_run_has_the_rows_of_ours_and_is_evaluated_at_its_end(name, tmp_path):
 def test_a_game_that_is_no_environment_is_refused(tmp_path, capsys):
     assert main([str(find_config("archer/hybrid")), "--run", str(tmp_path), "preset=sb3"]) == 1
     assert "trains environments of Gymnasium here; there is no 'archer'" in capsys.readouterr().err
+
+
+def test_an_environment_of_ones_own_is_imported_from_the_current_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("my_points.py").write_text(
+        "import gymnasium\n"
+        "from gymnasium.envs.classic_control.cartpole import CartPoleEnv\n"
+        "gymnasium.register('MyPoints-v0', CartPoleEnv, max_episode_steps=50)\n"
+    )
+    config = Config(game="MyPoints-v0", preset="sb3")
+    assert beside([Variant("a", config)], "sb3", ["gym:my_points:MyPoints-v0"])[0].by == "sb3"
+    written = tmp_path / "points.yaml"
+    written.write_text("{game: MyPoints-v0, preset: sb3}")
+    run = ["--run", str(tmp_path / "run"), "--environment", "my_points:MyPoints-v0"]
+    (tmp_path / "run").mkdir()
+    assert main([str(written), *run, *SMALL]) == 0
+    assert read_rows(tmp_path / "run" / "metrics-agent.csv")[-1]["held_out_length"] <= 50
+    with pytest.raises(ConfigError, match=r"gets no settings \(gravity=1\)"):
+        beside([Variant("a", config)], "sb3", ["gym:my_points:MyPoints-v0 gravity=1"])
+    with pytest.raises(ConfigError, match="module 'nowhere' cannot be imported"):
+        beside([Variant("a", Config(game="Own-v0"))], "sb3", ["gym:nowhere:Own-v0"])

@@ -66,7 +66,7 @@ def compare(options: argparse.Namespace) -> int:
         [*map(read_change, options.change)],
     )
     if options.beside:
-        variants += beside(variants, options.beside)
+        variants += beside(variants, options.beside, options.game)
     for variant in variants:
         check_length(variant.config)
         check_unchanged(variant, options.output)

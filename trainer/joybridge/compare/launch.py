@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
+from joybridge.compare.environments import environment_of
 from joybridge.compare.job import Job, PeerJob, Process, start
 from joybridge.compare.variants import TRAINERS, Variant, check_game, keep
 from joybridge.config.config import Config
@@ -103,7 +104,8 @@ def make_job(variant: Variant, spec: pb.GameSpec, seed: int, options: argparse.N
     """
     place = variant.name, seed, variant.config.end, options.output / "configs", options.output / "runs"
     if variant.by:
-        return PeerJob(*place, arguments=("--ppo", options.ppo), exact=False)
+        environment = environment_of(variant.config.game, options.game)
+        return PeerJob(*place, arguments=("--ppo", options.ppo, "--environment", environment), exact=False)
     exact = bool(spec.snapshot_bytes_per_arena)
     return Job(
         *place,

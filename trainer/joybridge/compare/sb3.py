@@ -1,6 +1,6 @@
 """A configuration trained by PPO of Stable-Baselines3 instead, on the same environment of Gymnasium.
 
-python -m joybridge.compare.sb3 CONFIG --run RUN [--ppo JSON] [KEY=VALUE ...]
+python -m joybridge.compare.sb3 CONFIG --run RUN [--ppo JSON] [--environment MODULE:ID] [KEY=VALUE ...]
 
 The folder of the run gets the same file of metrics as one of our runs, and the model.
 """
@@ -24,6 +24,7 @@ from torch import nn
 from torch.optim import AdamW
 
 from joybridge.client.command_line import run_command
+from joybridge.compare.environments import is_registered
 from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
@@ -42,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("config", type=Path)
     parser.add_argument("--run", type=Path, required=True)
     parser.add_argument("--ppo", type=json.loads, default={}, metavar="JSON", help="further arguments of PPO")
+    parser.add_argument("--environment", metavar="[MODULE:]ID", help="of Gymnasium; default: the configuration's game")
     add_overrides(parser, "e.g. seed=3")
     return run_command(train, parse_overrides(parser, arguments))
 
@@ -55,7 +57,8 @@ def train(options: argparse.Namespace) -> None:
     config = load_config(options.config, options.overrides)
     run, policy = options.run, config.policy
     (run / FINISHED).unlink(missing_ok=True)
-    env = _environments(config, config.arenas, config.seed)
+    environment = options.environment or config.game
+    env = _environments(environment, config.arenas, config.seed)
     if policy.scale_observations == "running" or policy.scale_rewards:
         env = VecNormalize(
             env, norm_obs=policy.scale_observations == "running", norm_reward=policy.scale_rewards, gamma=policy.gamma
@@ -65,7 +68,9 @@ def train(options: argparse.Namespace) -> None:
     model.learn(config.end, callback=metrics)
     model.save(run / "model.zip")
     if config.evaluate_during:
-        metrics.finish(evaluate(model, config, config.evaluate_during.episodes))
+        episodes = config.evaluate_during.episodes
+        others = _environments(environment, min(episodes, 16), config.seed + OTHER_SEED)
+        metrics.finish(evaluate(model, others, episodes))
     write_atomically(run / FINISHED, dump_config(config).encode())
 
 
@@ -128,9 +133,9 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
     }
 
 
-def evaluate(model: PPO, config: Config, episodes: int) -> Row:
+def evaluate(model: PPO, env: VecEnv, episodes: int) -> Row:
     """Return the columns of so many episodes with the most probable actions, under the moments of the training."""
-    env, trained = _environments(config, min(episodes, 16), config.seed + OTHER_SEED), model.get_vec_normalize_env()
+    trained = model.get_vec_normalize_env()
     if trained is not None:
         env = VecNormalize(env, training=False, norm_obs=trained.norm_obs, norm_reward=False)
         if trained.norm_obs:
@@ -189,11 +194,11 @@ def _schedule(value: float, kind: str) -> float | Callable[[float], float]:
     return value if kind == "constant" else lambda left: left * value
 
 
-def _environments(config: Config, number: int, seed: int) -> VecEnv:
+def _environments(environment: str, number: int, seed: int) -> VecEnv:
     """Return environments of Gymnasium, one after the other in this process. Raises ConfigError for another game."""
-    if config.game not in gymnasium.registry:
-        raise ConfigError(f"Stable-Baselines3 trains environments of Gymnasium here; there is no {config.game!r}")
-    return make_vec_env(config.game, number, seed=seed)
+    if not is_registered(environment):
+        raise ConfigError(f"Stable-Baselines3 trains environments of Gymnasium here; there is no {environment!r}")
+    return make_vec_env(environment, number, seed=seed)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 
+from joybridge.compare.environments import environment_of, is_registered
 from joybridge.compare.names import SEED, file_name
 from joybridge.config.config import MAY_CHANGE, Config, dump_config, load_config, make_config
 from joybridge.config.config_files import find_config
@@ -53,17 +54,15 @@ class Kept(NamedTuple):
     spec: pb.GameSpec  # of its game when the comparison began
 
 
-def beside(variants: Sequence[Variant], trainer: str) -> list[Variant]:
-    """Return the same variants, trained by another trainer.
+def beside(variants: Sequence[Variant], trainer: str, given: Sequence[str] = ()) -> list[Variant]:
+    """Return the same variants, trained by another trainer. given: games of the command line.
 
     Raises ConfigError if it is not installed, and for a game that it cannot train.
     """
     if find_spec(MODULES[trainer]) is None:
         raise ConfigError(f"--beside {trainer} needs {TRAINERS[trainer]}: `pip install {MODULES[trainer]}`")
-    import gymnasium  # of the other trainer
-
     for variant in variants:
-        if variant.config.game not in gymnasium.registry:
+        if not is_registered(environment_of(variant.config.game, given)):
             raise ConfigError(
                 f"--beside {trainer} trains environments of Gymnasium, as in --gym CartPole-v1, and there is none "
                 f"called {variant.config.game!r}; to train this game with {TRAINERS[trainer]}, write a program with "

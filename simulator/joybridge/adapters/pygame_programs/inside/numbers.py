@@ -99,18 +99,23 @@ class _Text:
         for at, word in enumerate(self._words):
             parts.append(self._literal(word))
             if at == place:
-                parts.append(f"({self._digits(at)})")
+                parts.append(f"({self._sign(at)}{self._digits(at)})")
                 if re.search("[A-Za-z]", "".join(self._words[: at + 1])):
                     return "".join(parts)
             elif at < len(self._numbers):
-                parts.append(self._digits(at) if self._may_change(at) else re.escape(self._numbers[at]))
+                changing = self._sign(at) + self._digits(at)
+                parts.append(changing if self._may_change(at) else re.escape(self._numbers[at]))
         return "".join([*parts, "$"])
 
     def _literal(self, word: str) -> str:
         word = re.sub(r"([\\.^$*+?{}\[\]|()])", r"\\\1", word)
         return re.sub(r"\s+" if self._padded else r"\s{2,}", " *", word)
 
+    def _sign(self, place: int) -> str:
+        """Return the pattern of a sign before a number that was negative, or that may become it, as after "Score: "."""
+        counts = re.search(r"[A-Za-z].*\s$", "".join(self._words[: place + 1]))
+        return "-?" if "-" in self._signs[place] or counts else ""
+
     def _digits(self, place: int) -> str:
-        signs = self._signs[place]
-        inner = "".join(sorted(signs - {"-"}))
-        return ("-?" if "-" in signs else "") + (rf"[\d{inner}]+" if inner else r"\d+")
+        inner = "".join(sorted(self._signs[place] - {"-"}))
+        return rf"[\d{inner}]+" if inner else r"\d+"

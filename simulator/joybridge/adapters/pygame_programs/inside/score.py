@@ -23,6 +23,7 @@ from joybridge.adapters.pygame_programs.inside.rewards import Texts, reward_of
 from joybridge.contract.tensors import Array
 
 FUNCTIONS = ("state", "reward", "done", "metrics")
+EARLY = " (rendered before the first frame; a text that is shown again and not rendered again needs a hook's done)"
 
 
 class Score:
@@ -35,7 +36,8 @@ class Score:
         self.over = False
         self._sources = {name: reward_of(source, texts, played) for name, source in rewards.items()}
         self._wanted = {name: f"reward '{source}'" for name, source in rewards.items()}
-        self._ends = dict.fromkeys(done, False)  # whether each pattern was found
+        self._ends = dict.fromkeys(done, False)  # whether each pattern was found in this episode
+        self._early = set[str]()  # patterns that were found before it
         for pattern in done:
             texts.search(pattern, partial(self._end_at, pattern))
         self._hook: dict[str, Callable[[Any], Any]] = {}
@@ -65,6 +67,8 @@ class Score:
         """Begin an episode: what happened before is not paid."""
         self.take()
         self._totals = dict.fromkeys(self._earned, 0.0)
+        self._early |= {pattern for pattern, found in self._ends.items() if found}
+        self._ends = dict.fromkeys(self._ends, False)
         self.over = False
 
     def after_frame(self) -> None:
@@ -99,7 +103,12 @@ class Score:
     def missed(self) -> list[str]:
         """Return the rewards and ends that are looked for and were never found."""
         rewards = [self._wanted[name] for name, source in self._sources.items() if not source.found()]
-        return rewards + [f"done '{pattern}'" for pattern, found in self._ends.items() if not found]
+        ends = [
+            f"done '{pattern}'{EARLY if pattern in self._early else ''}"
+            for pattern, found in self._ends.items()
+            if not found
+        ]
+        return rewards + ends
 
     def _end_at(self, pattern: str, match: "re.Match[str]") -> None:
         self._ends[pattern] = True
