@@ -34,6 +34,7 @@ from joybridge.compare.variants import (
     check_game,
     kept_spec,
     make_variants,
+    pairs_to_test,
     read_change,
     read_values,
     read_variants,
@@ -598,7 +599,7 @@ def test_clear_differences_are_said_and_too_few_runs_are_warned_of():
     assert f"{warning} command with `--seeds 4` or more; finished runs are kept." in text
     tied = text_of(analyze("reward", {"good": runs([2.0], [2.0], [2.0]), "bad": runs([1.0], [1.0], [1.0])}))
     assert warning in tied and "No two variants differ significantly." in tied
-    assert least_seeds(9) == 7  # the smallest p value of 36 pairs is then 36 x 2 / 3432 = 0.021, with 6 seeds 0.078
+    assert least_seeds(36) == 7  # nine variants: the smallest p value is then 36 x 2 / 3432 = 0.021, with 6 seeds 0.078
 
 
 def test_a_score_that_follows_from_the_runs_is_said_to_and_one_that_was_named_is_not():
@@ -644,12 +645,35 @@ def test_tables_for_a_paper_mean_nothing_else_to_latex():
 
 @pytest.mark.parametrize(("variants", "seeds"), [(1, 1), (2, 4), (3, 5)])
 def test_so_many_seeds_are_needed_for_a_significant_difference(variants, seeds):
+    pairs = variants * (variants - 1) // 2
+
     def smallest(seeds):
         apart = {f"{i}": runs(*([100.0 * i + j] for j in range(seeds))) for i in range(variants)}
         return min((pair.corrected for pair in analyze("reward", apart).pairs), default=0.0)
 
-    assert least_seeds(variants) == seeds
+    assert least_seeds(pairs) == seeds
     assert smallest(seeds) < SIGNIFICANCE and (variants == 1 or smallest(seeds - 1) >= SIGNIFICANCE)
+
+
+def test_pairs_that_differ_in_one_named_key_alone_are_tested():
+    grid = [("layout", ["hybrid", "bucket-3"]), ("hand.delay", ["0", "2"])]
+    variants = make_variants(["archer/hybrid"], [], grid)
+    one, late, two, late_two = (variant.label for variant in variants)
+    assert len(pairs_to_test(variants, [])) == 6
+    assert pairs_to_test(variants, ["layout"]) == [(one, two), (late, late_two)]
+    assert pairs_to_test(variants, ["hand"]) == [(one, late), (two, late_two)]
+    assert len(pairs_to_test(variants, ["layout", "hand.delay"])) == 4
+    with pytest.raises(ConfigError, match=r"--pairs seed: no two .* it alone; variants differ in hand\.delay, layout"):
+        pairs_to_test(variants, ["seed"])
+    scores = {variant.label: runs(*([10.0 * at + i] for i in range(5))) for at, variant in enumerate(variants)}
+    analysis = analyze("reward", scores, tested=pairs_to_test(variants, ["layout"]))
+    assert [pair.corrected for pair in analysis.pairs] == [2 * pair.p_value for pair in analysis.pairs]
+    text = text_of(analysis)
+    assert "2 of 6 pairs are tested: those that differ in one of the keys alone that `--pairs` names." in text
+    del scores[two]
+    assert [pair.first for pair in analyze("reward", scores, tested=pairs_to_test(variants, ["layout"])).pairs] == [
+        late
+    ]
 
 
 def test_nothing_is_bold_if_no_difference_can_be_significant():

@@ -1,6 +1,6 @@
 """The statistics of a comparison, from the scores of its runs. The same scores give the same numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, count
 from math import comb
@@ -97,7 +97,7 @@ class Analysis:
     metric: str
     score: float  # that the runs are timed to
     results: tuple[Result, ...]
-    pairs: tuple[Pair, ...]  # each once, in the order of the variants
+    pairs: tuple[Pair, ...]  # that are tested: each once, in the order of the variants
     score_given: bool = True  # or it follows from the same runs
 
     @property
@@ -108,13 +108,13 @@ class Analysis:
     @property
     def smallest_p(self) -> float:
         """Return the smallest corrected p value that so few runs can have, of any pair."""
-        sizes = [len(result.runs) for result in self.results]
-        return min((_smallest_p(len(self.pairs), n, m) for n, m in combinations(sizes, 2)), default=0.0)
+        sizes = {result.label: len(result.runs) for result in self.results}
+        tested = [(sizes[pair.first], sizes[pair.second]) for pair in self.pairs]
+        return min((_smallest_p(len(tested), n, m) for n, m in tested), default=0.0)
 
 
-def least_seeds(variants: int) -> int:
-    """Return the least number of runs of each variant with which two of so many variants can differ significantly."""
-    pairs = comb(variants, 2)
+def least_seeds(pairs: int) -> int:
+    """Return the least number of runs of each variant with which one of so many pairs can differ significantly."""
     return next(n for n in count(1) if _smallest_p(pairs, n, n) < SIGNIFICANCE)
 
 
@@ -123,11 +123,16 @@ def _smallest_p(pairs: int, n: int, m: int) -> float:
     return pairs * 2 / comb(n + m, n)
 
 
-def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None = None) -> Analysis:
+def analyze(
+    metric: str,
+    runs: Mapping[str, Sequence[Run]],
+    score: float | None = None,
+    tested: Iterable[tuple[str, str]] | None = None,
+) -> Analysis:
     """Return the statistics of all variants.
 
     runs: at least one of each variant, by its label. score: that runs are timed to; None: the lowest IQM of the final
-    scores.
+    scores. tested: pairs of labels, of which those with runs are tested; None: all pairs.
     """
     scores = {label: np.array([[run.score] for run in each]) for label, each in runs.items()}
     everything = np.concatenate(list(scores.values()))
@@ -143,7 +148,8 @@ def analyze(metric: str, runs: Mapping[str, Sequence[Run]], score: float | None 
         )
         for label, each in scores.items()
     )
-    labels = list(combinations(scores, 2))
+    wanted = combinations(scores, 2) if tested is None else tested
+    labels = [(one, other) for one, other in wanted if one in scores and other in scores]
     p_values = [mann_whitney(scores[one][:, 0].tolist(), scores[other][:, 0].tolist()) for one, other in labels]
     pairs = tuple(
         Pair(

@@ -74,6 +74,14 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--ppo", default="{}", metavar="JSON", help="further arguments of that PPO, as in '{\"use_sde\": true}'"
     )
     compares.add_argument(
+        "--pairs",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="KEY",
+        help="test only pairs of variants that differ in one of these keys alone, as in layout; default: all pairs",
+    )
+    compares.add_argument(
         "--search",
         nargs="+",
         action="extend",
@@ -125,7 +133,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     add_simulator_options(compares)
     add_overrides(compares, "keys that all variants share, e.g. total_timesteps=100000")
     options = parse_overrides(parser, arguments)
-    for name in ("layouts", "tasks"):  # overrides may stand behind them
+    for name in ("layouts", "tasks", "pairs"):  # overrides may stand behind them
         words = getattr(options, name)
         options.overrides += [word for word in words if OVERRIDE.match(word)]
         setattr(options, name, [word for word in words if not OVERRIDE.match(word)])
@@ -149,7 +157,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         parser.error("--episodes and --deterministic are for a test; say what is tested with --test")
     options.episodes = options.episodes or EPISODES
     if options.search:
-        for name in ("layouts", "set", "change", "also", "seeds", "score"):
+        for name in ("layouts", "set", "change", "pairs", "also", "seeds", "score"):
             if getattr(options, name) not in ([], None):
                 parser.error(f"--{name} is not for a search; write what varies as --search KEY=VALUE,VALUE")
     elif options.trials or options.prune_from is not None:

@@ -39,6 +39,7 @@ from joybridge.compare.variants import (
     check_unchanged,
     kept_spec,
     make_variants,
+    pairs_to_test,
     read_change,
     read_values,
     read_variants,
@@ -89,10 +90,11 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         for seed in range(options.seeds)
         for variant, spec in zip(variants, specs, strict=True)
     }
-    if options.seeds < (least := least_seeds(len(variants))):
+    pairs = pairs_to_test(variants, options.pairs)
+    if pairs and options.seeds < (least := least_seeds(len(pairs))):
         say(
             f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
-            f"--seeds {least} is the least number with which they can"
+            f"--seeds {least} is the least number with which they can, or fewer pairs (--pairs)"
         )
     if warning := different_bodies(variants, specs):
         say(warning)
@@ -116,10 +118,11 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         runs.setdefault(jobs[job], []).append(run)
     if not runs:
         raise ConfigError("there is nothing to compare, because every run is missing")
-    analysis = analyze(options.metric, {label: runs[label] for label in policies if label in runs}, options.score)
+    ordered = {label: runs[label] for label in policies if label in runs}
+    analysis = analyze(options.metric, ordered, options.score, pairs)
     held_out = None
     if options.test is None and not options.metric.startswith(HELD_OUT):
-        held_out = held_out_analysis({job: jobs[job] for job in done}, policies, results, options)
+        held_out = held_out_analysis({job: jobs[job] for job in done}, policies, results, options, pairs)
     differing = settings_block(variants, [find_config(config) for config in (options.config, *options.also)])
     if warning:
         differing = f"{differing or '## What differs'}\n\n{escaped(warning[0].upper() + warning[1:])}."
@@ -185,11 +188,16 @@ def finished_run(job: Job, policy: str, results: Results, options: argparse.Name
 
 
 def held_out_analysis(
-    jobs: Mapping[Job, str], policies: Mapping[str, str], results: Results, options: argparse.Namespace
+    jobs: Mapping[Job, str],
+    policies: Mapping[str, str],
+    results: Results,
+    options: argparse.Namespace,
+    tested: Sequence[tuple[str, str]] | None = None,
 ) -> Analysis | None:
     """Return the statistics of what `evaluate_during` has measured beside the metric; None if a run has none of it.
 
-    jobs: the finished ones, with the labels of their variants. policies: whose metrics count, by label.
+    jobs: the finished ones, with the labels of their variants. policies: whose metrics count, by label. tested: as of
+    `analyze`.
     """
     given = argparse.Namespace(**{**vars(options), "metric": f"{HELD_OUT}{options.metric}"})
     runs: dict[str, list[Run]] = {}
@@ -198,7 +206,7 @@ def held_out_analysis(
             runs.setdefault(label, []).append(finished_run(job, policies[label], results, given))
     except ConfigError:  # no such column
         return None
-    return analyze(given.metric, {label: runs[label] for label in policies if label in runs})
+    return analyze(given.metric, {label: runs[label] for label in policies if label in runs}, tested=tested)
 
 
 def best_run(analysis: Analysis, jobs: Mapping[Job, str]) -> Path:

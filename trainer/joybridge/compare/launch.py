@@ -143,6 +143,7 @@ def repetition(options: argparse.Namespace) -> str:
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
     words += ["--change", *options.change] if options.change else []
+    words += ["--pairs", *options.pairs] if options.pairs else []
     words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
     words += ["--seeds", f"{options.seeds}"] if not options.search else []
     words += ["--metric", options.metric] if options.metric != "reward" else []

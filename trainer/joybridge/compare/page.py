@@ -77,7 +77,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
     if setting.held_out:
         blocks += _held_out(setting.held_out, setting.mark)
     if analysis.pairs:
-        blocks += ["## Which variant is better", _better(analysis)]
+        blocks += ["## Which variant is better", *_tested(analysis), _better(analysis)]
         blocks += [
             f"The effect size: the {center} of the row minus that of the column, with its 95 % interval.",
             _matrix(analysis, _difference_cell),
@@ -175,7 +175,7 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
             f"**Too few runs for a significance test**: the smallest p value that is possible with them is "
-            f"{_smallest_p(analysis)}. Repeat the command with `--seeds {least_seeds(len(analysis.results))}` or more; "
+            f"{_smallest_p(analysis)}. Repeat the command with `--seeds {least_seeds(len(analysis.pairs))}` or more; "
             "finished runs are kept."
         )
     return blocks
@@ -210,6 +210,17 @@ def final_scores(analysis: Analysis) -> str:
         for result in results
     ]
     return table(("variant", "runs", analysis.center, "mean ± sd", "median", "lowest to highest"), rows)
+
+
+def _tested(analysis: Analysis) -> list[str]:
+    """Return a sentence about the pairs that the command has selected, if it has."""
+    tested, all_pairs = len(analysis.pairs), math.comb(len(analysis.results), 2)
+    if tested == all_pairs:
+        return []
+    return [
+        f"{tested} of {all_pairs} pairs are tested: those that differ in one of the keys alone that `--pairs` names. "
+        "The p values are corrected for their number. This counts only if they were named before the scores were seen."
+    ]
 
 
 def _better(analysis: Analysis) -> str:

@@ -69,6 +69,7 @@ def again(options: argparse.Namespace) -> str:
     words += ["--layouts", *options.layouts] if options.layouts else []
     words += ["--set", *options.set] if options.set else []
     words += ["--change", *options.change] if options.change else []
+    words += ["--pairs", *options.pairs] if options.pairs else []
     return shlex.join([*words, "--seeds", f"{options.seeds}", "--output", options.output.name, *options.overrides])
 
 

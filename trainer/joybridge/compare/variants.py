@@ -142,6 +142,34 @@ def make_variants(
     return variants
 
 
+def pairs_to_test(variants: Sequence[Variant], keys: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the labels of the pairs of variants that differ in one of these keys alone; without keys, of all pairs.
+
+    Raises ConfigError for a key in which no pair differs alone.
+    """
+    pairs = list(itertools.combinations(variants, 2))
+    if not keys:
+        return [(one.label, other.label) for one, other in pairs]
+    differing = [_differing(one, other) for one, other in pairs]
+    found = {
+        key: [at for at, changed in enumerate(differing) if all(f"{name}.".startswith(f"{key}.") for name in changed)]
+        for key in keys
+    }
+    if unknown := [key for key, places in found.items() if not places]:
+        known = sorted({name for changed in differing for name in changed})
+        raise ConfigError(
+            f"--pairs {unknown[0]}: no two variants differ in it alone; variants differ in {', '.join(known)}"
+        )
+    chosen = sorted({at for places in found.values() for at in places})
+    return [(pairs[at][0].label, pairs[at][1].label) for at in chosen]
+
+
+def _differing(one: Variant, other: Variant) -> list[str]:
+    """Return the keys in which two variants differ; "beside" for the trainer."""
+    before, now = (variant.config.model_dump(mode="json") for variant in (one, other))
+    return [key for key, *_ in differences(before, now)] + ["beside"] * (one.by != other.by)
+
+
 def _labels(paths: Sequence[Path]) -> list[str]:
     """Return what configurations are called: as their files, after folders where these have the same name."""
     whole = [path.resolve().with_suffix("").parts for path in paths]
