@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from joybridge.client.recording import load_recording
 from joybridge.config.metrics import read_rows
 from joybridge.contract.places import PYGAME, program_place
 from joybridge.viewer.arena import Settings
@@ -15,6 +16,7 @@ from joybridge.viewer.page_session import PageGame, welcome
 from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.web import open_website
 from tests.support.command_line import joybridge
+from tests.support.servers import ROOT
 from tests.support.wire import SECONDS
 from tests.test_viewer import Page
 
@@ -80,3 +82,22 @@ def test_a_person_plays_an_unmodified_program_and_a_policy_clones_it(tmp_path):
     assert trained.status == 0, trained.errors
     losses = [row["cloning_loss"] for row in read_rows(next((tmp_path / "run").glob("metrics-*.csv")))]
     assert losses[-1] < 0.8 * losses[0]
+    screen = np.full((480, 1280, 3), 90, np.uint8)
+    spec = load_recording(demo).spec
+    assert spec is not None
+    height, width, _ = spec.behaviors[0].sensors[0].shape
+    block = python_of_page("from joybridge.play.agent import load").replace("runs/my_game", str(tmp_path / "run"))
+    names: dict[str, Any] = {"screen": screen, "WIDTH": 1280, "HEIGHT": 480}
+    exec(block.replace("48, 64, channels=3", f"{height}, {width}, channels=1"), names)
+    assert 0 <= names["x"] <= 1279 and 0 <= names["y"] <= 479 and names["press"] in (0, 1)
+
+
+def test_the_player_of_the_page_plays(capsys):
+    exec(python_of_page("# players.py").replace("range(8)", "range(2)").replace("=128", "=16"), {})
+    assert [0 <= float(line) <= 8 for line in capsys.readouterr().out.split()] == [True, True]
+
+
+def python_of_page(piece):
+    """Return the block of Python of the page about programs that has a piece of text in it."""
+    blocks = (ROOT / "docs/pygame-programs.md").read_text().split("```python\n")[1:]
+    return next(block.partition("```")[0] for block in blocks if piece in block.partition("```")[0])

@@ -231,6 +231,22 @@ def test_a_hook_of_the_page_presses_the_key_of_a_menu_in_each_episode(tmp_path):
         assert [playing.step(still)[0].rewards.sum() for _ in range(6)] == [1, 0, 0, 1, 0, 0]
 
 
+def test_a_hook_finds_what_only_a_running_function_has(tmp_path):
+    hook = tmp_path / "lives_hook.py"
+    hook.write_text(
+        "from joybridge.adapters.hooks import look_up\n"
+        "def state(program):\n"
+        "    return [look_up('main.lives') or 0, look_up('main.nobody') is None]\n"
+        "def done(program):\n"
+        "    return look_up('main.lives') == 18\n"
+    )
+    with opened(load_game(f"pygame:{CATCHING} hook={hook} keys=LEFT mouse=false")) as playing:
+        still = [ActArrays(np.zeros((1, 0), np.float32), np.zeros((1, 1), np.int32))]
+        steps = [playing.step(still)[0] for _ in range(400)]
+    seen = {tuple(step.observations[1][0].tolist()) for step in steps}
+    assert seen == {(20.0, 1.0), (19.0, 1.0)} and any(len(step.ended) for step in steps)
+
+
 def test_a_hook_adds_a_sensor_rewards_an_end_and_metrics(tmp_path):
     hook = tmp_path / "hook.py"
     hook.write_text(
@@ -648,7 +664,7 @@ def test_the_policy_of_a_run_plays_the_program_in_its_own_window(run, tmp_path, 
 
 
 def test_a_hook_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(CatalogError, match=r"there is no hook .*none\.py; `joybridge new --pygame PROGRAM` writes one"):
+    with pytest.raises(CatalogError, match=r"there is no hook .*none\.py; its path is relative to the current folder"):
         program(tmp_path, HEAD + LOOP + SHOW, f"hook={tmp_path}/none.py")
 
 

@@ -64,6 +64,8 @@ RUN_BY = {  # Python that is not run here: by what a test of its own says about 
     'Policy("policy.json")': "test_new.py",
     'load("runs/catch")': "test_agent.py",
     'load("runs")': "test_origin.py",
+    "pygame.examples.chimp": "test_pygame_chain.py",
+    "shrink(screen": "test_pygame_chain.py",
     "MaskablePPO(": "test_gym_learners.py",
     '"CnnPolicy"': "test_gym_learners.py",
     "minari.load_dataset(": "test_minari.py",

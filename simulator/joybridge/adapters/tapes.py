@@ -48,8 +48,10 @@ def replay(tape: str | Path, program: str = "", pictures: str | Path | None = No
     except AdapterError as error:
         if program:
             raise
-        where = "that is how the tape names its program; --program says where it is now, with its settings, in quotes"
-        raise TapeError(f"{read.note['program']}: {error}; {where}") from error
+        raise TapeError(
+            f"{read.note['program']}: {error}; that is how the tape names its program; --program, or program= in "
+            "Python, says where it is now, with its settings, in quotes"
+        ) from error
     except Difference as found:
         shown = Path(pictures or tape.parent) / f"{tape.stem}-frame-{found.frame}.png"
         expected = read.picture(found.decision)
@@ -61,9 +63,10 @@ def replay(tape: str | Path, program: str = "", pictures: str | Path | None = No
 
 def _beside(expected: Any, came: Any, path: Path) -> str:
     """Write two pictures and their difference beside each other, and return what is said. Raises TapeError."""
-    pictures = [expected, came]
+    pictures, alike = [expected, came], False
     if expected.shape == came.shape:
         differs = (expected != came).any(axis=2, keepdims=True)
+        alike = not differs.any()
         pictures.append(np.where(differs, np.array([255, 0, 0], np.uint8), came // 4))
     height = max(map(len, pictures))
     parts = [np.pad(one, ((0, height - len(one)), (0, 4), (0, 0)), constant_values=255) for one in pictures]
@@ -72,4 +75,6 @@ def _beside(expected: Any, came: Any, path: Path) -> str:
         Image.fromarray(np.concatenate(parts, axis=1)).save(path)
     except OSError as error:
         raise TapeError(f"cannot write {path}: {error.strerror or error}") from error
-    return f"{path} has the expected picture, then the one that came, then what differs, in red"
+    said = f"{path} has the expected picture, then the one that came, then what differs, in red"
+    small = "; these are small, of the end of the decision, and alike, so what differs is finer or is gone by then"
+    return said + small * alike

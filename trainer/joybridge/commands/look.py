@@ -17,7 +17,8 @@ from joybridge.client.launch import simulator_process
 from joybridge.client.own_games import choose_at, choose_game
 from joybridge.commands.contact_sheet import Line, Tile, write_sheet
 from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import GameSettings, check_settings, read_settings
+from joybridge.config.game_or_config import game_or_config
+from joybridge.config.game_settings import GameSettings, check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address, is_address
 from joybridge.contract.codec import ActArrays, StepArrays
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:
         credentials = load_credentials(options.tls_ca, options.token_file)
-        what, settings = _chosen(options.what, options.overrides)
+        what, settings = game_or_config(options.what, options.overrides)
         with _open(what, options.game, credentials, settings, options.seed) as session:
             spec = session.spec
             if not spec.HasField("picture"):
@@ -87,31 +88,6 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     if options.game and not is_address(options.what):
         look.error("--game belongs to the address of a running simulator; give the game in place of the address")
     return options
-
-
-def _chosen(what: str, overrides: Sequence[str]) -> tuple[str, GameSettings]:
-    """Return the game, or the address of its simulator, and its settings. Raises ConfigError.
-
-    what: these, or a configuration that has them; parameters that it draws at random keep their defaults.
-    """
-    if not what.endswith((".yaml", ".yml")) and ("/" not in what or ":" in what):
-        return what, read_settings(overrides)
-    try:
-        from joybridge.config.config_files import find_config, read_yaml
-        from joybridge.config.programs import programs_of
-    except ModuleNotFoundError as error:
-        raise ConfigError(
-            f"{what} is a configuration, which needs the module {error.name}; install it with "
-            "`pip install 'joybridge[train]'`"
-        ) from None
-    data = read_yaml(find_config(what))
-    game = programs_of(what, overrides).get("game", data.get("game"))
-    if not isinstance(game, str):
-        raise ConfigError(f"{what}: its game is {game!r}, expected the name of one game; name a game to look at")
-    parts = [(key, data.get(key)) for key in ("options", "parameters")]
-    given = [(f"{key}.{name}", value) for key, part in parts if isinstance(part, dict) for name, value in part.items()]
-    fixed = [f"{name}={value}" for name, value in given if not isinstance(value, dict)]
-    return game, read_settings([*fixed, *(text for text in overrides if not text.startswith("game"))])
 
 
 @contextmanager

@@ -14,7 +14,8 @@ from joybridge.client.client import describe
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import check_settings, read_settings
+from joybridge.config.game_or_config import game_or_config
+from joybridge.config.game_settings import check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
 from joybridge.contract.codec import lane_count
@@ -39,12 +40,12 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     interrupt_on_signals()
     sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
     try:
-        chosen = read_settings(options.overrides)
+        named, chosen = game_or_config(options.what, options.overrides)
         settings = Settings(options.seed, chosen.options, chosen.parameters)
         place = None
         if options.simulator:
             place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
-        game, games = choose_game(options.what, options.game, place)
+        game, games = choose_game(named, options.game, place)
         with Simulator(place, games) as simulator:
             what, settings = _what(options, game, settings)
             spec = describe(simulator.reach(), game, settings.options)
@@ -72,7 +73,11 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "play",
         description="Play a game in the browser, with pointer, keys or gamepad.",
     )
-    play.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
+    play.add_argument(
+        "what",
+        metavar="GAME|CONFIG",
+        help="a game, by its name or as MODULE:CLASS, or a configuration, with its options and parameters",
+    )
     play.add_argument(
         "--simulator",
         type=address,

@@ -8,18 +8,17 @@ attr:main.score      the difference of a variable of a module, an object in it, 
 
 import io
 import re
-import sys
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from types import FrameType
 from typing import Any, NamedTuple, Protocol
 
 import pygame
 import pygame.freetype
 import pygame.ftfont
 
+from joybridge.adapters.pygame_programs.inside.variables import number_at
 from joybridge.adapters.pygame_programs.wire import nth_text
 
 DEFAULT_SIZE = 20  # of pygame's fonts
@@ -147,44 +146,13 @@ def reward_of(source: str, texts: Texts, played: Counter[str]) -> Source:
 
         return Source(lambda: _take(difference, heard()), lambda: heard() > 0)
     if kind == "attr" and name:
-        return Source(lambda: _take(difference, look_up(name)), lambda: difference.value is not None)
+        return Source(lambda: _take(difference, number_at(name)), lambda: difference.value is not None)
     nth, text = nth_text(source)
     pattern = _compiled(text)
     if pattern.groups != 1:
         raise ValueError(f"reward {source!r} has {pattern.groups} groups, expected one for the number: Score: (\\d+)")
     texts.search(text, lambda match: _see(difference, match[1]), nth)
     return Source(difference.take, lambda: difference.value is not None)
-
-
-def look_up(path: str) -> float | None:
-    """Return the number at a dotted path, None where there is none at present.
-
-    It begins with a module, a variable of the program's main module, or the name of a function that runs.
-    """
-    parts = path.split(".")
-    for end in range(len(parts) - 1, 0, -1):
-        module = sys.modules.get(".".join(parts[:end]))
-        if module is not None:
-            return _number(vars(module), parts[end:])
-    main = vars(sys.modules["__main__"])
-    if parts[0] in main and (len(parts) == 1 or not callable(main[parts[0]]) or isinstance(main[parts[0]], type)):
-        return _number(main, parts)
-    frame: FrameType | None = sys._getframe()
-    while frame is not None and len(parts) > 1:
-        if frame.f_code.co_name == parts[0]:
-            return _number(frame.f_locals, parts[1:])
-        frame = frame.f_back
-    return None
-
-
-def _number(names: Mapping[str, Any], parts: list[str]) -> float | None:
-    found: Any = names.get(parts[0])
-    for part in parts[1:]:
-        found = found.get(part) if isinstance(found, Mapping) else getattr(found, part, None)
-    try:
-        return float(len(found)) if isinstance(found, list | dict | set | tuple) else float(found)
-    except (TypeError, ValueError):
-        return None
 
 
 def _take(difference: Difference, value: float | None) -> float:

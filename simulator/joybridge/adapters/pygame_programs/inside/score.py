@@ -43,7 +43,10 @@ class Score:
         self._hook: dict[str, Callable[[Any], Any]] = {}
         if hook:
             if not Path(hook).is_file():
-                raise ValueError(f"there is no hook {hook}; `joybridge new --pygame PROGRAM` writes one")
+                raise ValueError(
+                    f"there is no hook {hook}; its path is relative to the current folder, where the training was "
+                    "started, or write one with `joybridge new --pygame PROGRAM`"
+                )
             found = runpy.run_path(hook)
             self._hook = {name: found[name] for name in FUNCTIONS if name in found}
             if not self._hook:
