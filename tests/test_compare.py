@@ -19,6 +19,8 @@ from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_se
 from joybridge.compare.compare import held_out_analysis
 from joybridge.compare.job import Job
 from joybridge.compare.launch import check_metric, different_bodies, make_job, scored_policy
+from joybridge.compare.made_with import changed_sources, note
+from joybridge.compare.made_with import read as read_made_with
 from joybridge.compare.names import ResultName
 from joybridge.compare.page import page_text, write_page
 from joybridge.compare.page_numbers import Setting, pairs_csv, pairs_tex, scores_tex
@@ -653,6 +655,30 @@ def test_so_many_seeds_are_needed_for_a_significant_difference(variants, seeds):
 
     assert least_seeds(pairs) == seeds
     assert smallest(seeds) < SIGNIFICANCE and (variants == 1 or smallest(seeds - 1) >= SIGNIFICANCE)
+
+
+def test_a_game_whose_file_changes_between_runs_is_named_on_the_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("reach_game.py").write_text("REACH = 0.1")
+    Path("program.py").write_text("import pygame")
+    games, config = ["reach_game:Reach", "pygame:program.py keys=LEFT", "gym:CartPole-v1"], Config(game="reach")
+    out = tmp_path / "out"
+    out.mkdir()
+    for _ in range(2):
+        note(out, games, [config])
+    (first,) = read_made_with(out)
+    assert first.versions["torch"] and first.versions["joybridge"].startswith("0.1.0")
+    assert list(first.sources) == ["program.py", "reach_game"] and not changed_sources([first])
+    Path("reach_game.py").write_text("REACH = 0.3")
+    note(out, games, [config])
+    assert changed_sources(read_made_with(out)) == ["reach_game"]
+    setting = Setting("reach", [1], {"a": ""}, "joybridge compare", [], made_with=read_made_with(out))
+    text = page_text(analyze("reward", {"a": runs([1.0])}), setting)
+    assert "**The files of reach_game have changed between runs.**" in text.replace("\\", "")
+    assert text.count("\n- python 3") == 2
+    (out / "made_with.json").write_text("{")
+    with pytest.raises(ConfigError, match=r"made_with\.json cannot be read .*; delete it, it is only for people"):
+        read_made_with(out)
 
 
 def test_pairs_that_differ_in_one_named_key_alone_are_tested():

@@ -24,6 +24,8 @@ from joybridge.compare.launch import (
     scored_policy,
     served_specs,
 )
+from joybridge.compare.made_with import changed_sources
+from joybridge.compare.made_with import read as read_made_with
 from joybridge.compare.names import ResultName, page_mark
 from joybridge.compare.page import final_scores, write_page
 from joybridge.compare.page_numbers import Setting
@@ -98,6 +100,9 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         )
     if warning := different_bodies(variants, specs):
         say(warning)
+    noted = read_made_with(options.output)
+    if changed := changed_sources(noted):
+        say(f"{', '.join(changed)}: the files have changed between runs of {options.output}; the page says so")
     failed = train(list(jobs), options)
     results = read_table(options.output)
     done: dict[Job, Run] = {}
@@ -138,6 +143,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         figures=options.figures,
         left_out=[name for name in read_variants(options.output) if name not in {each.name for each in variants}],
         held_out=held_out,
+        made_with=noted,
     )
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")

@@ -8,6 +8,7 @@ from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.environments import environment_of
 from joybridge.compare.job import Job, PeerJob, Process, start
+from joybridge.compare.made_with import note
 from joybridge.compare.variants import TRAINERS, Variant, check_game, keep
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
@@ -31,6 +32,7 @@ def served_specs(variants: Sequence[Variant], options: argparse.Namespace) -> li
         check_variant(variant, spec)
         check_game(variant, spec, options.output)
     keep(variants, specs, options.output)
+    note(options.output, options.game, [variant.config for variant in variants])
     return specs
 
 

@@ -10,6 +10,7 @@ from statistics import mean
 
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Pair, Result, least_seeds
 from joybridge.compare.estimators import Estimate
+from joybridge.compare.made_with import changed_sources, made_with_block
 from joybridge.compare.page_numbers import Setting, as_data, pairs_csv, pairs_tex, scores_csv, scores_tex
 from joybridge.compare.page_parts import (
     PICTURES,
@@ -98,6 +99,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
     if not setting.test:
         blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
         blocks += ["## Wall-clock time", _wall_clock(analysis)]
+    blocks += [made_with] if (made_with := made_with_block(setting.made_with)) else []
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"
 
@@ -159,6 +161,11 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     if setting.missing:
         runs = "\n".join(f"- {escaped(each)}" for each in setting.missing)
         blocks.append(f"**These runs are missing, and the page is computed without them:**\n\n{runs}")
+    if changed := changed_sources(setting.made_with):
+        blocks.append(
+            f"**The files of {', '.join(map(escaped, changed))} have changed between runs.** If what they do has "
+            "changed, the runs are of several games or layouts under one name: train all of them in another folder."
+        )
     if setting.left_out:
         names = ", ".join(map(escaped, setting.left_out))
         blocks.append(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from joybridge.compare.analysis import Analysis, Band
+from joybridge.compare.made_with import MadeWith
 from joybridge.compare.page_parts import interval_text, number_text
 
 # What LaTeX would take for a command, and how it is written.
@@ -33,6 +34,7 @@ class Setting:
     figures: str = ""  # the format in which pictures are also written, for a paper
     left_out: Sequence[str] = ()  # variants in the same folder that are not compared, the names of their files
     held_out: Analysis | None = None  # of the same runs and metric, where it was measured beside the training
+    made_with: Sequence[MadeWith] = ()  # in the order of the starts of the runs
 
 
 def scores_csv(analysis: Analysis) -> str:
@@ -128,6 +130,7 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
         "score": score,
         "score_given": analysis.score_given,
         "missing": list(setting.missing),
+        "made_with": [each._asdict() for each in setting.made_with],
         "variants": [
             {
                 "label": result.label,

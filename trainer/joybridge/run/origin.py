@@ -54,7 +54,7 @@ def own_origin() -> Origin:
     installed = {one.name: one.version for one in distributions() if one.name}
     return Origin(
         joybridge=installed["joybridge"],
-        commit=_commit(),
+        commit=commit(),
         python=platform.python_version(),
         packages=dict(sorted(installed.items(), key=lambda pair: pair[0].lower())),
         system=f"{platform.system()} {platform.release()} {platform.machine()}",
@@ -114,7 +114,7 @@ def remark(trained: Origin | None, most: int = 5) -> str:
     return f"trained with {', '.join(found[:most])}{more}: numbers may differ"
 
 
-def _commit() -> str:
+def commit() -> str:
     """Return the commit of the checkout, or of what pip has installed, or `files_mark`; "" if none is known."""
     root = Path(__file__).parents[3]
     if (root / ".git").exists():
