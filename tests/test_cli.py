@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,10 @@ def test_without_a_command_or_with_help_it_lists_the_commands(arguments, monkeyp
     monkeypatch.setattr(sys, "argv", ["joybridge", *arguments])
     assert cli.main() == 0
     assert capsys.readouterr().out == given
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    assert cli.main(["--version"]) == 0 and capsys.readouterr().out == f"joybridge {version('joybridge')}\n"
 
 
 def test_an_unknown_command_is_refused_with_the_known_ones(capsys):

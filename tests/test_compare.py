@@ -443,6 +443,10 @@ def test_changes_are_compared_one_at_a_time_with_what_is_unchanged(tmp_path):
     made = make_variants([str(tmp_path / "small.yaml")], [], [], changes)
     assert [variant.label for variant in made] == ["unchanged", "bucket-3", "epochs=2, hidden_sizes=[8,16]"]
     before = made[0].config.model_dump()
+    assert read_change(" policy.memory={kind: gru, size: 32}  arenas=2 ") == [
+        ("policy.memory", "{kind: gru, size: 32}"),
+        ("arenas", "2"),
+    ]
     changed = [[key for key, *_ in differences(before, variant.config.model_dump())] for variant in made]
     assert changed == [[], ["layout"], ["policy.hidden_sizes", "policy.epochs"]]
     both = make_variants([str(tmp_path / "small.yaml")], [], [("policy.gamma", ["0.9", "0.99"])], changes[:1])

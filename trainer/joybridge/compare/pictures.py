@@ -112,6 +112,7 @@ def _draw_scores(analysis: Analysis) -> Figure:
     axes.set_yticks(range(len(analysis.results)), [without_formula(result.label) for result in analysis.results])
     axes.set_ylim(len(analysis.results) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
+    axes.set_axisbelow(True)
     measured = any(run.measured is not None for result in analysis.results for run in result.runs)
     what = "mean of the episodes without learning" if measured else "mean of the last tenth of a run"
     axes.set_xlabel(without_formula(f"{analysis.metric}, {what}"))

@@ -90,9 +90,11 @@ def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
 def read_change(text: str) -> list[tuple[str, str]]:
     """Return the keys and values of a change, which are set together: KEY=VALUE, with spaces between several.
 
+    Spaces in brackets do not separate keys.
+
     Raises ConfigError.
     """
-    pairs = [read_values(part, "--change") for part in text.split()]
+    pairs = [read_values(part, "--change") for part in re.split(r"\s+(?![^\[{]*[\]}])", text.strip()) if part]
     if not pairs or any(len(values) > 1 for _, values in pairs):
         raise ConfigError(
             f"--change got {text!r}, expected KEY=VALUE, or several that are set together, as in "

@@ -86,6 +86,11 @@ def table(folder: Path) -> list[dict[str, str]]:
     return lines
 
 
+def _short(commit: str) -> str:
+    """Return the beginning of a commit, or of a mark of installed files, which is no commit of the repository."""
+    return commit[: len("files-") + 8] if commit.startswith("files-") else commit[:8]
+
+
 def _line(run: Run) -> dict[str, str]:
     rows = next(iter(run.rows.values()), [])  # of the first policy
     rewards = [row["reward"] for row in rows if "reward" in row]
@@ -98,5 +103,5 @@ def _line(run: Run) -> dict[str, str]:
         "reward": f"{rewards[-1]:.2f}" if rewards else "",
         "highest": f"{max(rewards):.2f}" if rewards else "",
         "minutes": f"{rows[-1]['seconds'] / 60:.1f}" if rows and "seconds" in rows[-1] else "",
-        "made with": f"{origin.joybridge} {origin.commit.removeprefix('files-')[:8]}".strip() if origin else "",
+        "made with": f"{origin.joybridge} {_short(origin.commit)}".strip() if origin else "",
     }

@@ -123,7 +123,8 @@ def watch_texts(processes: ProgramProcesses, look: Look) -> Shown:
             continue
         seen = ", ".join(f"{printable(text)[:TEXT_CHARS]!r}" for text in list(texts)[:MAX_NUMBERS]) or "none"
         played = f"{TEXT_DECISIONS - left} decisions of random play"
-        remarks.append(f"{', '.join(kind)} matched nothing in {played}; texts seen (case counts): {seen}")
+        later = ", and may come later" if is_end(kind[0]) else ""
+        remarks.append(f"{', '.join(kind)} matched nothing in {played}{later}; texts seen (case counts): {seen}")
     return Shown(sorted(found.values(), key=lambda number: number.low == number.high)[:MAX_NUMBERS], remarks)
 
 
