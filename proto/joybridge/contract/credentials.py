@@ -110,7 +110,7 @@ def credentials_of(address: str) -> Credentials:
     return address.credentials if isinstance(address, ProtectedAddress) else Credentials()
 
 
-def add_credentials_arguments(parser: argparse.ArgumentParser) -> None:
+def add_credentials_arguments(parser: argparse._ActionsContainer) -> None:
     """Add the options --tls-ca and --token-file of a client."""
     parser.add_argument(
         "--tls-ca",

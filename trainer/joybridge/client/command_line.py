@@ -46,7 +46,8 @@ def run_command(command: Callable[[argparse.Namespace], int | None], options: ar
 
 def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> None:
     """Add the options that say which simulators are used. last: in words, what is tried first if none is named."""
-    parser.add_argument(
+    group = parser.add_argument_group("simulators and games")
+    group.add_argument(
         "--simulator",
         action="append",
         type=address,
@@ -55,22 +56,22 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
         help="HOST:PORT or unix:PATH of a running simulator; a run divides its arenas among several if this option "
         f"is repeated. Default: {last}this command starts a simulator and stops it at the end",
     )
-    add_credentials_arguments(parser)
-    parser.add_argument(
+    add_credentials_arguments(group)
+    group.add_argument(
         "--wait",
         type=seconds,
         default=120.0,
         metavar="SECONDS",
         help="how long to wait for a simulator that does not answer yet; default %(default)g",
     )
-    parser.add_argument(
+    group.add_argument(
         "--timeout",
         type=seconds,
         metavar="SECONDS",
         help="how long to wait for each answer of a simulator before it is taken for lost; default: timeout_seconds of "
         "the configuration",
     )
-    parser.add_argument(
+    group.add_argument(
         "--game",
         action="append",
         default=[],
@@ -79,7 +80,7 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
         "a run remembers its game",
     )
     for option, (metavar, what) in ENVIRONMENTS.items():
-        parser.add_argument(
+        group.add_argument(
             f"--{option}",
             action="append",
             dest="game",

@@ -23,7 +23,7 @@ EPISODES = 210  # as many as `evaluate` plays
 SEED = 2**62  # of the games: not those of a training, nor of `evaluate_during`, and the same for all runs
 
 
-def add_test_options(compares: argparse.ArgumentParser) -> None:
+def add_test_options(compares: argparse._ActionsContainer) -> None:
     """Add the options that say what is played for a test, and how."""
     compares.add_argument(
         "--test",

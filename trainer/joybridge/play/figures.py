@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # the commands know their options without matplotlib
 FORMATS = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}  # and what would differ each time
 
 
-def add_figures(command: argparse.ArgumentParser) -> None:
+def add_figures(command: argparse._ActionsContainer) -> None:
     """Add the option that asks for figures beside the pictures of a page."""
     command.add_argument(
         "--figures",
