@@ -214,10 +214,40 @@ def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copie
     assert lost.status == 1 and "missing: hybrid-s0: out/runs/hybrid-s0 is not the folder of a run" in lost.errors
 
 
+def test_all_runs_play_under_each_value_of_a_setting_and_one_table_shows_all(whole, copied, simulator):
+    done = run_in(copied, simulator, "--over", "parameters.size=0.5,1,2", "--episodes", "6")
+    assert done.status == 0, done.errors
+    assert_same(copied, whole)  # the page of the training, beside it
+    name = "-over_parameters.size=0.5_1_2"
+    with (OUT / f"scores{name}.csv").open() as file:
+        lines = [*csv.DictReader(file)]
+    assert [line["parameters.size"] for line in lines[:6]] == ["0.5", "0.5", "1", "1", "2", "2"] and len(lines) == 12
+    plays = PlaySpec(OUT / "runs/hybrid-s1", simulator, SEED, False, ["parameters.size=2"])
+    found = evaluate(plays, episodes=6, say=lambda _: None)["archer"].means["reward"]
+    (kept,) = [
+        line
+        for line in lines
+        if line["variant"] == "hybrid" and line["seed"] == "1" and float(line["parameters.size"]) == 2
+    ]
+    assert float(kept["reward"]) == found
+    data = json.loads((OUT / f"compare{name}.json").read_text())
+    value = data["variants"][0]["values"][2]
+    assert value["value"] == "2" and found in value["scores"]
+    assert value["iqm"]["value"] == pytest.approx(np.mean(value["scores"]))
+    text = (OUT / f"page{name}.md").read_text()
+    assert "| variant, mean under parameters.size= | 0.5 | 1 | 2 |" in text.replace("\\", "")
+    assert f"pictures/scores{name}-light.png" in text and (OUT / f"pictures/scores{name}-dark.png").exists()
+    assert (
+        "--over parameters.size=0.5,1,2 --episodes 6" in text.splitlines()[-2] and "--test" not in text.splitlines()[-2]
+    )
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--test", "parameters.sise=2"], "--test got parameters.sise; archer has options.observation=screen, "),
+        (["--over", "parameters.sise=1,2"], "--over got parameters.sise; archer has options.observation=screen, "),
+        (["--over", "policy.gamma=0.5,1"], "--over got 'policy.gamma=0.5,1', expected options.NAME=CHOICE"),
         (["--test", "policy.gamma=0.5"], "policy belongs to the training of hybrid and cannot change now; what can is"),
         (
             ["--metric", "entropy", "--test"],
@@ -241,7 +271,10 @@ def test_what_another_trainer_has_trained_plays_no_test():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--deterministic"], "--episodes and --deterministic are for a test; say what is tested with --test"),
+        (
+            ["--deterministic"],
+            "--episodes and --deterministic are for a test; say what is tested with --test or --over",
+        ),
         (["--search", "policy.epochs=1..8", "--test"], "--test is for a comparison of one configuration; compare what"),
     ],
 )

@@ -14,6 +14,7 @@ from joybridge.compare.variants import TRAINERS
 from joybridge.config.errors import ConfigError
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.play.figures import add_figures
+from joybridge.play.sweep import read_sweep
 
 SEEDS = 5
 TRIALS = 30
@@ -56,10 +57,13 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     check_simulator_options(parser, options)
     _check_what_varies(parser, options)
     _check_search(parser, options)
+    if options.over:
+        options.test = options.test or []
     if options.test is not None and (options.search or options.suite):
-        parser.error("--test is for a comparison of one configuration; compare what a search has found with --also")
+        option = "--over" if options.over else "--test"
+        parser.error(f"{option} is for a comparison of one configuration; compare what a search has found with --also")
     if options.test is None and (options.episodes or options.deterministic):
-        parser.error("--episodes and --deterministic are for a test; say what is tested with --test")
+        parser.error("--episodes and --deterministic are for a test; say what is tested with --test or --over")
     options.episodes = options.episodes or EPISODES
     options.trials, options.seeds = options.trials or TRIALS, options.seeds or SEEDS
     options.prune_from = PRUNE_FROM if options.prune_from is None else options.prune_from
@@ -197,6 +201,8 @@ def _run(options: argparse.Namespace) -> int:
     """Compare, or search. Raises ModuleNotFoundError without the extra `compare`, and ConfigError without Optuna."""
     from joybridge.compare.compare import compare
 
+    if options.over:
+        options.over = read_sweep(options.over)
     if options.suite:
         from joybridge.compare.suite import compare_suite
 

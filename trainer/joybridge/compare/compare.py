@@ -8,6 +8,7 @@ be deleted.
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from joybridge.client.command_line import add_own_game, say_next
@@ -27,6 +28,7 @@ from joybridge.compare.launch import (
 from joybridge.compare.made_with import changed_sources
 from joybridge.compare.made_with import read as read_made_with
 from joybridge.compare.names import ResultName, page_mark
+from joybridge.compare.over import Over, over_table, write_over_page
 from joybridge.compare.page import final_scores, write_page
 from joybridge.compare.page_numbers import Setting
 from joybridge.compare.page_parts import escaped
@@ -112,22 +114,15 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
                 done[job] = finished_run(job, policies[jobs[job]], results, options)
             except JoybridgeError as error:
                 failed[job] = str(error)
+    scored = [done]
     if options.test is not None:
-        done, untested = test_runs(done, {job: policies[label] for job, label in jobs.items()}, options)
+        scored, untested = test_runs(done, {job: policies[label] for job, label in jobs.items()}, options)
         failed |= untested
     missing = [f"{job.name}: {failed[job].removeprefix('error: ')}" for job in jobs if job in failed]
     for text in missing:
         say(f"missing: {text}")
-    runs: dict[str, list[Run]] = {}
-    for job, run in done.items():
-        runs.setdefault(jobs[job], []).append(run)
-    if not runs:
+    if not scored[0]:
         raise ConfigError("there is nothing to compare, because every run is missing")
-    ordered = {label: runs[label] for label in policies if label in runs}
-    analysis = analyze(options.metric, ordered, options.score, pairs)
-    held_out = None
-    if options.test is None and not options.metric.startswith(HELD_OUT):
-        held_out = held_out_analysis({job: jobs[job] for job in done}, policies, results, options, pairs)
     differing = settings_block(variants, [find_config(config) for config in (options.config, *options.also)])
     if warning:
         differing = f"{differing or '## What differs'}\n\n{escaped(warning[0].upper() + warning[1:])}."
@@ -142,14 +137,31 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         test=test_words(options),
         figures=options.figures,
         left_out=[name for name in read_variants(options.output) if name not in {each.name for each in variants}],
-        held_out=held_out,
         made_with=noted,
     )
+    if options.over:
+        over = Over(options.metric, options.over, [by_variant(each, jobs) for each in scored])
+        paths = write_over_page(over, setting, options.output)
+        print(over_table(over), "", *paths, sep="\n")
+        return 1 if missing else 0
+    (done,) = scored
+    analysis = analyze(options.metric, by_variant(done, jobs), options.score, pairs)
+    if options.test is None and not options.metric.startswith(HELD_OUT):
+        held_out = held_out_analysis({job: jobs[job] for job in done}, policies, results, options, pairs)
+        setting = replace(setting, held_out=held_out)
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")
     if has_checkpoint(best := best_run(analysis, jobs)):
         say_next("evaluate", str(best))
     return 1 if missing else 0
+
+
+def by_variant(runs: Mapping[Job, Run], labels: Mapping[Job, str]) -> dict[str, list[Run]]:
+    """Return the runs of each variant that has some, in the order of `labels`."""
+    found: dict[str, list[Run]] = {label: [] for label in labels.values()}
+    for job, run in runs.items():
+        found[labels[job]].append(run)
+    return {label: each for label, each in found.items() if each}
 
 
 def find_specs(variants: Sequence[Variant], options: argparse.Namespace) -> list[pb.GameSpec]:
@@ -206,13 +218,11 @@ def held_out_analysis(
     `analyze`.
     """
     given = argparse.Namespace(**{**vars(options), "metric": f"{HELD_OUT}{options.metric}"})
-    runs: dict[str, list[Run]] = {}
     try:
-        for job, label in jobs.items():
-            runs.setdefault(label, []).append(finished_run(job, policies[label], results, given))
+        runs = {job: finished_run(job, policies[label], results, given) for job, label in jobs.items()}
     except ConfigError:  # no such column
         return None
-    return analyze(given.metric, {label: runs[label] for label in policies if label in runs}, tested=tested)
+    return analyze(given.metric, by_variant(runs, jobs), tested=tested)
 
 
 def best_run(analysis: Analysis, jobs: Mapping[Job, str]) -> Path:

@@ -124,9 +124,16 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
     several = f" Where several policies play, it is that of one of them: {', '.join(policies)}."
     return (
         f"{runs} of {length} timesteps per variant. The score of a run is the {score}; "
-        f"higher is better.{several if policies else ''}{_IQM if analysis.center == 'IQM' else ''} Intervals are 95 % "
-        "confidence intervals of a stratified bootstrap over runs, as in "
-        f"[rliable](https://github.com/google-research/rliable).{_NARROW if 1 < counts[0] < ENOUGH else ''}"
+        f"higher is better.{several if policies else ''}{intervals_sentences(counts)}"
+    )
+
+
+def intervals_sentences(counts: Sequence[int]) -> str:
+    """Return what a reader has to know of the values and intervals of so many runs of a variant, the fewest first."""
+    return (
+        f"{_IQM if counts[-1] > 3 else ''} Intervals are 95 % confidence intervals of a stratified bootstrap over "
+        "runs, as in [rliable](https://github.com/google-research/rliable)."
+        f"{_NARROW if 1 < counts[0] < ENOUGH else ''}"
     )
 
 
@@ -156,7 +163,8 @@ def _episodes(analysis: Analysis) -> str:
     return " to ".join(f"{count:,}" for count in dict.fromkeys([*counts[:1], *counts[-1:]])) + " " * bool(counts)
 
 
-def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
+def warnings(setting: Setting) -> list[str]:
+    """Return what a reader has to know first: runs that are missing, and sources that have changed."""
     blocks = []
     if setting.missing:
         runs = "\n".join(f"- {escaped(each)}" for each in setting.missing)
@@ -166,6 +174,11 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
             f"**The files of {', '.join(map(escaped, changed))} have changed between runs.** If what they do has "
             "changed, the runs are of several games or layouts under one name: train all of them in another folder."
         )
+    return blocks
+
+
+def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
+    blocks = warnings(setting)
     if setting.left_out:
         names = ", ".join(map(escaped, setting.left_out))
         blocks.append(

@@ -72,33 +72,34 @@ def scores_tex(analysis: Analysis) -> str:
     """Return the final scores as a table for LaTeX, the rows in the order of the page."""
     rows = [
         (
-            _latex(result.label),
+            latex(result.label),
             f"{len(result.runs)}",
-            _latex(interval_text(result.iqm, len(result.runs) > 1)),
-            f"{_latex(number_text(result.mean))} $\\pm$ {number_text(result.std)}",
-            _latex(number_text(result.median)),
+            latex(interval_text(result.iqm, len(result.runs) > 1)),
+            f"{latex(number_text(result.mean))} $\\pm$ {number_text(result.std)}",
+            latex(number_text(result.median)),
         )
         for result in analysis.results
     ]
-    return _tabular(("variant", "runs", f"{analysis.center} [95\\,\\%]", r"mean $\pm$ sd", "median"), rows)
+    return tabular(("variant", "runs", f"{analysis.center} [95\\,\\%]", r"mean $\pm$ sd", "median"), rows)
 
 
 def pairs_tex(analysis: Analysis) -> str:
     """Return the effect sizes and p values of all pairs of variants as a table for LaTeX."""
     rows = [
         (
-            f"{_latex(pair.first)} -- {_latex(pair.second)}",
-            _latex(interval_text(pair.difference, pair.runs > 2)),
-            _latex(interval_text(pair.improvement, pair.overlap)),
+            f"{latex(pair.first)} -- {latex(pair.second)}",
+            latex(interval_text(pair.difference, pair.runs > 2)),
+            latex(interval_text(pair.improvement, pair.overlap)),
             f"{pair.corrected:.2g}",
         )
         for pair in analysis.pairs
     ]
     heads = ("pair", rf"$\Delta$ {analysis.center} [95\,\%]", r"$P$(first better) [95\,\%]", "$p$ (Holm)")
-    return _tabular(heads, rows)
+    return tabular(heads, rows)
 
 
-def _tabular(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def tabular(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table for LaTeX with the package `booktabs`, from cells that mean what they say there."""
     lines = [
         r"% \usepackage{booktabs}, then \input this file",
         rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}",
@@ -112,7 +113,7 @@ def _tabular(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _latex(text: str) -> str:
+def latex(text: str) -> str:
     """Return a text that means nothing to LaTeX; negative numbers in brackets have a minus sign."""
     return re.sub(r"(?<![\w.+-])-(?=\d)", "$-$", text.translate(LATEX))
 

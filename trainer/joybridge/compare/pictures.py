@@ -142,6 +142,22 @@ def _draw_profiles(analysis: Analysis) -> Figure:
     return figure
 
 
+def draw_over(bands: Mapping[str, Band], values: Sequence[str], names: tuple[str, str]) -> Figure:
+    """Return a line with its band for each variant over the values of a setting.
+
+    bands: by label; where each value stands is their `x`. values: as they are written. names: of the two axes.
+    """
+    figure = Figure(figsize=(9, 4.6), layout="constrained")
+    axes = figure.subplots()
+    for index, (label, band) in enumerate(bands.items()):
+        _draw_band(axes, band, index, label)
+        axes.plot(band.x, band.value, "o", color=_style(index)[0], ms=4.5)
+    axes.set_xticks(next(iter(bands.values())).x, [*map(without_formula, values)])
+    axes.set(xlabel=without_formula(names[0]), ylabel=without_formula(names[1]))
+    _add_legend(figure, axes)
+    return figure
+
+
 def _draw_band(axes: Axes, band: Band, index: int, label: str, *, steps: bool = False) -> None:
     color, line = _style(index)
     marker = "o" if len(band.x) == 1 else ""

@@ -33,6 +33,12 @@ def add_test_options(compares: argparse._ActionsContainer) -> None:
         "on a page of their own; without settings: other episodes of the same game",
     )
     compares.add_argument(
+        "--over",
+        metavar="KEY=VALUE,VALUE,…",
+        help="let each finished run play under each value of an option, a parameter or a limit of the hand, as in "
+        "parameters.wind=0,1,3, and write a page with one table and one picture of all",
+    )
+    compares.add_argument(
         "--episodes",
         type=at_least(1),
         metavar="N",
@@ -51,19 +57,28 @@ def check_test(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], option
         if variant.by or variant.config.games:
             who = TRAINERS.get(variant.by, "a run of several games")
             raise ConfigError(f"--test cannot play {variant.label}, of {who}; leave this variant out")
-        played = load_config(config_path(options.output, variant.name), options.test)
-        check_playable(variant.config, played, variant.label)
-        check_settings(played.options, played.parameters, spec)
+        for words in test_settings(options):
+            played = load_config(config_path(options.output, variant.name), words)
+            check_playable(variant.config, played, variant.label)
+            check_settings(played.options, played.parameters, spec)
         known = {f"options.{each.name}={choice}" for each in spec.options for choice in each.choices}
         known |= {f"parameters.{each.name}" for each in spec.parameters}
         given = [f"options.{name}={choice}" for name, choice in played.options.items()]
         given += [f"parameters.{name}" for name in played.parameters]
+        option = "--over" if options.over else "--test"
         if wrong := [each for each in given if each not in known]:
-            raise ConfigError(f"--test got {wrong[0]}; {spec.name} has {', '.join(sorted(known)) or 'nothing to set'}")
+            raise ConfigError(
+                f"{option} got {wrong[0]}; {spec.name} has {', '.join(sorted(known)) or 'nothing to set'}"
+            )
         behavior = next((each for each in spec.behaviors if each.name == options.behavior), spec.behaviors[0])
         measured = measured_columns([each.name for each in behavior.metrics])[:-2]  # of an episode, not of many
         if options.metric not in measured:
-            raise ConfigError(f"--test got --metric {options.metric}; of its episodes it has {', '.join(measured)}")
+            raise ConfigError(f"{option} got --metric {options.metric}; of its episodes it has {', '.join(measured)}")
+
+
+def test_settings(options: argparse.Namespace) -> list[list[str]]:
+    """Return the overrides under which each run plays, once for each value of `--over`."""
+    return [[*options.test, each] for each in options.over.settings] if options.over else [options.test]
 
 
 def test_words(options: argparse.Namespace) -> str:
@@ -71,6 +86,7 @@ def test_words(options: argparse.Namespace) -> str:
     if options.test is None:
         return ""
     settings = f"under {' '.join(options.test)}" if options.test else "under the settings of its training"
+    settings = f"otherwise {settings}" if options.over else settings
     actions = "the most probable actions" if options.deterministic else "sampled actions"
     return f"{settings}, with {actions}"
 
@@ -79,30 +95,40 @@ def test_marks(options: argparse.Namespace) -> list[str]:
     """Return what makes the page of a test another one, for the names of its files; nothing without a test."""
     if options.test is None:
         return []
-    return [" ".join(["test", *options.test]), *(["deterministic"] if options.deterministic else [])]
+    over = [f"over {options.over.key}={','.join(options.over.values)}"] if options.over else []
+    tested = [" ".join(["test", *options.test])] if options.test or not over else []
+    return [*tested, *over, *(["deterministic"] if options.deterministic else [])]
 
 
 def test_runs(
     runs: Mapping[Job, Run], policies: Mapping[Job, str], options: argparse.Namespace
-) -> tuple[dict[Job, Run], dict[Job, str]]:
+) -> tuple[list[dict[Job, Run]], dict[Job, str]]:
     """Return the runs with what their newest policies have reached in a test as scores, and why others have none.
 
-    policies: whose metric counts; "": the only one.
+    There is an entry for each of the settings that `test_settings` lists, with the same runs in all. policies: whose
+    metric counts; "": the only one.
     """
     from joybridge.play.evaluate import evaluate  # after the training: torch takes seconds to load
     from joybridge.play.playing import PlaySpec
 
-    tested, failed = dict[Job, Run](), dict[Job, str]()
+    tested, failed = list[dict[Job, Run]](), dict[Job, str]()
     with open_simulators(wanted_simulators(options), options.wait, say) as connect:
         address = connect()[0]
-        for job, run in runs.items():
-            plays = PlaySpec(job.run, address, SEED, options.deterministic, options.test)
-            try:
-                found = evaluate(plays, episodes=options.episodes, say=lambda _: None)
-            except JoybridgeError as error:
-                failed[job] = str(error)
-                continue
-            measured = found[policies[job] or next(iter(found))]
-            tested[job] = replace(run, measured=measured.means[options.metric], episodes=measured.episodes)
-            say(f"{job.name}: {options.metric} {tested[job].score:.4g} in {measured.episodes} test episodes")
-    return tested, failed
+        for settings in test_settings(options):
+            reached = dict[Job, Run]()
+            for job, run in runs.items():
+                if job in failed:
+                    continue
+                plays = PlaySpec(job.run, address, SEED, options.deterministic, settings)
+                try:
+                    found = evaluate(plays, episodes=options.episodes, say=lambda _: None)
+                except JoybridgeError as error:
+                    failed[job] = str(error)
+                    continue
+                measured = found[policies[job] or next(iter(found))]
+                mean = measured.means[options.metric]
+                reached[job] = replace(run, measured=mean, episodes=measured.episodes)
+                under = f" under {' '.join(settings)}" if options.over else ""
+                say(f"{job.name}: {options.metric} {mean:.4g} in {measured.episodes} test episodes{under}")
+            tested.append(reached)
+    return [{job: run for job, run in reached.items() if job not in failed} for reached in tested], failed

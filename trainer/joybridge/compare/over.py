@@ -1,0 +1,161 @@
+"""The page of `compare --over`: the runs of each variant under several values of one setting, as one table."""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from joybridge.compare.analysis import Band
+from joybridge.compare.estimators import Estimate, estimate, interquartile_mean
+from joybridge.compare.made_with import made_with_block
+from joybridge.compare.page import intervals_sentences, warnings
+from joybridge.compare.page_numbers import Setting, latex, tabular
+from joybridge.compare.page_parts import PICTURES, escaped, interval_text, page_html, picture_block, table
+from joybridge.compare.pictures import draw_over, draw_themes
+from joybridge.compare.scores import Run
+from joybridge.config.files import write_atomically
+from joybridge.play.sweep import Sweep
+
+
+@dataclass(frozen=True)
+class Over:
+    """What the runs of each variant have reached under each value of a setting."""
+
+    metric: str
+    sweep: Sweep
+    runs: Sequence[Mapping[str, Sequence[Run]]]  # for each value, by label: the same runs in all
+
+    @cached_property
+    def estimates(self) -> dict[str, list[Estimate]]:
+        """Return the interquartile mean of the scores under each value, by label."""
+        return {
+            label: [estimate(interquartile_mean, np.array([[run.score] for run in each[label]])) for each in self.runs]
+            for label in self.runs[0]
+        }
+
+    @property
+    def counts(self) -> list[int]:
+        """Return how many runs a variant has, the fewest first."""
+        return sorted({len(runs) for runs in self.runs[0].values()})
+
+    @property
+    def center(self) -> str:
+        """Return what the interquartile mean is of so many runs: of three or fewer it leaves out none."""
+        return "IQM" if self.counts[-1] > 3 else "mean"
+
+
+def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:
+    """Write the page, its picture and its numbers into a folder. Return the paths of all but the page's picture.
+
+    Raises StorageError.
+    """
+    places = _places(over.sweep)
+    bands = {
+        label: Band(places, *(list(each) for each in zip(*found, strict=True)))
+        for label, found in over.estimates.items()
+    }
+    names = over.sweep.key, f"{over.metric}, {over.center}"
+    draws = {f"scores{setting.mark}": lambda: draw_over(bands, over.sweep.values, names)}
+    figures = draw_themes(draws, folder / PICTURES, setting.figures)
+    text = page_text(over, setting)
+    files = {
+        "page.md": text,
+        "page.html": page_html(text, folder),
+        "scores.csv": scores_csv(over),
+        "scores.tex": scores_tex(over),
+        "compare.json": json.dumps(as_data(over, setting), indent=1, ensure_ascii=False) + "\n",
+    }
+    paths = [folder / name.replace(".", f"{setting.mark}.") for name in files]
+    for path, content in zip(paths, files.values(), strict=True):
+        write_atomically(path, content.encode())
+    return [*paths, *figures]
+
+
+def page_text(over: Over, setting: Setting) -> str:
+    """Return the page as Markdown."""
+    key, counts = escaped(over.sweep.key), over.counts
+    runs = f"{counts[0]} to {counts[-1]} runs" if len(counts) > 1 else f"{counts[0]} run{'s' * (counts[0] > 1)}"
+    episodes = next(iter(over.runs[0].values()))[0].episodes
+    introduction = (
+        f"{runs} per variant. The score of a run is the mean *{escaped(over.metric)}* of the {episodes:,} episodes "
+        f"that its policy plays under each value of `{over.sweep.key}`, in a test without learning, "
+        f"{escaped(setting.test)}; the games of all have the same seed. Higher is better.{intervals_sentences(counts)} "
+        "No pairs are tested here: choose one value beforehand, and test it with `--test`."
+    )
+    blocks = [f"# {escaped(setting.game)}: {len(over.estimates)} variants over {key}", introduction]
+    blocks += [*warnings(setting), f"## Scores over {key}", over_table(over)]
+    caption = f"{over.center} over runs of each variant, with its 95 % interval, over {key}"
+    blocks += [picture_block(f"scores{setting.mark}", caption)]
+    blocks += [setting.differing] if setting.differing else []
+    blocks += [made_with] if (made_with := made_with_block(setting.made_with)) else []
+    blocks += ["## Again", f"```\n{setting.command}\n```"]
+    return "\n\n".join(blocks) + "\n"
+
+
+def over_table(over: Over) -> str:
+    """Return the interquartile means with their intervals as a table in Markdown: a row per variant."""
+    heads = [f"variant, {over.center} under {over.sweep.key}=", *over.sweep.values]
+    return table([escaped(head) for head in heads], _rows(over, escaped))
+
+
+def scores_csv(over: Over) -> str:
+    """Return a line per run and value: the variant, the seed, the value, and the score."""
+    text = io.StringIO(newline="")
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(("variant", "seed", over.sweep.key, over.metric))
+    for label in over.runs[0]:
+        for value, runs in zip(over.sweep.values, over.runs, strict=True):
+            for run in runs[label]:
+                lines.writerow((label, run.seed, value, repr(run.score)))
+    return text.getvalue()
+
+
+def scores_tex(over: Over) -> str:
+    """Return the interquartile means with their intervals as a table for LaTeX."""
+    heads = [f"{over.center} [95\\,\\%]", *(latex(f"{over.sweep.key}={value}") for value in over.sweep.values)]
+    return tabular(heads, [[latex(cell) for cell in row] for row in _rows(over, str)])
+
+
+def as_data(over: Over, setting: Setting) -> dict[str, Any]:
+    """Return all numbers as plain data."""
+    return {
+        "game": setting.game,
+        "metric": over.metric,
+        "key": over.sweep.key,
+        "missing": list(setting.missing),
+        "made_with": [each._asdict() for each in setting.made_with],
+        "variants": [
+            {
+                "label": label,
+                "policy": setting.policies[label],
+                "seeds": [run.seed for run in over.runs[0][label]],
+                "values": [
+                    {"value": value, "scores": [run.score for run in runs[label]], "iqm": found._asdict()}
+                    for value, runs, found in zip(over.sweep.values, over.runs, estimates, strict=True)
+                ],
+            }
+            for label, estimates in over.estimates.items()
+        ],
+    }
+
+
+def _rows(over: Over, written: Callable[[str], str]) -> list[list[str]]:
+    """Return the cells of the table, a row per variant. written: how a label is."""
+    return [
+        [written(label), *(interval_text(one, len(over.runs[0][label]) > 1) for one in found)]
+        for label, found in over.estimates.items()
+    ]
+
+
+def _places(sweep: Sweep) -> list[float]:
+    """Return where the values stand on an axis: numbers at their own place, choices side by side."""
+    try:
+        return [float(value) for value in sweep.values]
+    except ValueError:
+        return [float(place) for place in range(len(sweep.values))]
