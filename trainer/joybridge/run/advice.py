@@ -81,14 +81,22 @@ class Adviser:
         for button, before, now in self._forgotten(choices):
             yield (
                 f"{name}: {button!r} is pressed in {now:.1%} of the decisions, after {before:.1%}: it may be forgotten "
-                "because presses that miss are punished; give the punishment a smaller weight in "
-                "policy.reward_weights, or let it grow (policy.penalty_ramp), or raise policy.entropy_coef"
+                "because presses that miss are punished; let the punishment grow (policy.penalty_ramp), or give it a "
+                f"smaller weight in {self._weights()}, or raise policy.entropy_coef"
             )
         for what, decisions in self._same_choices(choices):
             yield (
-                f"{name}: {what} in {decisions:,} decisions; if this is not the best play, give what punishes other "
-                "choices a smaller weight in policy.reward_weights, or raise policy.entropy_coef"
+                f"{name}: {what} in {decisions:,} decisions; if this is not the best play, let what punishes other "
+                "choices grow (policy.penalty_ramp), or give it a smaller weight in "
+                f"{self._weights()}, or raise policy.entropy_coef"
             )
+
+    def _weights(self) -> str:
+        """Return where a kind of reward gets its weight."""
+        channels = [channel.name for channel in self._behavior.channels]
+        if len(channels) > 1:
+            return f"policy.reward_weights ({', '.join(channels)})"
+        return "policy.reward_weights, for which the game has to pay it in a reward channel of its own"
 
     def _far_sensors(self) -> Iterator[tuple[str, float]]:
         """Yield the sensors with numbers beyond LARGE_INPUT, and the largest size of one."""
