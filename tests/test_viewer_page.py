@@ -100,6 +100,19 @@ def test_keys_take_turns_and_a_forbidden_choice_is_seen_as_such(visit):
     assert tab.errors == []
 
 
+def test_the_end_of_an_episode_is_shown_until_people_go_on(visit):
+    tab = visit("beastly_rivals")
+    tab.key("Enter", "Enter")
+    tab.wait(f"{TITLE} === 'The episode is over'")
+    picture = "document.querySelector('#picture').toDataURL()"
+    tab.wait("performance.now() > (window.later ??= performance.now() + 500)")  # what came before is drawn by then
+    end = tab.value(picture)
+    tab.value("void (WebSocket.prototype.send = () => {})")
+    tab.key("Enter", "Enter")
+    tab.wait(f"{picture} !== '{end}'")  # without a word of the simulator
+    assert tab.errors == []
+
+
 def test_every_tick_of_a_decision_is_shown(visit):
     tab = visit("beastly_rivals")
     tab.key("Enter", "Enter")

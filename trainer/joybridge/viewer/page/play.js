@@ -28,6 +28,7 @@ const inputs = new Inputs($("stage"), $("picture"), onInput);
 const panel = new Panel(state, inputs, onChip);
 const figures = { turns: [], pictures: [], latencies: [] };
 let drawing = Promise.resolve(); // pictures are shown in their order
+let opening = null; // the first picture of the next episode, while people look at the end of theirs
 let awaited = []; // of the pictures that follow: which canvas, and which tick of the decision
 let began = 0; // when the first picture of the turn came
 let first = null; // time of the first event that no act contains yet
@@ -121,8 +122,9 @@ function takeTurn(turn) {
   state.chosen.clear();
   panel.take(turn);
   figures.turns.push(performance.now());
-  if (turn.ended.some((end) => state.seat === null || end.seat === state.seat)) {
-    const own = turn.ended.filter((end) => state.seat === null || end.seat === state.seat);
+  const own = turn.ended.filter((end) => state.seat === null || end.seat === state.seat);
+  if (own.length) {
+    turn.over = true;
     hold();
     state.ready = true;
     curtain("The episode is over", panel.summary(own), { keys: false });
@@ -177,9 +179,14 @@ function onChip(number, choice) {
   answer(state.controls.length === 1);
 }
 
-// The pictures that a turn has announced follow it: of the arena, one per tick in their pace, then of the rival.
+// The pictures that a turn has announced follow it: of the arena, one per tick in their pace, then of the rival. At the end
+// of an episode the last one is of the next episode: people first see how theirs ended.
 function draw(blob) {
   const turn = state.turn, [id, tick] = awaited.shift() ?? ["picture", 0], canvas = $(id);
+  if (canvas.id === "picture") {
+    opening = turn.over && awaited[0]?.[0] !== "picture" ? blob : null;
+    if (opening) return;
+  }
   if (tick === 0) began = performance.now();
   const due = began + 1000 * state.game.tick * tick;
   drawing = drawing.then(async () => {
@@ -198,6 +205,11 @@ function draw(blob) {
 
 function run() {
   if (!state.ready || !state.turn) return;
+  if (opening) {
+    state.turn.over = false;
+    awaited.unshift(["picture", 0]);
+    draw(opening);
+  }
   forget();
   state.running = inputs.active = true;
   $("curtain").className = "";
