@@ -33,7 +33,10 @@ PARTS = {  # of which module or folder, and which tests hold it
     "gae": ("trainer/joybridge/ppo/gae.py", ["gae"]),
     "loss": ("trainer/joybridge/ppo/loss.py", ["ppo", "conditions", "own_parts", "memory"]),
     "distributions": ("trainer/joybridge/ppo/distributions.py", ["distributions", "conditions"]),
-    "layouts": ("trainer/joybridge/layouts", ["layouts", "common_device", "conditions", "continuous", "maps"]),
+    "layouts": (
+        "trainer/joybridge/layouts",
+        ["layouts", "layout_reading", "actions", "input_measures", "common_device", "conditions", "continuous", "maps"],
+    ),
     "codec": ("proto/joybridge/contract/codec.py", ["codec", "tensors"]),
 }
 # What every test imports is imported once, before the processes of the mutants are forked.
