@@ -13,6 +13,7 @@ from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, UntrustedRunError
 from joybridge.config.metrics import read_rows
 from joybridge.config.policy_config import PolicyConfig
+from joybridge.layouts import make_layouts
 from joybridge.policy.actor import make_actors
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
@@ -20,9 +21,11 @@ from joybridge.run.own_code import FILE
 from joybridge.simulator import axis, behavior, branch, image, sensor
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import joybridge
+from tests.test_actions import POINTER
 from tests.test_own_runs import COMMANDS
 
 PAGE = Path(__file__).parents[1] / "docs" / "own-parts.md"
+LAYOUTS = PAGE.with_name("layouts.md")
 PLAYER = behavior(
     "player",
     sensors=[sensor("place", [2], -1, 1), sensor("grid", [3, 2], 0, 9), image("view", 6, 5)],
@@ -50,6 +53,10 @@ class Flat(Shapes):
 
 def term(outputs, log_probs, batch):
     return 0.0 * log_probs.sum()
+
+def mine(device, setting):
+    from joybridge.layouts import make_layouts
+    return make_layouts("hybrid", device)
 """
 
 
@@ -58,11 +65,12 @@ def folder(tmp_path, monkeypatch):
     """Return the current folder, which holds the modules of the page and those above."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    for text, name in re.findall(r"```python\n(# (\w+\.py)\n.*?)```", PAGE.read_text(), re.DOTALL):
+    pages = PAGE.read_text() + LAYOUTS.read_text()
+    for text, name in re.findall(r"```python\n(# (\w+\.py)\n.*?)```", pages, re.DOTALL):
         Path(name).write_text(text)
     Path("parts.py").write_text(OWN)
     yield tmp_path
-    for name in ("my_network", "my_loss", "parts", "strange"):
+    for name in ("my_network", "my_loss", "my_layouts", "parts", "strange"):
         sys.modules.pop(name, None)
 
 
@@ -106,13 +114,34 @@ def test_the_term_of_the_page_has_a_figure_of_its_own_and_changes_what_is_learne
     assert any(not np.array_equal(plain[name], pulled[name]) for name in plain if "actor" in name and "network" in name)
 
 
-@pytest.mark.parametrize("key", ["policy.network=parts:Shapes", "policy.loss=parts:term"])
+def test_the_layout_of_the_page_is_trained_mixed_exported_and_refused_as_those_of_packages_are(folder, simulator):
+    settings = "arenas=4", "total_timesteps=320", "log_interval=80", "policy.rollout_steps=20", "policy.time_horizon=20"
+    place = "--simulator", simulator
+    status, _, errors = joybridge(
+        "train", "marble/hybrid", "--run", "run", *place, *settings, "layout=my_layouts:compass-8"
+    )
+    assert status == 0, errors
+    status, output, errors = joybridge("evaluate", "run", *place, "--episodes", "4", "--json")
+    assert status == 0 and json.loads(output.splitlines()[-1]), errors
+    assert joybridge("export", "run", "policy.json", *place).status == 0
+    for layout, message in {
+        "my_layouts:compass": "expected compass-N with N directions",
+        "hybrid, shoot=my_layouts:compass-3": "a compass moves two axes and presses nothing",
+        "my_layouts:circle": "layout: 'my_layouts:circle' cannot be imported: AttributeError: ",
+        "nothing:at-all": "layout: 'nothing:at' cannot be imported: ModuleNotFoundError: No module named 'nothing'",
+    }.items():
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            make_layouts(layout, POINTER)
+
+
+@pytest.mark.parametrize("key", ["policy.network=parts:Shapes", "policy.loss=parts:term", "layout=parts:mine"])
 def test_a_run_of_a_stranger_imports_nothing_that_it_names(key, folder, tmp_path, monkeypatch, simulator):
     name, _, value = key.partition("=")
-    trained(simulator, f"{name}={'my_network:PerSensor' if 'network' in key else 'my_loss:pull'}")
+    own = {"policy.network": "my_network:PerSensor", "policy.loss": "my_loss:pull", "layout": "parts:mine"}[name]
+    trained(simulator, f"{name}={own}")
     play_config(Path("run"), ())
     text = Path("run/config.yaml").read_text()
-    Path("run/config.yaml").write_text(re.sub(r"(my_network:PerSensor|my_loss:pull)", f"strange:{value[6:]}", text))
+    Path("run/config.yaml").write_text(text.replace(own, f"strange:{value[6:]}"))
     Path("strange.py").write_text("open('OWNED', 'w').close()\n" + OWN)
     Path("run/simulators.json").unlink()
     for words in (words for name, words in COMMANDS.items() if name != "train --from"):  # it takes weights only

@@ -5,13 +5,15 @@ Another package offers layouts as entry points of the group `joybridge.layouts`:
     [project.entry-points."joybridge.layouts"]
     compass = "my_package:compass"
 
-Then `compass` and `compass-SETTING` are layouts, and `my_package.compass(device, setting)` makes them: a `Maker`.
+Then `compass` and `compass-SETTING` are layouts, and `my_package.compass(device, setting)` makes them: a `Maker`. The
+function of a module is one without any package, as `my_module:compass` and `my_module:compass-SETTING`.
 """
 
 from collections.abc import Callable, Mapping
 from functools import cache
 
 from joybridge.config.errors import ConfigError, DeviceError, SettingError
+from joybridge.config.own_names import load_own
 from joybridge.contract.text import printable
 from joybridge.layouts.bounded import beta, squashed
 from joybridge.layouts.bucket import bucket
@@ -67,7 +69,7 @@ def find_layouts(name: str, device: pb.Device) -> dict[str, Layout]:
     ConfigError.
     """
     kind, _, setting = name.partition("-")
-    maker = KINDS.get(kind) or _installed(kind, name)
+    maker: Maker = load_own("layout", kind) if ":" in kind else KINDS.get(kind) or _installed(kind, name)
     try:
         made = maker(device, setting)
         layouts = {"": made} if isinstance(made, Layout) else dict(made)
@@ -92,7 +94,8 @@ def _installed(kind: str, name: str) -> Maker:
     found = [point for point in offered if point.name == kind]
     if not found:
         raise ConfigError(
-            f"layout: unknown layout {name!r}, expected {', '.join([*FORMS, *sorted(point.name for point in offered)])}"
+            f"layout: unknown layout {name!r}, expected "
+            f"{', '.join([*FORMS, *sorted(point.name for point in offered), 'MODULE:NAME-SETTING'])}"
         )
     if len(found) > 1:
         raise ConfigError(f"layout: {kind!r} is offered by {' and '.join(e.value for e in found)}; uninstall one")

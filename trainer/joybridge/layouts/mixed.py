@@ -34,6 +34,12 @@ def read_mix(name: str) -> Mix:
     return Mix(main, others)
 
 
+def own_kinds(name: str) -> set[str]:
+    """Return the kinds of layouts in a name that modules of the user make, "module:name" each."""
+    kinds = (part.rpartition("=")[2].strip().partition("-")[0] for part in name.split(","))
+    return {kind for kind in kinds if ":" in kind}
+
+
 def make_layouts(name: str, device: pb.Device, behavior: str = "") -> dict[str, Layout]:
     """Return the layouts called `name` ("hybrid", "bucket-11", "bucket-11, angle=hybrid") for a device.
 

@@ -1,9 +1,6 @@
 """Parts of a user's own: a network before the towers, and a term of the loss. Differentiated by autograd."""
 
-import pkgutil
-import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeAlias
 
@@ -11,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from joybridge.config.errors import ConfigError
+from joybridge.config.own_names import load_own
 from joybridge.contract.limits import element_count
 from joybridge.ppo.convolutions import Encoded
 from joybridge.ppo.images import Image
@@ -22,19 +20,9 @@ from joybridge.v1 import bridge_pb2 as pb
 Term: TypeAlias = Callable[[Any, Tensor, Any], Tensor]
 
 
-def load(key: str, name: str) -> Any:
-    """Return what "module:name" names; modules are looked for in the current folder, too. Raises ConfigError."""
-    if (folder := str(Path.cwd())) not in sys.path:  # the script `joybridge` does not search the current folder
-        sys.path.append(folder)
-    try:
-        return pkgutil.resolve_name(name)
-    except Exception as error:
-        raise ConfigError(f"{key}: {name!r} cannot be imported: {error}") from error
-
-
 def load_term(name: str) -> Term:
     """Return a term of the loss. Raises ConfigError."""
-    term = load("loss", name)
+    term = load_own("loss", name)
     if not isinstance(term, FunctionType):
         raise ConfigError(
             f"loss: {name!r} is {type(term).__name__}, expected a function of outputs, log_probs and batch"
@@ -61,7 +49,7 @@ class OwnEncoder(nn.Module):
         self.images = [*images]
         shapes = self.sensors | {name: tuple(image) for name, image in images.items()}
         stacked = {name: (frame_stack, *shape) for name, shape in shapes.items()}
-        made = load("network", name)
+        made = load_own("network", name)
         if not (isinstance(made, type) and issubclass(made, nn.Module)):
             raise ConfigError(f"network: {name!r} is no subclass of torch.nn.Module")
         empty = {

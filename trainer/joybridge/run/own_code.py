@@ -1,4 +1,4 @@
-"""Code that a configuration names, by `network` and `loss`: imported for a run only if this user trained it here.
+"""Code that a configuration names (`network`, `loss`, `layout`): imported for a run only if this user trained it here.
 
 A run is a folder that anybody may have made. The names in its configuration are believed if this user signed them on
 this machine and in this folder (see own_runs.py), or says so with --trust-run.
@@ -14,6 +14,7 @@ from joybridge.config.errors import ConfigError, StorageError, UntrustedRunError
 from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
 from joybridge.contract.text import printable
+from joybridge.layouts.mixed import own_kinds
 
 FILE = "code.json"  # in the folder of a run
 MAX_BYTES = 2**12  # of it
@@ -24,7 +25,8 @@ _trusted: set[Path] = set()  # runs that the command line says to believe
 def code_of(config: Config) -> list[str]:
     """Return the code that a configuration names, "module:name" each, sorted."""
     policies = [config.policy, *map(config.policy_config, config.policies)]
-    return sorted({name for policy in policies for name in (policy.network, policy.loss) if name})
+    parts = {name for policy in policies for name in (policy.network, policy.loss) if name}
+    return sorted(parts | own_kinds(config.layout))
 
 
 def trust(run: Path) -> None:
