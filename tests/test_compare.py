@@ -476,14 +476,18 @@ def test_changes_are_compared_one_at_a_time_with_what_is_unchanged(tmp_path):
     made = make_variants([str(tmp_path / "small.yaml")], [], [], changes)
     assert [variant.label for variant in made] == ["unchanged", "bucket-3", "epochs=2, hidden_sizes=[8,16]"]
     before = made[0].config.model_dump()
-    assert read_change(" policy.memory={kind: gru, size: 32}  arenas=2 ") == [
-        ("policy.memory", "{kind: gru, size: 32}"),
-        ("arenas", "2"),
-    ]
+    pairs = [("policy.memory", "{kind: gru, size: 32}"), ("arenas", "2")]
+    assert read_change(" policy.memory={kind: gru, size: 32}  arenas=2 ") == ("", pairs)
+    assert read_change("with memory:  policy.memory={kind: gru, size: 32} arenas=2") == ("with memory", pairs)
     changed = [[key for key, *_ in differences(before, variant.config.model_dump())] for variant in made]
     assert changed == [[], ["layout"], ["policy.hidden_sizes", "policy.epochs"]]
     both = make_variants([str(tmp_path / "small.yaml")], [], [("policy.gamma", ["0.9", "0.99"])], changes[:1])
     assert [each.label for each in both] == ["gamma=0.9", "gamma=0.9, bucket-3", "gamma=0.99", "gamma=0.99, bucket-3"]
+    far = read_change("far: policy.gamma=0.999 policy.epochs=2")
+    (_, named) = make_variants([str(tmp_path / "small.yaml")], [], [], [far])
+    assert (named.label, named.config.policy.gamma, named.config.policy.epochs) == ("far", 0.999, 2)
+    with pytest.raises(ConfigError, match="--change got 'far: ', expected KEY=VALUE, "):
+        read_change("far: ")
 
 
 def test_of_axes_and_buttons_the_buttons_count_and_of_several_behaviors_the_first_or_the_named_one(whole):

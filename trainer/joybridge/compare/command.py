@@ -89,7 +89,7 @@ def _add_variants(group: argparse._ArgumentGroup) -> None:
         default=[],
         metavar="KEY=VALUE",
         help="one change at a time: each is compared with the configuration as it is; quoted, several keys are one "
-        "change, as in 'policy.gamma=0.9 policy.epochs=8'",
+        "change, with a name if you like, as in 'eager: policy.gamma=0.9 policy.epochs=8'",
     )
     group.add_argument(
         "--also",

@@ -87,36 +87,43 @@ def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
     return key, values
 
 
-def read_change(text: str) -> list[tuple[str, str]]:
-    """Return the keys and values of a change, which are set together: KEY=VALUE, with spaces between several.
+class Change(NamedTuple):
+    """Keys that are set together, beside the configuration as it is."""
 
-    Spaces in brackets do not separate keys.
+    name: str  # of the variant; "": it is called after its keys
+    pairs: list[tuple[str, str]]
 
-    Raises ConfigError.
+
+def read_change(text: str) -> Change:
+    """Return what a change says: KEY=VALUE, with spaces between several, and "NAME: " before them or not.
+
+    Spaces in brackets do not separate keys. Raises ConfigError.
     """
-    pairs = [read_values(part, "--change") for part in re.split(r"\s+(?![^\[{]*[\]}])", text.strip()) if part]
+    name, keys = named.groups() if (named := re.fullmatch(r"\s*([^=:]+?)\s*:\s+(.*)", text)) else ("", text)
+    pairs = [read_values(part, "--change") for part in re.split(r"\s+(?![^\[{]*[\]}])", keys.strip()) if part]
     if not pairs or any(len(values) > 1 for _, values in pairs):
         raise ConfigError(
             f"--change got {text!r}, expected KEY=VALUE, or several that are set together, as in "
-            "'policy.gamma=0.9 policy.epochs=8'; write a change for each value"
+            "'policy.gamma=0.9 policy.epochs=8', or with a name, as in 'far: policy.gamma=0.999'; write a change for "
+            "each value"
         )
-    return [(key, value) for key, (value,) in pairs]
+    return Change(name, [(key, value) for key, (value,) in pairs])
 
 
 def make_variants(
     configs: Sequence[str],
     overrides: Sequence[str],
     grid: Sequence[tuple[str, Sequence[str]]],
-    changes: Sequence[Sequence[tuple[str, str]]] = (),
+    changes: Sequence[Change] = (),
 ) -> list[Variant]:
     """Return a variant for each configuration and combination of values, unchanged and with each change alone.
 
     configs: files or names of installed configurations, all of one game. overrides: what all variants share, KEY=VALUE
-    each. grid: keys and their values. changes: the keys and values of each. Raises ConfigError.
+    each. grid: keys and their values. Raises ConfigError.
     """
     shared = {override.partition("=")[0] for override in overrides}
     varied = {key for key, _ in grid}
-    if twice := sorted({key for change in changes for key, _ in change} & (shared | varied)):
+    if twice := sorted({key for change in changes for key, _ in change.pairs} & (shared | varied)):
         raise ConfigError(f"--change {twice[0]}=…: {twice[0]} is set twice; set it once")
     for index, (key, _) in enumerate(grid):
         if key in shared or key in dict(grid[:index]):
@@ -126,11 +133,13 @@ def make_variants(
     paths, variants = [find_config(config) for config in configs], []
     combinations = itertools.product(*(values for _, values in grid))
     labeled = zip(paths, _labels(paths), strict=True)
-    for (path, label), values, change in itertools.product(labeled, combinations, [(), *changes]):
-        pairs = [*((key, value) for (key, _), value in zip(grid, values, strict=True)), *change]
-        made = load_config(path, [*overrides, *(f"{key}={value}" for key, value in pairs)])
+    for (path, label), values, change in itertools.product(labeled, combinations, [Change("", []), *changes]):
+        pairs = [(key, value) for (key, _), value in zip(grid, values, strict=True)]
+        made = load_config(path, [*overrides, *(f"{key}={value}" for key, value in (*pairs, *change.pairs))])
+        said = pairs if change.name else [*pairs, *change.pairs]
         parts = [label] if len(paths) > 1 else []
-        parts += [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in pairs]
+        parts += [value if key == "layout" else f"{key.removeprefix('policy.')}={value}" for key, value in said]
+        parts += [change.name] if change.name else []
         variants.append(Variant(", ".join(parts) or ("unchanged" if changes else made.layout), made))
     if len(games := {variant.config.game for variant in variants}) > 1:
         raise ConfigError(f"the configurations are of {' and '.join(sorted(games))}; compare those of one game")
