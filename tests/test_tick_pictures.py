@@ -1,11 +1,17 @@
 """Pictures of the ticks within a decision: what people see between two decisions of an agent."""
 
+import av
 import pytest
 
 from joybridge.client.client import Session
+from joybridge.config.config import Config
+from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.spec import choose_options
 from joybridge.games import BUILT_IN
 from joybridge.layouts import make_acts
+from joybridge.play.playing import PlaySpec
+from joybridge.play.record import record
+from joybridge.run.train import train
 from joybridge.simulator import session as sessions
 from joybridge.simulator.catalog import load_game
 from joybridge.v1 import bridge_pb2 as pb
@@ -51,6 +57,21 @@ def test_a_client_sees_every_tick_where_the_game_draws_them(simulator):
             _, seen = session.step_and_draw_ticks(make_acts(session.spec, 1))
             size = (session.spec.picture.height, session.spec.picture.width, 3)
             assert [picture.shape for picture in seen] == [size] * pictures
+
+
+@pytest.mark.parametrize(
+    ("game", "settings", "rate"),
+    [("beastly_rivals", "ticks of 20 ms, six per decision", 25), ("shooting_birds", "of 20 ms, one per decision", 25)],
+)
+def test_a_video_shows_the_ticks_of_decisions_that_are_slow(game, settings, rate, simulator, signals, tmp_path):
+    small = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
+    config = Config(game=game, arenas=4, total_timesteps=64, log_interval=64, policy=small)
+    train(config, tmp_path / "run", [simulator], resume=False)
+    frames = record(PlaySpec(tmp_path / "run", simulator, seed=0), tmp_path / "a.mp4", seconds=1.0, say=lambda _: None)
+    with av.open(str(tmp_path / "a.mp4")) as video:
+        pictures = [picture.to_ndarray(format="rgb24").tobytes() for picture in video.decode(video=0)]
+        assert video.streams.video[0].average_rate == rate == frames == len(pictures), settings
+    assert len(set(pictures)) > 20
 
 
 def test_ticks_that_cannot_be_drawn_are_refused():

@@ -4,7 +4,7 @@ BROKEN lists them, each with exactly the checks that must fail.
 """
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -343,10 +343,22 @@ def _refuse(requests, context):
 REFUSAL = grpc.stream_stream_rpc_method_handler(_refuse)
 
 
+class Threads(ThreadPoolExecutor):
+    """Threads of a server that is not waited for: a call that comes while it stops finds them gone, and is dropped."""
+
+    def submit(self, *call, **keywords) -> Future[Any]:
+        try:
+            return super().submit(*call, **keywords)
+        except RuntimeError:
+            dropped: Future[Any] = Future()
+            dropped.cancel()
+            return dropped
+
+
 @contextmanager
 def serving(broken) -> Iterator[str]:
     """Serve in threads of this process and yield the address."""
-    with ThreadPoolExecutor(32) as threads:
+    with Threads(32) as threads:
         options = [*broken.options, ("grpc.so_reuseport", 0), NO_COMPRESSION]  # the first of a name counts
         server = grpc.server(threads, options=options, interceptors=[TokenInterceptor(broken.admits)])
         rpc.add_SimulatorServiceServicer_to_server(broken.service(broken), server)

@@ -50,7 +50,7 @@ class Played:
     acts: list[ActArrays]  # what the devices got; overwritten by the next decision
     after: list[StepArrays]
     rewards: list[Array]  # [lanes], as the policy gets them
-    pictures: list[Array]  # uint8 [height, width, 3] of the first arena, where it was drawn
+    pictures: list[Array]  # uint8 [height, width, 3] of the first arena, where it was drawn; the last: at the end
 
 
 class Policies(Players):
@@ -121,10 +121,11 @@ class Play:
                 states.append(state[:agents, : memory.state_size])  # what follows is the critic's
         return states
 
-    def decisions(self, draw_every: int = 0) -> Iterator[Played]:
+    def decisions(self, draw_every: int = 0, *, ticks: bool = False) -> Iterator[Played]:
         """Yield decisions without end. draw_every: draw the first arena after every so many decisions; 0: never.
 
-        A session over several choices of `stratify_by` cannot be drawn. Raises SimulatorError.
+        ticks: where the game can, draw it also after each tick of these decisions. A session over several choices of
+        `stratify_by` cannot be drawn. Raises SimulatorError.
         """
         session, number = self.session, 0
         while True:
@@ -134,7 +135,10 @@ class Play:
             pictures: list[Array] = []
             if draw_every and number % draw_every == 0:
                 assert not isinstance(session, ShardedSession)
-                after, pictures = session.step_and_draw(acts, [0])
+                if ticks and isinstance(session, Session):
+                    after, pictures = session.step_and_draw_ticks(acts)
+                else:
+                    after, pictures = session.step_and_draw(acts, [0])
             else:
                 after = session.step(acts)
             yield Played(before, acts, after, self._policies.store(after), pictures)

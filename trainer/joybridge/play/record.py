@@ -1,13 +1,14 @@
 """Recording: watch a run's policy play, as a video."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
 from joybridge.config.errors import ConfigError
+from joybridge.contract.tensors import Array
 from joybridge.play.input_overlay import Inputs
-from joybridge.play.playing import PlaySpec, open_play
+from joybridge.play.playing import Play, Played, PlaySpec, open_play
 from joybridge.play.pointer_marks import mark_pointers
 from joybridge.play.video import VideoFile
 from joybridge.play.video_formats import video_format
@@ -21,27 +22,45 @@ SLOWEST = 5.0  # for turn-based games
 def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str], None], inputs: bool = False) -> int:
     """Record `seconds` of video of a run's policy in one arena; return the number of frames.
 
-    The picture is the simulator's, score included, with a cross where a pointer is put; images that the policy sees are
-    beside it, and what it remembers is below. inputs: below the picture, draw what is pressed. Raises SimulatorError,
-    CheckpointError or ConfigError.
+    The picture is the simulator's, score included, after every tick where decisions are slower than FASTEST, with a
+    cross where a pointer is put; images that the policy sees are beside it, and what it remembers is below.
+
+    inputs: below the picture, draw what is pressed. Raises SimulatorError, CheckpointError or ConfigError.
     """
     video_format(output)  # a wrong one is refused before anything is played
     with open_play(plays) as play:
         say(play.heading())
-        pace = pace_of(play.spec)
-        every = math.ceil(pace / FASTEST)
-        frames = round(seconds * pace / every)
+        pace, ticks = pace_of(play.spec), 1
+        if play.spec.tick_seconds and pace < FASTEST:
+            ticks = play.spec.decision_interval
+        every = math.ceil(pace * ticks / FASTEST)
+        frames = round(seconds * pace * ticks / every)
         view, overlay = play.view(), Inputs(play.spec) if inputs else None
         progress = Progress(say)
         height = view.height + (overlay.height if overlay else 0)
-        with VideoFile(output, view.width, height, pace / every) as video:
-            for number, decision in enumerate(islice(play.decisions(draw_every=every), frames * every), 1):
-                for picture in decision.pictures:
-                    marked = mark_pointers(picture, play.spec, decision.acts)
-                    seen = view.beside(marked, decision.after, play.remembered())
-                    video.write(overlay.below(seen, decision.acts) if overlay else seen)
-                progress.report(f"{number // every} of {frames} frames")
+        with VideoFile(output, view.width, height, pace * ticks / every) as video:
+            for number, (decision, picture) in enumerate(islice(_pictures(play, ticks, every), frames), 1):
+                marked = mark_pointers(picture, play.spec, decision.acts)
+                seen = view.beside(marked, decision.after, play.remembered())
+                video.write(overlay.below(seen, decision.acts) if overlay else seen)
+                progress.report(f"{number} of {frames} frames")
     return frames
+
+
+def _pictures(play: Play, ticks: int, every: int) -> Iterator[tuple[Played, Array]]:
+    """Yield pictures of the first arena, each with its decision. ticks: of a decision that are shown.
+
+    every: yield one picture of so many. An episode that ends within a decision, or a game that draws decisions only,
+    shows its last picture for the rest of the decision.
+    """
+    if ticks == 1:
+        yield from ((decision, decision.pictures[0]) for decision in play.decisions(every) if decision.pictures)
+    number = 0
+    for decision in play.decisions(1, ticks=True):
+        for tick in range(ticks):
+            number += 1
+            if number % every == 0:
+                yield decision, decision.pictures[min(tick, len(decision.pictures) - 1)]
 
 
 def pace_of(spec: pb.GameSpec) -> float:
