@@ -123,7 +123,17 @@ def test_the_layout_of_the_page_is_trained_mixed_exported_and_refused_as_those_o
     assert status == 0, errors
     status, output, errors = joybridge("evaluate", "run", *place, "--episodes", "4", "--json")
     assert status == 0 and json.loads(output.splitlines()[-1]), errors
+    assert "have changed" not in errors
     assert joybridge("export", "run", "policy.json", *place).status == 0
+    with Path("my_layouts.py").open("a") as file:
+        file.write("# another line")
+    said = "the files of my_layouts have changed since run was"
+    assert f"{said} trained: numbers may differ" in joybridge("evaluate", "run", *place, "--episodes", "4").errors
+    longer = joybridge("train", "run/config.yaml", "--run", "run", "--resume", "total_timesteps=400", *place)
+    assert longer.status == 0 and f"{said} last trained; it goes on with them" in longer.errors
+    assert "have changed" not in joybridge("evaluate", "run", *place, "--episodes", "4").errors
+    Path("run/sources.json").write_text("[1]")
+    assert "run/sources.json cannot be read" in joybridge("evaluate", "run", *place).errors
     for layout, message in {
         "my_layouts:compass": "expected compass-N with N directions",
         "hybrid, shoot=my_layouts:compass-3": "a compass moves two axes and presses nothing",

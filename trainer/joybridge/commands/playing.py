@@ -24,6 +24,7 @@ from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
 from joybridge.run.origin import remark
 from joybridge.run.own_code import trust
+from joybridge.run.sources import changed_sources
 
 if TYPE_CHECKING:
     from joybridge.play.playing import PlaySpec
@@ -115,5 +116,7 @@ def open_player(options: argparse.Namespace) -> Iterator[str]:
         games = [as_trained(game, trained) if game.startswith(PYGAME) else game for game in wanted.games]
         wanted = replace(wanted, games=tuple(games))
     simulators = choose_simulators(wanted, last, config, say, trust=options.trust_run)
+    if changed := changed_sources(options.run, simulators.games, config):
+        say(f"the files of {', '.join(changed)} have changed since {options.run} was trained: numbers may differ")
     with open_simulators(simulators, options.wait, say) as connect:
         yield connect()[0]

@@ -45,6 +45,7 @@ from joybridge.run.folder import check_run, run_config, run_name
 from joybridge.run.own_code import check_code, sign_code, trust
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 from joybridge.run.sinks import check_sinks
+from joybridge.run.sources import note_sources
 
 # What learns is imported when it is needed: torch takes seconds to load, errors should not.
 
@@ -164,6 +165,8 @@ def _train(options: argparse.Namespace) -> None:
         heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
         remember(run, simulators, say)
         sign_code(run, config, say)
+        if changed := note_sources(run, simulators.games, config):
+            say(f"the files of {', '.join(changed)} have changed since {run} was last trained; it goes on with them")
         try:
             with Display(heading, config.layout, config.end, begin) as display, announcing(display.say):
                 train(

@@ -1,0 +1,104 @@
+"""The sources of a run that others than we have written: marks of their files, by which a change is noticed.
+
+These are the modules of its game, layout, network and loss, or its pygame program. A spec does not show that the rules
+of a game have changed. Nothing is imported or run to make a mark.
+"""
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+
+from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
+from joybridge.config.files import write_atomically
+from joybridge.contract.files import read_file
+from joybridge.layouts.find import GROUP
+from joybridge.run.own_code import code_of
+
+FILE = "sources.json"  # in the folder of a run
+MAX_BYTES = 2**20  # of it
+MAX_SOURCE_BYTES = 2**24  # of a file of a source
+
+
+def marks(games: Sequence[str], configs: Sequence[Config]) -> dict[str, str]:
+    """Return a mark of the files of each module or program, as they are here; without those that are not here.
+
+    games: "MODULE:CLASS", "gym:MODULE:ID" or "pygame:PROGRAM" each; the names of others are ignored.
+    """
+    names = {*map(_source_of_game, games), *_sources_of(configs)} - {""}
+    return {name: mark for name in sorted(names) if (mark := _mark(name))}
+
+
+def note_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
+    """Write the marks of a run that is trained now into its folder. Return the sources that have changed since before.
+
+    Raises ConfigError and StorageError.
+    """
+    changed = changed_sources(run, games, config)
+    if found := marks(games, [config]):
+        write_atomically(run / FILE, json.dumps(found, indent=1).encode())
+    return changed
+
+
+def changed_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
+    """Return the sources whose files are others here than when the run was last trained. Raises ConfigError."""
+    try:
+        noted = json.loads(read_file(run / FILE, MAX_BYTES))
+        before = {str(name): str(mark) for name, mark in noted.items()}
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        raise ConfigError(f"{run / FILE} cannot be read ({error}); delete it, it is only for people") from error
+    return [name for name, mark in marks(games, [config]).items() if before.get(name, mark) != mark]
+
+
+def _source_of_game(place: str) -> str:
+    """Return the module or the file of a game, "" for an environment whose package has a version."""
+    kind, _, rest = place.partition(":")
+    if kind == "pygame":
+        return rest.split(" ")[0]
+    if kind == "gym":
+        return rest.split(" ")[0].rpartition(":")[0]
+    return "" if kind in ("pettingzoo", "unity", "unity-port") else kind
+
+
+def _sources_of(configs: Sequence[Config]) -> set[str]:
+    """Return the modules of layouts, networks and losses that are not ours."""
+    layouts = {part.rpartition("=")[2].strip().partition("-")[0] for each in configs for part in each.layout.split(",")}
+    points = {point.name: point.module for point in entry_points(group=GROUP)}
+    named = {name.partition(":")[0] for each in configs for name in code_of(each)}
+    return named | {points[name] for name in layouts & set(points)}
+
+
+def _mark(name: str) -> str:
+    """Return a mark of the files of a module, a package or a program, "" if there is none here."""
+    digest, some = hashlib.sha256(), False
+    for path in sorted(_files(name)):
+        try:
+            digest.update(read_file(path, MAX_SOURCE_BYTES))
+        except (OSError, ValueError):  # a pipe, or something large, is no source
+            continue
+        some = True
+    return digest.hexdigest()[:16] if some else ""
+
+
+def _files(name: str) -> Iterable[Path]:
+    if name.endswith(".py"):
+        return [Path(name)]
+    path = [*sys.path]
+    sys.path.insert(0, str(Path.cwd()))  # for this search alone
+    try:
+        found = find_spec(name.partition(".")[0])  # of a module in a package all of it, as finding it would import that
+    except (ImportError, ValueError, AttributeError):
+        return []
+    finally:
+        sys.path[:] = path
+    if found is None:
+        return []
+    if found.submodule_search_locations:
+        return [each for folder in found.submodule_search_locations for each in Path(folder).rglob("*.py")]
+    return [Path(found.origin)] if found.origin and found.origin.endswith(".py") else []
