@@ -205,8 +205,8 @@ function draw(blob) {
 
 function run() {
   if (!state.ready || !state.turn) return;
+  state.turn.over = false; // its last picture is drawn, also if it is still on its way
   if (opening) {
-    state.turn.over = false;
     awaited.unshift(["picture", 0]);
     draw(opening);
   }
