@@ -103,7 +103,8 @@ export class Panel {
 
   short(codes) {
     const shown = codes.find((code) => !/^(Mouse|Pad|Arrow)/.test(code)) ?? codes[0] ?? "";
-    return shown.replace(/^Key|^Digit/, "").replace("Space", "␣").replace(/^Mouse0/, "click").replace(/^Mouse/, "mouse ");
+    return shown.replace(/^Key|^Digit/, "").replace("Space", "␣")
+      .replace(/^Mouse0/, "click").replace(/^Mouse1/, "middle click").replace(/^Mouse2/, "right click").replace(/^Mouse/, "mouse ");
   }
 
   // Returns what the curtain says about the controls.
