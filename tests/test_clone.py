@@ -38,6 +38,21 @@ def demos(simulator, tmp_path_factory):
     return folder
 
 
+def test_one_episode_is_cloned_whole_also_for_rewards_that_it_does_not_know(simulator, tmp_path, capsys):
+    with Session(simulator, "hybrid", arenas=1, seed=5) as session:
+        session.record_demonstration(tmp_path / "demos")
+        ended = 0
+        while not ended:
+            ended = len(session.step(make_acts(session.spec, 1))[0].ended)
+    weights = "policy.reward_weights={lives: -1}"
+    command = ["clone", str(tmp_path / "demos"), "--passes", "2", "--run", str(tmp_path / "run"), *SMALL, weights]
+    assert main(command) == 0
+    printed = capsys.readouterr()
+    assert ", with nothing held out of one episode\n" in printed.out and "nan" not in printed.out
+    assert "the demonstrations have no reward lives; cloning looks at none, so its weight is left out" in printed.err
+    assert run_config(tmp_path / "run").policy.reward_weights == {}
+
+
 @pytest.mark.parametrize("memory", ["none", "gru"])
 def test_a_clone_does_what_is_demonstrated_and_is_measured_on_episodes_it_has_not_seen(memory, demos, tmp_path, capsys):
     run, more = tmp_path / "clone", [*SMALL, f"policy.memory.kind={memory}"]

@@ -10,10 +10,12 @@ import torch
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import PolicyConfig
-from joybridge.contract.codec import ActArrays
+from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.layouts import ActionSpace, JointTable, Map, make_layouts
+from joybridge.play.policy_outputs import policy_outputs
 from joybridge.policy.actor import make_actors
 from joybridge.policy.config_fit import check_fit
+from joybridge.policy.player import PolicyPlayer
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.fast.kernels import draw_noise
@@ -274,3 +276,17 @@ def test_what_is_seen_where_decides_where_the_map_points():
         logits = network(observations).logits[:, 0, :24].view(2, 4, 6)
     difference = (logits[0] - logits[1]).abs()
     assert difference[:2, 3:].max() > 10 * difference[2:, :3].max()
+
+
+def test_people_are_shown_the_chances_of_all_places():
+    player, rng = PolicyPlayer(actor(), 1, 0, deterministic=True), np.random.default_rng(0)
+    pixels, over = [rng.integers(0, 256, (1, 24, width, 1), np.uint8) for width in (32, 24)], np.zeros(1, bool)
+    step = StepArrays([np.zeros((1, 2), np.float32), *pixels], np.zeros((1, 1), np.float32), over, over)
+    player.begin(step)
+    (lane,) = policy_outputs(player, game(FIELD, FOVEA), [step])["lanes"]
+    places, *others = lane["branches"]
+    assert (places["map"]["height"], places["map"]["width"], len(places["map"]["chances"])) == (4, 6, 24)
+    assert sum(places["map"]["chances"]) == pytest.approx(1, abs=1e-3)
+    likeliest = max(places["choices"], key=lambda choice: choice["chance"])
+    assert max(places["map"]["chances"]) == pytest.approx(likeliest["chance"], abs=1e-4)
+    assert others and not any("map" in other for other in others)

@@ -1,6 +1,7 @@
 """`joybridge clone`: policies learn from demonstrations alone. No game is played, so it takes seconds."""
 
 import argparse
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from joybridge.demonstrations.recorded import Demonstration
 from joybridge.progress import Progress, say
 from joybridge.run.folder import check_run, keep_config, keep_spec, run_name
 from joybridge.run.run_lock import locked
+from joybridge.v1 import bridge_pb2 as pb
 
 PASSES = 200
 
@@ -110,6 +112,7 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
     spec = shown[0].spec
     for remark in filter(None, (demonstration.remark() for demonstration in shown)):
         say(remark)
+    config = _known_weights(config, spec)
     arrays: dict[str, Array] = {}
     for actor in make_actors(config, spec, config.accelerator):
         given = show(actor, shown, config)
@@ -118,10 +121,10 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
         for result in fit(actor, given, passes):
             if result.best:
                 best = result
-            progress.report(f"pass {result.passes}: loss {result.loss:.3f}, held out {result.held_out:.3f}")
+            progress.report(f"pass {result.passes}: loss {result.loss:.3f}{_held_out(result.held_out)}")
         if best is None:
             raise DivergedError(f"{actor.name}: the loss is not finite; take a smaller policy.learning_rate")
-        print(f"{actor.name}: pass {best.passes} is kept: loss {best.loss:.3f}, held out {best.held_out:.3f}")
+        print(f"{actor.name}: pass {best.passes} is kept: loss {best.loss:.3f}{_held_out(best.held_out)}")
         if given.held_out is not None:
             rows = compare(actor, spec.behaviors[actor.behavior].device, given.held_out)
             width = max(len(name) for name, *_ in rows)
@@ -136,3 +139,22 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
     keep_spec(spec, run)
     keep_origin(run)
     save_checkpoint(run, arrays, Manifest(timesteps=0, origin=own_origin()))
+
+
+def _held_out(loss: float) -> str:
+    """Return the loss of the held-out episodes as text. loss: not a number if there are none."""
+    return ", with nothing held out of one episode" if math.isnan(loss) else f", held out {loss:.3f}"
+
+
+def _known_weights(config: Config, spec: pb.GameSpec) -> Config:
+    """Return a configuration without weights of rewards that the recorded game did not pay: nothing is learned of them.
+
+    The same program may be recorded with fewer rewards than it is trained with.
+    """
+    paid = {channel.name for behavior in spec.behaviors for channel in behavior.channels}
+    weights = config.policy.reward_weights
+    if not (unknown := sorted(set(weights) - paid)):
+        return config
+    say(f"the demonstrations have no reward {', '.join(unknown)}; cloning looks at none, so its weight is left out")
+    known = {name: weight for name, weight in weights.items() if name in paid}
+    return config.model_copy(update={"policy": config.policy.model_copy(update={"reward_weights": known})})

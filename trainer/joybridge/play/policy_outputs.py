@@ -18,11 +18,15 @@ MAX_CHOICES = 12  # choices of a branch whose probabilities are shown, the likel
 
 @torch.inference_mode()
 def policy_outputs(player: PolicyPlayer, spec: pb.GameSpec, steps: Sequence[StepArrays]) -> dict[str, Any]:
-    """Return the outputs of a policy for the present observations, for people: a value and probabilities per lane."""
+    """Return the outputs of a policy for the present observations, for people: a value and probabilities per lane.
+
+    A branch whose choices are places in an image has the chances of all of them, row after row, beside the likeliest.
+    """
     actor = player.actor
     outputs = actor.network(to_tensors(player.observations, actor.accelerator))
     device = spec.behaviors[actor.behavior].device
     tables = [_labels(table, device) for table in actor.layout.discrete]
+    maps = dict(actor.layout.space.maps)
     masks = np.zeros(outputs.logits.shape, np.float32)
     allowed = steps[actor.behavior].masks
     fill_masks(None if allowed is None else actor.layout.masks(allowed), masks)
@@ -30,10 +34,15 @@ def policy_outputs(player: PolicyPlayer, spec: pb.GameSpec, steps: Sequence[Step
     lanes = []
     for lane in range(player.lanes):
         branches = []
-        for name, labels, row in zip(actor.branches, tables, chances[lane].tolist(), strict=True):
+        for index, (name, labels) in enumerate(zip(actor.branches, tables, strict=True)):
+            row = chances[lane, index].tolist()
             likeliest = sorted(range(len(labels)), key=row.__getitem__, reverse=True)[:MAX_CHOICES]
             choices = [{"label": labels[choice], "chance": row[choice]} for choice in sorted(likeliest)]
-            branches.append({"name": name, "choices": choices})
+            branch: dict[str, Any] = {"name": name, "choices": choices}
+            if places := maps.get(index):
+                cells = [round(chance, 5) for chance in row[: places.height * places.width]]
+                branch["map"] = {"height": places.height, "width": places.width, "chances": cells}
+            branches.append(branch)
         axes = []
         if not actor.network.distributions:
             spread = torch.exp(0.5 * actor.network.log_variance).tolist()

@@ -19,6 +19,7 @@ from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.play.playing import Play, PlaySpec, open_play
+from joybridge.play.pointer_marks import mark_pointers
 from joybridge.play.policy_outputs import policy_outputs
 from joybridge.policy.actor import policy_state
 from joybridge.run.checkpoint import checkpoints
@@ -53,7 +54,8 @@ class Watched:
         self.turn += 1
         self.acts, self.steps = played.acts, played.after
         remembered = self._play.remembered()
-        self.pictures = [self._view.beside(picture, played.after, remembered) for picture in played.pictures]
+        marked = [mark_pointers(picture, self.spec, played.acts) for picture in played.pictures]
+        self.pictures = [self._view.beside(picture, played.after, remembered) for picture in marked]
         self.scores.take(played.after)
 
     def renew(self) -> None:

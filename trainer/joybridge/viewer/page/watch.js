@@ -66,11 +66,26 @@ function showOutputs({ policy, lanes }) {
     element("span", { className: "value" }, text)];
   return [
     element("h3", {}, `${policy} · value ${number(value)}`),
-    ...branches.map(({ name, choices }) => element("div", { className: "chances" }, element("b", {}, name), element("i"), element("i"),
-      ...choices.flatMap(({ label, chance }) => bar(label, chance, `${(100 * chance).toFixed(0)} %`)))),
+    ...branches.map(({ name, choices, map }) => (map ? heatMap(name, map) : element("div", { className: "chances" },
+      element("b", {}, name),
+      ...choices.flatMap(({ label, chance }) => bar(label, chance, `${(100 * chance).toFixed(0)} %`))))),
     ...(axes.length ? [element("div", { className: "chances" }, ...axes.flatMap(({ name, mean, deviation }) =>
       bar(name, (Math.max(-1, Math.min(1, mean)) + 1) / 2, `${mean.toFixed(2)} ± ${deviation.toFixed(2)}`)))] : []),
   ];
+}
+
+// Returns a picture of the chances of all places that a policy may point at, the likeliest in full color.
+function heatMap(name, { height, width, chances }) {
+  const canvas = element("canvas", { className: "map", width, height, role: "img" }), context = canvas.getContext("2d");
+  const most = Math.max(...chances);
+  context.fillStyle = COLORS[0];
+  for (const [cell, chance] of chances.entries()) {
+    context.globalAlpha = chance / most;
+    context.fillRect(cell % width, Math.floor(cell / width), 1, 1);
+  }
+  const label = `${name}: ${width} × ${height} places, the likeliest has ${(100 * most).toFixed(0)} %`;
+  canvas.ariaLabel = label;
+  return element("div", {}, element("b", {}, label), canvas);
 }
 
 function draw(blob) {
