@@ -25,6 +25,7 @@ def measured(monkeypatch, tmp_path):
 FAST, SLOW = [2.0] * ratios.ROUNDS, [2.4] * ratios.ROUNDS
 
 
+@pytest.mark.promise("Q2")
 def test_what_is_slower_twice_fails(measured, capsys):
     assert measured(*SLOW, *SLOW) == 1
     assert "slower than ratios.json: start" in capsys.readouterr().err

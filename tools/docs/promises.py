@@ -49,6 +49,8 @@ PROMISES = {
     "M2": "Each small game is learned as it is configured",
     "O1": "Errors have codes that stay, and a next move",
     "O2": "A recorded fault fails again in the same step",
+    "Q2": "Slower starts, updates and round trips are found (`python -m tools.ratios`)",
+    "T1": "Small changes of what learning rests on are noticed by tests (`python -m tools.mutants`)",
     "T2": "This table is generated from the tests",
 }
 
