@@ -67,7 +67,10 @@ def test_a_video_shows_the_ticks_of_decisions_that_are_slow(game, settings, rate
     small = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
     config = Config(game=game, arenas=4, total_timesteps=64, log_interval=64, policy=small)
     train(config, tmp_path / "run", [simulator], resume=False)
-    frames = record(PlaySpec(tmp_path / "run", simulator, seed=0), tmp_path / "a.mp4", seconds=1.0, say=lambda _: None)
+    said: list[str] = []
+    frames = record(PlaySpec(tmp_path / "run", simulator, seed=0), tmp_path / "a.mp4", seconds=1.0, say=said.append)
+    unended = "no episode has ended within 1 s; --seconds makes the video longer"
+    assert (unended in said) == (game == "shooting_birds")  # whose episodes last longer
     with av.open(str(tmp_path / "a.mp4")) as video:
         pictures = [picture.to_ndarray(format="rgb24").tobytes() for picture in video.decode(video=0)]
         assert video.streams.video[0].average_rate == rate == frames == len(pictures), settings

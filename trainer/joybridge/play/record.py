@@ -38,12 +38,16 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
         view, overlay = play.view(), Inputs(play.spec) if inputs else None
         progress = Progress(say)
         height = view.height + (overlay.height if overlay else 0)
+        ended = False
         with VideoFile(output, view.width, height, pace * ticks / every) as video:
             for number, (decision, picture) in enumerate(islice(_pictures(play, ticks, every), frames), 1):
                 marked = mark_pointers(picture, play.spec, decision.acts)
                 seen = view.beside(marked, decision.after, play.remembered())
                 video.write(overlay.below(seen, decision.acts) if overlay else seen)
                 progress.report(f"{number} of {frames} frames")
+                ended = ended or any(len(step.ended) for step in decision.after)
+        if not ended:
+            say(f"no episode has ended within {seconds:g} s; --seconds makes the video longer")
     return frames
 
 
