@@ -237,19 +237,26 @@ def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, 
     assert typed(capsys.readouterr().out)[1].endswith(f"train {game}.yaml --simulator {simulator} --run runs/{game}")
 
 
-def test_a_game_whose_name_looks_like_an_option_is_written_as_a_file(folder, monkeypatch):
+def test_the_configuration_of_an_environment_needs_no_server(folder, capsys):
+    assert main(["new", "--gym", "CartPole-v1"]) == 0
+    assert load_config(Path("CartPole-v1.yaml")).game == "CartPole-v1"
+    written = typed(capsys.readouterr().out)
+    assert written[0].endswith("train CartPole-v1.yaml --gym CartPole-v1 --run runs/CartPole-v1")
+    assert main(["new", "--gym", "gone:Nothing-v0"]) == 2
+    assert "error: --gym 'gone:Nothing-v0' does not work: " in capsys.readouterr().err
+
+
+def test_a_game_whose_name_looks_like_an_option_is_written_as_a_file(folder):
     described = load_game(BUILT_IN["orchard"]).describe({"observation": "state"})
     described.name = "-rf"
-    monkeypatch.setattr(starter, "describe_one", lambda address, game: described)
-    said = starter.write_config("127.0.0.1:1", None, folder)
+    said = starter.write_config(described, ("--simulator", "127.0.0.1:1"), folder)
     assert " train ./-rf.yaml --simulator " in said and " record runs/-rf ./-rf.mp4" in said
 
 
-def test_no_video_is_proposed_of_a_game_that_cannot_be_drawn(folder, monkeypatch):
+def test_no_video_is_proposed_of_a_game_that_cannot_be_drawn(folder):
     described = load_game(BUILT_IN["orchard"]).describe({"observation": "state"})
     described.ClearField("picture")
-    monkeypatch.setattr(starter, "describe_one", lambda address, game: described)
-    said = starter.write_config("127.0.0.1:1", None, folder)
+    said = starter.write_config(described, ("--simulator", "127.0.0.1:1"), folder)
     assert "record" not in said and said.endswith(" evaluate runs/orchard")
 
 

@@ -14,14 +14,14 @@ from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.simulator.authentication import load_server_credentials
-from joybridge.simulator.catalog import CatalogError, load_games, specs
+from joybridge.simulator.catalog import CatalogError, load_game, load_games, specs
 from joybridge.simulator.listing import WIDTH, listing
 from joybridge.simulator.log import open_log
 from joybridge.simulator.new_game.program import write_program
 from joybridge.simulator.new_game.starter import write_config
 from joybridge.simulator.new_game.write import NewGameError, write_game
 from joybridge.simulator.program_options import add_program_options, give_arguments, split_arguments
-from joybridge.simulator.running_server import ServerError, describe_all
+from joybridge.simulator.running_server import ServerError, describe_all, describe_one
 from joybridge.simulator.server import serve
 from joybridge.simulator.service import Limits
 from joybridge.v1 import bridge_pb2 as pb
@@ -43,8 +43,13 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     open_log()
     try:
         if options.command == "new" and options.server:
-            credentials = load_credentials(options.tls_ca, options.token_file)
-            print(write_config(ProtectedAddress(options.server, credentials), options.game, options.folder))
+            server = ProtectedAddress(options.server, load_credentials(options.tls_ca, options.token_file))
+            print(write_config(describe_one(server, options.game), ("--simulator", server), options.folder))
+            return 0
+        if options.command == "new" and options.gym:
+            sys.path.insert(0, str(Path.cwd()))
+            spec = next(specs(load_game(f"gym:{options.gym}")))
+            print(write_config(spec, ("--gym", options.gym), options.folder))
             return 0
         if options.command == "new" and options.pygame:
             sys.path.insert(0, str(Path.cwd()))
@@ -184,7 +189,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     add_credentials_arguments(lists)
     author = commands.add_parser(
-        "new", description="Write a small game, or what a pygame program or a running server needs, to start from."
+        "new",
+        description="Write a small game, or what a program, an environment or a running server needs, to start from.",
     )
     begin = author.add_mutually_exclusive_group(required=True)
     begin.add_argument("name", nargs="?", help="write NAME.py, a small complete game, and NAME.yaml, its training")
@@ -193,6 +199,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         metavar="PROGRAM",
         help="write a hook and the training of a program that is written with pygame; settings and "
         "arguments may follow, quoted, as in 'my_game.py keys=LEFT,RIGHT -- --level 3'",
+    )
+    begin.add_argument(
+        "--gym", metavar="ID", help="write the training of an environment of Gymnasium: its ID, or module:ID"
     )
     begin.add_argument(
         "--for",

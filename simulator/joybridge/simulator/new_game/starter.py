@@ -1,4 +1,4 @@
-"""Write a configuration for a game of a running server, in any language, with values that suit its spec.
+"""Write a configuration for an environment, or a game of a running server in any language, with values that suit it.
 
 With these values the built-in small games are learned within 300 000 timesteps. Games of one's own are often harder, so
 the run is longer; it takes minutes.
@@ -11,19 +11,17 @@ from pathlib import Path
 
 from joybridge.simulator.new_game.learning import images, layout, policy
 from joybridge.simulator.new_game.write import check_new, command, write_new
-from joybridge.simulator.running_server import describe_one
 from joybridge.v1 import bridge_pb2 as pb
 
 LANES = 64  # that learn from each update together, about
 IMAGE_LANES = 16  # the same, where they see images
 
 
-def write_config(address: str, game: str | None, folder: Path) -> str:
-    """Write NAME.yaml for a game of the server at an address; return the commands to type next.
+def write_config(spec: pb.GameSpec, place: tuple[str, str], folder: Path) -> str:
+    """Write NAME.yaml for a game; return the commands to type next.
 
-    game: may be None if the server has only one. Raises NewGameError and ServerError.
+    place: the option with which it is trained, as in ("--gym", "CartPole-v1"). Raises NewGameError.
     """
-    spec = describe_one(address, game)
     path = folder / (re.sub(r"[^\w.-]", "_", spec.name) + ".yaml")
     check_new([path])
     write_new({path: starter_config(spec)})
@@ -35,7 +33,7 @@ def write_config(address: str, game: str | None, folder: Path) -> str:
 
 Train it{", evaluate the policy and record a video" if drawn else " and evaluate the policy"}:
 
-{go}  {joybridge} train {_argument(path.name)} --simulator {address} --run {run}
+{go}  {joybridge} train {_argument(path.name)} {shlex.join(place)} --run {run}
   {joybridge} evaluate {run}{video}"""
 
 
