@@ -11,11 +11,11 @@ import pytest
 
 from joybridge.cli import main
 from joybridge.commands.runs import main as runs_main
-from joybridge.config.config import Config
+from joybridge.config.config import Config, HandConfig
 from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.checkpoint import load_checkpoint, save_checkpoint
-from joybridge.run.folder import keep_spec, run_spec
+from joybridge.run.folder import keep_config, keep_spec, run_config, run_spec
 from joybridge.run.origin import FILE, differences, files_mark, keep_origin, own_origin, remark, run_origins
 from joybridge.run.results import find_runs, load, read_run
 from joybridge.run.train import train
@@ -135,5 +135,17 @@ def test_all_metrics_are_a_frame_of_pandas(runs):
     assert set(frame.policy) == {"player", "runner", "judge"} and set(frame.run) == {"a", "deep/b"}
     rows = sum(len(rows) for run in find_runs(runs) for rows in read_run(run).rows.values())
     assert len(frame) == rows > 5
-    assert list(frame.columns[:6]) == ["run", "game", "layout", "seed", "policy", "timesteps"]
+    assert list(frame.columns[:6]) == ["run", "game", "layout", "seed", "policy", "timesteps"]  # they differ in no more
     assert frame[frame.policy == "player"].presses.notna().all() and frame[frame.game == "duel"].presses.isna().all()
+
+
+def test_keys_in_which_runs_differ_are_columns(runs, tmp_path):
+    shutil.copytree(runs, tmp_path, dirs_exist_ok=True)
+    policy = SMALL.model_copy(update={"hidden_sizes": [8, 8]})
+    late = run_config(tmp_path / "a").model_copy(update={"hand": HandConfig(delay=3), "policy": policy})
+    keep_config(late, tmp_path / "a")
+    frame = load(tmp_path)
+    columns = ["run", "hand.delay", "policy.hidden_sizes"]
+    values = frame[columns].drop_duplicates().to_numpy().tolist()
+    assert values == [["a", 3, "[8, 8]"], ["deep/b", 0, "[8]"]]
+    assert list(frame.columns).index("hand.delay") < list(frame.columns).index("timesteps")

@@ -6,12 +6,14 @@ frame = load("runs")  # a row per run, policy and row of metrics
 frame.groupby(["game", "layout"]).reward.max()
 """
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from joybridge.config.config import Config
+from joybridge.config.differences import differences
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import Row, read_rows
 from joybridge.contract.errors import JoybridgeError
@@ -21,6 +23,8 @@ from joybridge.run.origin import Origin, run_origins
 
 if TYPE_CHECKING:
     import pandas
+
+NAMED = ("game", "layout", "seed")  # keys of the configuration that every row has
 
 __all__ = ["Run", "find_runs", "load", "read_run", "table"]
 
@@ -54,24 +58,37 @@ def read_run(path: Path) -> Run:
 def load(folder: str | Path) -> "pandas.DataFrame":
     """Return the metrics of all runs in a folder and below it.
 
-    Columns: run (the folder, from here), game, layout, seed, policy, then those of the files of metrics; what a game
-    does not have is NaN. Needs pandas: `pip install 'joybridge[results]'`. Raises ConfigError and CheckpointError.
+    Columns: run (the folder, from here), game, layout, seed, policy, the other keys of the configurations in which the
+    runs differ ("hand.delay"), then those of the files of metrics; what a game does not have is NaN. Needs pandas:
+    `pip install 'joybridge[results]'`. Raises ConfigError and CheckpointError.
     """
     import pandas
 
-    return pandas.DataFrame([row for path in find_runs(Path(folder)) for row in _rows(read_run(path), Path(folder))])
+    runs = [read_run(path) for path in find_runs(Path(folder))]
+    varied = _varied([run.config for run in runs])
+    return pandas.DataFrame(
+        [row for run, keys in zip(runs, varied, strict=True) for row in _rows(run, Path(folder), keys)]
+    )
 
 
-def _rows(run: Run, folder: Path) -> Iterator[dict[str, object]]:
-    config = run.config
-    about = {
-        "run": run.path.relative_to(folder).as_posix(),
-        "game": config.game,
-        "layout": config.layout,
-        "seed": config.seed,
-    }
+def _varied(configs: Sequence[Config]) -> list[dict[str, object]]:
+    """Return the keys in which configurations differ, but for NAMED, with the values that each has."""
+    first, *others = dumped = [config.model_dump(mode="json", exclude=set(NAMED)) for config in configs]
+    keys = dict.fromkeys(key for other in others for key, *_ in differences(first, other))
+    return [{key: _value(each, key) for key in keys} for each in dumped]
+
+
+def _value(data: Any, key: str) -> object:
+    """Return the value of a dotted key in nested data, None without one; what is no number or text, as JSON."""
+    for name in key.split("."):
+        data = data[int(name)] if isinstance(data, list) else (data or {}).get(name)
+    return json.dumps(data) if isinstance(data, dict | list) else data
+
+
+def _rows(run: Run, folder: Path, varied: Mapping[str, object]) -> Iterator[dict[str, object]]:
+    about = {"run": run.path.relative_to(folder).as_posix()} | {name: getattr(run.config, name) for name in NAMED}
     for policy, rows in run.rows.items():
-        yield from ({**about, "policy": policy, **row} for row in rows)
+        yield from ({**about, "policy": policy, **varied, **row} for row in rows)
 
 
 def table(folder: Path) -> list[dict[str, str]]:
