@@ -16,10 +16,9 @@ from joybridge.compare.estimators import Estimate, estimate, interquartile_mean
 from joybridge.compare.made_with import made_with_block
 from joybridge.compare.page import intervals_sentences, warnings
 from joybridge.compare.page_numbers import Setting, latex, tabular
-from joybridge.compare.page_parts import PICTURES, escaped, interval_text, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, escaped, interval_text, page_html, picture_block, table, write_files
 from joybridge.compare.pictures import draw_over, draw_themes
 from joybridge.compare.scores import Run
-from joybridge.config.files import write_atomically
 from joybridge.play.sweep import Sweep
 
 
@@ -71,10 +70,7 @@ def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:
         "scores.tex": scores_tex(over),
         "compare.json": json.dumps(as_data(over, setting), indent=1, ensure_ascii=False) + "\n",
     }
-    paths = [folder / name.replace(".", f"{setting.mark}.") for name in files]
-    for path, content in zip(paths, files.values(), strict=True):
-        write_atomically(path, content.encode())
-    return [*paths, *figures]
+    return [*write_files(files, folder, setting.mark), *figures]
 
 
 def page_text(over: Over, setting: Setting) -> str:

@@ -20,9 +20,9 @@ from joybridge.compare.page_parts import (
     page_html,
     picture_block,
     table,
+    write_files,
 )
 from joybridge.compare.pictures import CAPTIONS, draw_pictures
-from joybridge.config.files import write_atomically
 
 ENOUGH = 10  # runs, with which intervals are about as wide as they claim to be
 _IQM = (
@@ -54,10 +54,7 @@ def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]
         **({"pairs.csv": pairs_csv(analysis), "pairs.tex": pairs_tex(analysis)} if analysis.pairs else {}),
         "compare.json": json.dumps(as_data(analysis, setting), indent=1, ensure_ascii=False) + "\n",
     }
-    paths = [folder / name.replace(".", f"{setting.mark}.") for name in files]
-    for path, content in zip(paths, files.values(), strict=True):
-        write_atomically(path, content.encode())
-    return [*paths, *figures]
+    return [*write_files(files, folder, setting.mark), *figures]
 
 
 def page_text(analysis: Analysis, setting: Setting) -> str:

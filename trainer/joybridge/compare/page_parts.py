@@ -2,13 +2,14 @@
 
 import base64
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from markdown_it import MarkdownIt
 
 from joybridge.compare.estimators import Estimate
 from joybridge.compare.pictures import picture
+from joybridge.config.files import write_atomically
 
 PICTURES = "pictures"  # folder beside the page
 TEMPLATE = """\
@@ -42,6 +43,17 @@ def page_html(text: str, folder: Path) -> str:
         data = base64.b64encode(path.read_bytes()).decode()
         body = body.replace(f'"{PICTURES}/{path.name}"', f'"data:image/png;base64,{data}"')
     return TEMPLATE.format(title=text.partition("\n")[0].removeprefix("# "), body=body)
+
+
+def write_files(files: Mapping[str, str], folder: Path, mark: str) -> list[Path]:
+    """Write the texts of files into a folder, by name, each with a mark at the end of its name. Raises StorageError.
+
+    Return their paths.
+    """
+    paths = [folder / name.replace(".", f"{mark}.") for name in files]
+    for path, content in zip(paths, files.values(), strict=True):
+        write_atomically(path, content.encode())
+    return paths
 
 
 def picture_block(name: str, caption: str) -> str:
