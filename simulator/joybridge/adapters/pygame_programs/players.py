@@ -160,7 +160,7 @@ class Players:
         elif stack:
             why = f"the program drew no frame in {self._seconds:g} s{place}; {self._more()}"
         else:
-            why = "the process of the program has ended: it was killed, as for lack of memory"
+            why = "the process of the program has ended: it was killed, as for lack of memory, or has lost its display"
         raise ArenaError(arena, why) from (ProgramFault(stack) if stack else None)
 
     def _more(self) -> str:
