@@ -4,9 +4,11 @@ import hashlib
 import io
 import json
 import re
+import shlex
 import shutil
 from argparse import Namespace
 from contextlib import closing, redirect_stderr
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ from joybridge.client.client import Session
 from joybridge.client.command_line import add_own_game
 from joybridge.client.errors import SimulatorLost
 from joybridge.client.own_games import choose_game
+from joybridge.commands import drive
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import programs_of
@@ -26,6 +29,7 @@ from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
 from joybridge.layouts import make_acts
 from joybridge.policy.config_fit import find_and_load
+from joybridge.progress import Progress
 from joybridge.simulator.__main__ import main
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
@@ -687,13 +691,17 @@ PACE = r"reward [-\d.]+ in \d+ decisions(, [\d.]+ per second of 12.5)?\n"
 def test_an_exported_policy_plays_the_program_in_its_own_window(run, tmp_path, monkeypatch, suffix):
     exported = joybridge("export", str(run), str(tmp_path / f"policy.{suffix}"))
     assert exported.status == 0, exported.errors
+    (words,) = re.findall(r"next: (.*)", exported.errors)
+    assert shlex.split(words)[:2] == ["joybridge", "drive"] and "'reward=Score: (\\d+)'" in shlex.split(words)[2]
     shorter = tmp_path / "shorter.py"
     source = CATCHING.read_text().replace("randint(2, 5)", "randint(40, 50)").replace("0, 20\n", "0, 1\n")
     shorter.write_text(source)
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setenv("SDL_AUDIODRIVER", "dummy")
+    monkeypatch.setattr(drive, "Progress", partial(Progress, seconds=0.0))
     driven = joybridge("drive", str(shorter), str(tmp_path / f"policy.{suffix}"))
     assert driven.status == 0, driven.errors
+    assert "1 decisions, reward 0; nothing ends the episode but the program, its window or Ctrl-C" in driven.errors
     assert re.fullmatch(PACE, driven.output) and "does not say what pays and what ends an episode" in driven.errors
     driven = joybridge("drive", f"{shorter} 'reward=Score: (\\d+)'", str(tmp_path / f"policy.{suffix}"))
     assert driven.status == 0 and "does not say" not in driven.errors

@@ -17,7 +17,7 @@ from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import merged_place
 from joybridge.contract.places import PYGAME
-from joybridge.progress import say
+from joybridge.progress import Progress, say
 from joybridge.run.folder import play_config, run_spec
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -59,17 +59,23 @@ def _drive(options: argparse.Namespace) -> None:
     with _file_at_play(options) if options.policy.suffix in FILES else _run_at_play(options) as (about, spec, play):
         say(f"{about}; the window's close button or Ctrl-C ends it")
         wanted = 1 / (spec.tick_seconds * spec.decision_interval)
+        endless = options.policy.suffix in FILES and bool(_unsaid(options.program))
         for _ in range(options.episodes):
-            _play_episode(play, wanted)
+            _play_episode(play, wanted, endless=endless)
 
 
-def _play_episode(play: Decisions, wanted: float) -> None:
-    """Play an episode and print what came of it, also if it is interrupted. wanted: decisions per second."""
-    rewards, begin = list[float](), 0.0
+def _play_episode(play: Decisions, wanted: float, *, endless: bool) -> None:
+    """Play an episode and print what came of it, also if it is interrupted.
+
+    wanted: decisions per second. endless: only the program itself ends the episode.
+    """
+    rewards, begin, progress = list[float](), 0.0, Progress()
+    end = "; nothing ends the episode but the program, its window or Ctrl-C" if endless else ""
     try:
         for reward, over in play:
             rewards.append(reward)
             begin = begin or time.monotonic()  # the first decision may have waited for the policy to be ready
+            progress.report(f"{len(rewards):,} decisions, reward {sum(rewards):.6g}{end}")
             if over:
                 break
     finally:

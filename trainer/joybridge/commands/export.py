@@ -5,8 +5,11 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from joybridge.client.command_line import run_command
+from joybridge.client.command_line import run_command, say_next
+from joybridge.client.simulator_source import last_simulators
 from joybridge.commands.playing import games_played, open_player, parse_playing, play_spec, playing_parser
+from joybridge.contract.places import PYGAME
+from joybridge.contract.text import printable
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
@@ -38,3 +41,6 @@ def _export(options: argparse.Namespace) -> None:
 
         exported = export(play_spec(options, simulator, games[0]), options.output, behavior=options.behavior)
     print(exported)
+    games_of_run = last_simulators(options.run).simulators.games
+    if program := next((each.removeprefix(PYGAME) for each in games_of_run if each.startswith(PYGAME)), ""):
+        say_next("drive", printable(program), str(options.output))  # no exported file holds the settings of a program
