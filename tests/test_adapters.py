@@ -89,6 +89,23 @@ def test_masks_are_found_where_environments_have_them(where):
     assert len(game.spec.behaviors[0].sensors) == 1
 
 
+def test_options_of_reset_that_the_metadata_names_are_parameters():
+    game = load_game(f"gym:{HERE}:Windy-v0")
+    assert [(each.name, each.low, each.high, each.default_value) for each in game.describe({}).parameters] == [
+        ("wind", 0.0, 2.0, 1.0)
+    ]
+    played = game({}, {"wind": 0.5}, 2, 0, 1)
+    assert played.observe()[0].observations[0].tolist() == [[0.5], [0.5]]
+    played.reset(7, {"wind": 1.5})
+    (step,) = played.step(turn(0, 0))
+    assert step.rewards.tolist() == [[1.5], [1.5]]
+    plain = play(f"gym:{HERE}:Windy-v0 parameters={{}}")
+    assert not plain.spec.parameters and plain.observe()[0].observations[0].tolist() == [[-1.0]]
+    wrong = r"metadata\[\"parameters\"\] is \{'wind': 3\}, expected \{\"NAME\": \(LOW, HIGH, DEFAULT\)\}"
+    with pytest.raises(CatalogError, match=wrong):
+        load_game(f"""gym:{HERE}:Windy-v0 'parameters={{"wind": 3}}'""")
+
+
 def test_an_arena_plays_the_same_whatever_the_number_of_arenas():
     many, alone = play(MIXED, arenas=3), play(MIXED, first_arena=2)
     other = play(MIXED, first_arena=2, seed=2)

@@ -211,6 +211,27 @@ def test_nobody_learns_from_an_episode_that_is_discarded_while_it_is_played_or_a
     assert not any(said for number, said in discarded if number in (1, 3, 5))
 
 
+def test_a_game_may_pay_other_rewards_than_when_it_was_recorded(tmp_path, simulator):
+    with Session(simulator, "hybrid", arenas=2, seed=1) as session:
+        session.record_demonstration(tmp_path)
+        for _ in range(100):
+            session.step(make_acts(session.spec, 2))
+        described, now = session.spec, pb.GameSpec()
+    now.CopyFrom(described)
+    (file,) = tmp_path.iterdir()
+    (before,) = load_demonstration(file, described).stretches
+    own = [channel.name for channel in described.behaviors[0].channels]
+    now.behaviors[0].channels.insert(0, pb.RewardChannel(name="lives", default_weight=-1.0))
+    (after,) = load_demonstration(file, now).stretches
+    for (one,), (other,) in zip(before.steps, after.steps, strict=True):
+        assert other.rewards.shape == (2, 1 + len(own)) and not other.rewards[:, 0].any()
+        np.testing.assert_array_equal(other.rewards[:, 1:], one.rewards)
+    (role,) = list_roles("hybrid", now)
+    actor = Actor(role, now.behaviors[0], SMALL.model_copy(update={"remember_acts": 1}), 0)
+    learned = targets(actor, [load_demonstration(file, now)], Config(game="hybrid")).actions
+    assert learned is not None and len(learned)
+
+
 @pytest.mark.parametrize("lane", [0.5, 1.0, True, "0", None, -1, 2])
 def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
     with Session(simulator, "hybrid", arenas=2, seed=1) as session:

@@ -109,7 +109,7 @@ def test_every_response_states_the_version_of_the_server(simulator):
 REFUSED = [  # what the session itself refuses, told in full; test_codec.py has what the codec refuses
     ([start("chess")], StatusCode.NOT_FOUND,
      f"no game named 'chess'; this server has {', '.join(LISTED)}; "
-     "name one of your own as MODULE:CLASS after --game, and a program after --pygame"),
+     "name one of your own as MODULE:CLASS after --game, or with --gym or --pygame"),
     ([start("hybrid", options={"colour": "red"})], StatusCode.INVALID_ARGUMENT,
      "hybrid: unknown option 'colour', expected one of size, masks"),
     ([start("hybrid", options={"size": "huge"})], StatusCode.INVALID_ARGUMENT,

@@ -103,6 +103,24 @@ class Spaces(gymnasium.Env):  # type: ignore[misc]
         self.action_space = spaces.Box(-np.inf, 3.0, (2,)) if kind == "unbounded" else box
 
 
+class Windy(gymnasium.Env):  # type: ignore[misc]
+    """Shows the options of `reset`; `parameters` is what its metadata says of them."""
+
+    observation_space = spaces.Box(-9, 9, (1,))
+    action_space = spaces.Discrete(2)
+
+    def __init__(self, parameters=None):
+        self.metadata = {"parameters": {"wind": (0, 2, 1)} if parameters is None else parameters}
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.wind = (options or {"wind": -1.0})["wind"]
+        return np.array([self.wind], np.float32), {}
+
+    def step(self, action):
+        return np.array([self.wind], np.float32), self.wind, True, False, {}
+
+
 class Holding(gymnasium.Env):  # type: ignore[misc]
     """An environment that holds a process, as those of game engines and emulators do, until it is closed.
 
@@ -131,5 +149,5 @@ class Holding(gymnasium.Env):  # type: ignore[misc]
         self.process.wait()
 
 
-for environment in (Mixed, Masked, Spaces, Holding):
+for environment in (Mixed, Masked, Spaces, Windy, Holding):
     gymnasium.register(f"{environment.__name__}-v0", environment)

@@ -1,6 +1,9 @@
 """An environment of Gymnasium as a game with one agent: `joybridge serve --gym CartPole-v1`.
 
-Each episode begins with a seed from the arena's stream.
+Each episode begins with a seed from the arena's stream. Numbers that the environment takes in the options of `reset`
+are parameters of the game if its metadata says between what they lie, and what they are otherwise:
+
+    metadata = {"parameters": {"wind": (0.0, 2.0, 1.0)}}  # low, high, default
 """
 
 from collections.abc import Callable, Mapping
@@ -14,10 +17,10 @@ import gymnasium
 import numpy as np
 
 from joybridge.adapters.rendering import choose_rendering, close, draw, making, tick_seconds
-from joybridge.adapters.settings import MAX_ARENAS, SEEDS, read_settings
+from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.contract.tensors import Array
-from joybridge.simulator import Game, TimeStep, behavior, spec, termination, transition, truncation
+from joybridge.simulator import Game, TimeStep, behavior, parameter, spec, termination, transition, truncation
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -32,7 +35,8 @@ def adapt(text: str) -> type[Game]:
     arguments, picture = choose_rendering(make, arguments)
     with making(make, arguments) as env:
         spaces = AgentSpaces(env.observation_space, env.action_space)
-        metrics = _numbers_of(env, spaces)
+        parameters = _parameters(env)
+        metrics = _numbers_of(env, spaces, {each.name: each.default_value for each in parameters})
         seconds, limit = tick_seconds(env), env.spec.max_episode_steps or 0
     members = {
         "name": environment.rpartition(":")[2],
@@ -48,6 +52,7 @@ def adapt(text: str) -> type[Game]:
         tick_seconds=seconds,
         max_episode_decisions=limit,
         max_arenas=MAX_ARENAS,
+        parameters=parameters,
         picture=picture,
     )
     return game  # type: ignore[no-any-return]
@@ -80,7 +85,8 @@ class GymnasiumGame(Game):
 
     def reset(self) -> TimeStep:
         """Begin an episode with the next seed of the arena's stream."""
-        observation, info = self.env.reset(seed=int(self.rng.integers(SEEDS)))
+        seed = int(self.rng.integers(SEEDS))
+        observation, info = self.env.reset(seed=seed, **_options(self.parameter))
         return transition(
             self.spaces.observe(observation), masks=self.spaces.masks(observation, info, self.action_masks())
         )
@@ -108,9 +114,25 @@ def _action_masks(env: Any) -> Callable[[], Any]:
     return env.get_wrapper_attr("action_masks") if env.has_wrapper_attr("action_masks") else lambda: None
 
 
-def _numbers_of(env: Any, spaces: AgentSpaces) -> list[str]:
+def _parameters(env: Any) -> list[pb.Parameter]:
+    """Return the parameters that the metadata of an environment names. Raises AdapterError."""
+    named = env.unwrapped.metadata.get("parameters", {})
+    try:
+        return [parameter(name, float(low), float(high), float(own)) for name, (low, high, own) in named.items()]
+    except (AttributeError, TypeError, ValueError) as error:
+        raise AdapterError(
+            f'metadata["parameters"] is {named}, expected {{"NAME": (LOW, HIGH, DEFAULT)}} for options of `reset`'
+        ) from error
+
+
+def _options(parameters: Mapping[str, float]) -> dict[str, Any]:
+    """Return the argument of `reset` that holds the parameters; none where there are none."""
+    return {"options": dict(parameters)} if parameters else {}
+
+
+def _numbers_of(env: Any, spaces: AgentSpaces, parameters: Mapping[str, float]) -> list[str]:
     """Return the names of the numbers in `info` after one decision, which become metrics of an episode's last step."""
-    observation, info = env.reset(seed=0)
+    observation, info = env.reset(seed=0, **_options(parameters))
     masks = spaces.masks(observation, info, _action_masks(env)())
     action = {axis.name: (axis.low + axis.high) / 2 for axis in spaces.axes}
     action |= {branch.name: int(np.argmax(masks.get(branch.name, [True]))) for branch in spaces.branches}

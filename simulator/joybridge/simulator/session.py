@@ -97,7 +97,7 @@ def describe(games: Catalog, name: str, options: Mapping[str, str], where: str =
         known = ", ".join(games)
         text = (
             f"no game named {name!r}; this server has {known}; name one of your own as MODULE:CLASS after --game, "
-            "and a program after --pygame"
+            "or with --gym or --pygame"
         )
         raise Refusal(pb.REASON_UNKNOWN_GAME, text, f"{where}.game".strip("."))
     with checking(where):

@@ -92,7 +92,9 @@ def load_recorded(path: Path, spec: pb.GameSpec | None) -> Demonstration:
     try:
         check_spec(recorded)
         _check_alike(path, recorded, spec or recorded)
-        return Demonstration(path, recorded, list(_stretches(recording, recorded)), recording.cut)
+        stretches = list(_stretches(recording, recorded))
+        _align_rewards(stretches, recorded, spec or recorded)
+        return Demonstration(path, recorded, stretches, recording.cut)
     except (SpecError, TensorError, ValueError, IndexError, TypeError) as error:
         raise RecordingError(f"{path} breaks the contract ({error}); record it again") from error
 
@@ -117,6 +119,21 @@ def _stretches(recording: Recording, spec: pb.GameSpec) -> Iterator[RecordedEpis
         stretch.held.append(exchange.held)
     if stretch is not None:
         yield stretch
+
+
+def _align_rewards(stretches: Sequence[RecordedEpisodes], recorded: pb.GameSpec, spec: pb.GameSpec) -> None:
+    """Give what was earned the reward channels of a spec, by name: what was not recorded is 0, others are left out.
+
+    Cloning does not look at rewards, so a game may pay others than when it was recorded.
+    """
+    for index, (before, now) in enumerate(zip(recorded.behaviors, spec.behaviors, strict=True)):
+        paid, wanted = ([channel.name for channel in one.channels] for one in (before, now))
+        if paid == wanted:
+            continue
+        for step in (steps[index] for stretch in stretches for steps in stretch.steps):
+            none = np.zeros(len(step.rewards), np.float32)
+            columns = [step.rewards[:, paid.index(name)] if name in paid else none for name in wanted]
+            step.rewards = np.stack(columns, axis=1)
 
 
 def _check_held(held: list[list[int]] | None, spec: pb.GameSpec, arenas: int) -> None:
