@@ -8,6 +8,7 @@ import pytest
 
 from joybridge.cli import main as trainer
 from joybridge.client.client import Session
+from joybridge.client.simulator_source import last_simulators
 from joybridge.commands import clone
 from joybridge.commands.clone import main
 from joybridge.layouts import make_acts
@@ -44,13 +45,24 @@ def test_one_episode_is_cloned_whole_also_for_rewards_that_it_does_not_know(simu
         ended = 0
         while not ended:
             ended = len(session.step(make_acts(session.spec, 1))[0].ended)
-    weights = "policy.reward_weights={lives: -1}"
-    command = ["clone", str(tmp_path / "demos"), "--passes", "2", "--run", str(tmp_path / "run"), *SMALL, weights]
+    weights, place = "policy.reward_weights={lives: -1}", ["--gym", "CartPole-v1"]
+    command = [
+        "clone",
+        str(tmp_path / "demos"),
+        "--passes",
+        "2",
+        "--run",
+        str(tmp_path / "run"),
+        *place,
+        *SMALL,
+        weights,
+    ]
     assert main(command) == 0
     printed = capsys.readouterr()
     assert ", with nothing held out of one episode\n" in printed.out and "nan" not in printed.out
     assert "the demonstrations have no reward lives; cloning looks at none, so its weight is left out" in printed.err
     assert run_config(tmp_path / "run").policy.reward_weights == {}
+    assert last_simulators(tmp_path / "run").simulators.games == ("gym:CartPole-v1",)
 
 
 @pytest.mark.parametrize("memory", ["none", "gru"])

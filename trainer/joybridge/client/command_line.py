@@ -71,13 +71,17 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
         help="how long to wait for each answer of a simulator before it is taken for lost; default: timeout_seconds of "
         "the configuration",
     )
+    add_game_options(group, "for the simulator that this command starts")
+
+
+def add_game_options(group: argparse._ActionsContainer, use: str) -> None:
+    """Add the options that name games which no simulator has by itself. use: in words, what becomes of them."""
     group.add_argument(
         "--game",
         action="append",
         default=[],
         metavar="MODULE:CLASS",
-        help="a game of your own, for the simulator that this command starts; the current folder is searched first; "
-        "a run remembers its game",
+        help=f"a game of your own, {use}; the current folder is searched first; a run remembers its game",
     )
     for option, (metavar, what) in ENVIRONMENTS.items():
         group.add_argument(
@@ -86,7 +90,7 @@ def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> No
             dest="game",
             type=f"{option}:{{}}".format,
             metavar=metavar,
-            help=f"{what}, for the simulator that this command starts; `joybridge serve --help` says more",
+            help=f"{what}, {use}; `joybridge serve --help` says more",
         )
 
 

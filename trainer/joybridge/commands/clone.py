@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from joybridge.client.argument_types import at_least
-from joybridge.client.command_line import add_own_game, run_command, say_next
+from joybridge.client.command_line import add_game_options, add_own_game, run_command, say_next
 from joybridge.client.recording import load_recording
 from joybridge.client.simulator_source import SimulatorSource, remember
 from joybridge.config.config import Config, load_config, make_config
@@ -53,7 +53,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         help="through the demonstrations, at most; it ends earlier once held-out episodes get no better; "
         "default %(default)s",
     )
-    clones.set_defaults(game=[], simulator=[])
+    add_game_options(clones.add_argument_group("games"), "which the run remembers for those who play it")
+    clones.set_defaults(simulator=[])
     add_overrides(clones, "e.g. seed=3 policy.learning_rate=1e-3")
     return run_command(_clone, parse_overrides(parser, arguments))
 
