@@ -138,6 +138,13 @@ def test_without_matplotlib_a_sweep_prints_its_table_and_names_the_extra(run, si
     assert not (run / "over-options.masks.png").exists()
 
 
+def test_a_hand_with_several_limits_is_one_value(run, simulator, capsys):
+    report, printed = evaluate(run, simulator, capsys, "--over", "hand={delay: 0, reach: 1},{delay: 2, reach: 0.5}")
+    assert [*report] == ["hand={delay: 0, reach: 1}", "hand={delay: 2, reach: 0.5}"]
+    assert report["hand={delay: 2, reach: 0.5}"]["player"]["changed"]["hand.delay"] == {"trained": 0, "played": 2}
+    assert (run / "over-hand.png").exists() and "{delay: 0, reach: 1} " in printed.out
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

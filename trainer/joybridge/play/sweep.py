@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
 
 Results = Mapping[str, Mapping[str, "Evaluation"]]  # "parameters.size=0.5" -> policy -> its evaluation
 
+BETWEEN_VALUES = re.compile(r",(?![^{]*\})")  # no comma within braces
 PANELS = 6  # in a plot, at most: the reward and the first metrics
 COLUMNS = 3
 MAX_CHARS = 40  # of all choices of an option, which stand side by side below a panel
@@ -39,11 +40,11 @@ class Sweep(NamedTuple):
 
 
 def read_sweep(text: str) -> Sweep:
-    """Return what "parameters.size=0.5,1,2" means. Raises ConfigError."""
+    """Return what "parameters.size=0.5,1,2" or "hand={delay: 0},{delay: 2, reach: 0.5}" means. Raises ConfigError."""
     key, _, values = text.partition("=")
-    sweep = Sweep(key, [value.strip() for value in values.split(",")])
+    sweep = Sweep(key, [value.strip() for value in BETWEEN_VALUES.split(values)])
     where, _, name = key.partition(".")
-    known = name in HandConfig.model_fields if where == "hand" else where in OF_THE_GAME and name
+    known = name in HandConfig.model_fields or not name if where == "hand" else where in OF_THE_GAME and name
     if not known or not all(sweep.values):
         wanted = " or ".join(f"{FORMS[form]},…" for form in (*OF_THE_GAME, "hand"))
         raise ConfigError(f"--over got {text!r}, expected {wanted}, as in parameters.size=0.5,1,2")
@@ -79,7 +80,7 @@ def plot(sweep: Sweep, results: Results) -> "Figure":
     policies = results[sweep.settings[0]]
     metrics = list(dict.fromkeys(name for first in policies.values() for name in first.means if name != "length"))
     metrics = metrics[:PANELS]
-    named = sweep.key.startswith("options.")
+    named = sweep.key == "hand" or sweep.key.startswith("options.")
     places = range(len(sweep.values)) if named else [float(value) for value in sweep.values]
     crowded = sum(map(len, sweep.values)) > MAX_CHARS
     columns = min(COLUMNS, len(metrics))
