@@ -272,6 +272,10 @@ def test_what_another_trainer_has_trained_plays_no_test():
     ("words", "message"),
     [
         (
+            ["--over", "hand.delay=0,2", "--over", "hand.reach=1,0.3"],
+            "argument --over: it is given twice; give it once",
+        ),
+        (
             ["--deterministic"],
             "--episodes and --deterministic are for a test; say what is tested with --test or --over",
         ),
@@ -320,7 +324,7 @@ def test_a_game_that_another_trainer_cannot_train_is_refused_at_once_with_the_ne
     done = run_in(tmp_path, "127.0.0.1:1", "--beside", "sb3", "--wait", "0.1")
     assert done.status == 1 and "waiting" not in done.errors
     assert "there is none called 'archer'; to train this game with Stable-Baselines3, write a program" in done.errors
-    assert beside([Variant("a", Config(game="CartPole-v1"))], "sb3")[0].label == "a, Stable-Baselines3"
+    assert beside([Variant("a", Config(game="CartPole-v1", preset="sb3"))], "sb3")[0].label == "a, Stable-Baselines3"
 
 
 def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path):

@@ -237,11 +237,14 @@ def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, 
     assert typed(capsys.readouterr().out)[1].endswith(f"train {game}.yaml --simulator {simulator} --run runs/{game}")
 
 
+@pytest.mark.filterwarnings("ignore:The old environment creation API:DeprecationWarning")
 def test_the_configuration_of_an_environment_needs_no_server(folder, capsys):
     assert main(["new", "--gym", "CartPole-v1"]) == 0
     assert load_config(Path("CartPole-v1.yaml")).game == "CartPole-v1"
     written = typed(capsys.readouterr().out)
     assert written[0].endswith("train CartPole-v1.yaml --gym CartPole-v1 --run runs/CartPole-v1")
+    assert main(["new", "--pettingzoo", "pettingzoo.classic.tictactoe_v3"]) == 0
+    assert "train tictactoe_v3.yaml --pettingzoo pettingzoo.classic.tictactoe_v3 --run " in capsys.readouterr().out
     assert main(["new", "--gym", "gone:Nothing-v0"]) == 2
     assert "error: --gym 'gone:Nothing-v0' does not work: " in capsys.readouterr().err
 

@@ -89,3 +89,17 @@ def test_an_environment_of_ones_own_is_imported_from_the_current_folder(tmp_path
         beside([Variant("a", config)], "sb3", ["gym:my_points:MyPoints-v0 gravity=1"])
     with pytest.raises(ConfigError, match="module 'nowhere' cannot be imported"):
         beside([Variant("a", Config(game="Own-v0"))], "sb3", ["gym:nowhere:Own-v0"])
+
+
+def test_what_could_not_be_trained_there_is_refused_before_anything_is_trained():
+    own = "tests.support.environments:Mixed-v0"
+    with pytest.raises(
+        ConfigError, match=f"takes actions of Box, Discrete, .*, and those of {own} are of Dict; flatten"
+    ):
+        beside([Variant("a", Config(game="Mixed-v0", preset="sb3"))], "sb3", [f"gym:{own}"])
+    with pytest.raises(
+        ConfigError, match="as the layout hybrid does, not as bucket-5; compare layouts without --beside"
+    ):
+        beside([Variant("a", Config(game="CartPole-v1", preset="sb3", layout="bucket-5"))], "sb3")
+    with pytest.raises(ConfigError, match="cannot be set to this frame_stack, "):
+        beside([Variant("a", Config(game="CartPole-v1"))], "sb3")

@@ -46,11 +46,12 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             server = ProtectedAddress(options.server, load_credentials(options.tls_ca, options.token_file))
             print(write_config(describe_one(server, options.game), ("--simulator", server), options.folder))
             return 0
-        if options.command == "new" and options.gym:
-            sys.path.insert(0, str(Path.cwd()))
-            spec = next(specs(load_game(f"gym:{options.gym}")))
-            print(write_config(spec, ("--gym", options.gym), options.folder))
-            return 0
+        for kind in ("gym", "pettingzoo") if options.command == "new" else ():
+            if environment := getattr(options, kind):
+                sys.path.insert(0, str(Path.cwd()))
+                spec = next(specs(load_game(f"{kind}:{environment}")))
+                print(write_config(spec, (f"--{kind}", environment), options.folder))
+                return 0
         if options.command == "new" and options.pygame:
             sys.path.insert(0, str(Path.cwd()))
             print(write_program(options.pygame, options.folder))
@@ -203,6 +204,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     begin.add_argument(
         "--gym", metavar="ID", help="write the training of an environment of Gymnasium: its ID, or module:ID"
     )
+    begin.add_argument("--pettingzoo", metavar="MODULE", help="write the training of an environment of PettingZoo")
     begin.add_argument(
         "--for",
         type=address,

@@ -3,6 +3,23 @@
 import argparse
 import math
 from collections.abc import Callable
+from typing import Any
+
+
+class Once(argparse.Action):
+    """An option that is an error when it is given twice, of which argparse would take the last one in silence."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Take the value."""
+        if getattr(namespace, self.dest) is not None:
+            raise argparse.ArgumentError(self, "it is given twice; give it once")
+        setattr(namespace, self.dest, values)
 
 
 def at_least(least: int) -> Callable[[str], int]:

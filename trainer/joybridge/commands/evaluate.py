@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from joybridge.client.argument_types import at_least
+from joybridge.client.argument_types import Once, at_least
 from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
@@ -28,6 +28,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     command.add_argument("--episodes", type=at_least(1), default=210, help="number of episodes; default %(default)s")
     command.add_argument(
         "--over",
+        action=Once,
         metavar="KEY=VALUE,VALUE,…",
         help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
         "write a plot into the folder of the run",

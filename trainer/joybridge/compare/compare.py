@@ -98,7 +98,8 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     if pairs and options.seeds < (least := least_seeds(len(pairs))):
         say(
             f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
-            f"--seeds {least} is the least number with which they can, or fewer pairs (--pairs)"
+            f"--seeds {least} is the least number with which they can"
+            f"{'' if options.pairs else ', or fewer pairs (--pairs)'}"
         )
     if warning := different_bodies(variants, specs):
         say(warning)

@@ -10,11 +10,13 @@ import json
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from statistics import mean, pstdev
 from typing import Any
 
 import gymnasium
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
@@ -34,6 +36,8 @@ from joybridge.ppo.threads import use_one_thread
 
 FINISHED = "config.yaml"  # in the folder of a run, when all is done
 ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "swish": nn.SiLU}
+ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)  # that PPO takes there
+OBSERVATIONS = ACTIONS  # that its MlpPolicy takes
 OTHER_SEED = 10_000  # of the evaluation: the games are not those of the training
 
 
@@ -74,11 +78,15 @@ def train(options: argparse.Namespace) -> None:
     write_atomically(run / FINISHED, dump_config(config).encode())
 
 
-def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
-    """Return the arguments of PPO that mean what a configuration says. Raises ConfigError for what has no argument."""
+def check_config(config: Config) -> None:
+    """Raise ConfigError for what a configuration says and no argument of PPO means."""
     policy = config.policy
+    if config.layout != "hybrid":
+        raise ConfigError(
+            f"PPO of Stable-Baselines3 acts in the spaces of the environment, as the layout hybrid does, not as "
+            f"{config.layout}; compare layouts without --beside"
+        )
     fits = {
-        "layout": config.layout == "hybrid",
         "policies": not config.policies,
         "frame_stack": policy.frame_stack == 1,
         "time_horizon": policy.time_horizon >= policy.rollout_steps,
@@ -96,6 +104,27 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         raise ConfigError(
             f"PPO of Stable-Baselines3 cannot be set to this {', '.join(others)}; begin with preset=sb3, its defaults"
         )
+
+
+def check_spaces(environment: str) -> None:
+    """Raise ConfigError for an environment whose spaces PPO does not take. environment: "ID" or "MODULE:ID"."""
+    with closing(gymnasium.make(environment)) as env:
+        for what, space, known in (
+            ("actions", env.action_space, ACTIONS),
+            ("observations", env.observation_space, OBSERVATIONS),
+        ):
+            if not isinstance(space, known):
+                raise ConfigError(
+                    f"PPO of Stable-Baselines3 takes {what} of {', '.join(kind.__name__ for kind in known)}, and those "
+                    f"of {environment} are of {type(space).__name__}; flatten them in a wrapper that has an ID of its "
+                    "own, or leave out --beside"
+                )
+
+
+def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
+    """Return the arguments of PPO that mean what a configuration says. Raises ConfigError for what has no argument."""
+    check_config(config)
+    policy = config.policy
     kwargs: dict[str, Any] = {
         "net_arch": policy.hidden_sizes,
         "activation_fn": ACTIVATIONS[policy.activation],
@@ -108,7 +137,7 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
             "optimizer_kwargs": {"eps": policy.adam_eps, "weight_decay": policy.weight_decay},
         }
     entropy_coef = policy.entropy_coef
-    if isinstance(env.action_space, gymnasium.spaces.Box):
+    if isinstance(env.action_space, spaces.Box):
         assert isinstance(policy.log_std_init, float)
         half = float((env.action_space.high - env.action_space.low).max()) / 2
         kwargs["log_std_init"] = policy.log_std_init + math.log(half / 3)  # there in units of the action

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from joybridge.client.argument_types import at_least
+from joybridge.client.argument_types import Once, at_least
 from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job
@@ -34,6 +34,7 @@ def add_test_options(compares: argparse._ActionsContainer) -> None:
     )
     compares.add_argument(
         "--over",
+        action=Once,
         metavar="KEY=VALUE,VALUE,…",
         help="let each finished run play under each value of an option, a parameter or a limit of the hand, as in "
         "parameters.wind=0,1,3, and write a page with one table and one picture of all",

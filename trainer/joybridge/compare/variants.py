@@ -68,6 +68,11 @@ def beside(variants: Sequence[Variant], trainer: str, given: Sequence[str] = ())
                 f"called {variant.config.game!r}; to train this game with {TRAINERS[trainer]}, write a program with "
                 "joybridge.gym.sb3.BridgeVecEnv, as in docs/gymnasium.md"
             )
+    from joybridge.compare.sb3 import check_config, check_spaces  # it imports the other trainer, errors come sooner
+
+    for variant in variants:
+        check_config(variant.config)
+        check_spaces(environment_of(variant.config.game, given))
     return [Variant(f"{variant.label}, {TRAINERS[trainer]}", variant.config, trainer) for variant in variants]
 
 
