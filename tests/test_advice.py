@@ -51,6 +51,13 @@ def test_a_run_that_is_never_measured_or_less_often_than_it_says_is_named():
         assert not [*intervals_too_short(fine)]
 
 
+def test_an_update_that_changes_the_policy_beyond_sense_is_named_once():
+    _, adviser = lively("hybrid")
+    statistics = [{}, {"approx_kl": 0.2}, {"approx_kl": 512.0}, {"approx_kl": 900.0}]
+    (line,) = [line for each in statistics for line in adviser.look_at_update(each)]
+    assert "an update has an approx_kl of 512, where 0.01 to 0.05 is usual: " in line
+
+
 def test_a_sensor_with_large_numbers_is_named_once_with_the_largest():
     policy, adviser = lively("hybrid")
     frame = policy.actor.encoder.size  # place 2, count 1, image 4, lamps 3

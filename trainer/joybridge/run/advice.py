@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from joybridge.config.config import Config
+from joybridge.config.metrics import Row
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
@@ -17,6 +18,7 @@ from joybridge.v1 import bridge_pb2 as pb
 
 LARGE_INPUT = 10.0  # larger inputs slow learning down; about 1 is best
 LARGE_REWARD = 1000.0  # likewise, for the reward of one decision
+LARGE_KL = 1.0  # of an update, a mean over decisions; about 0.01 to 0.05 is usual
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
@@ -43,7 +45,7 @@ class Adviser:
     def __init__(self, policy: Policy, behavior: pb.Behavior) -> None:
         """Look at a policy of a behavior."""
         self._policy, self._behavior = policy, behavior
-        self._sensors, self._rewards = True, True  # may still be warned of
+        self._sensors, self._rewards, self._kl = True, True, True  # may still be warned of
         self._unpaid: int | None = 0  # decisions without any reward so far; None: there was one, or it is said
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
@@ -89,6 +91,16 @@ class Adviser:
                 f"{name}: {what} in {decisions:,} decisions; if this is not the best play, let what punishes other "
                 "choices grow (policy.penalty_ramp), or give it a smaller weight in "
                 f"{self._weights()}, or raise policy.entropy_coef"
+            )
+
+    def look_at_update(self, statistics: Row) -> Iterator[str]:
+        """Yield what is remarkable about the statistics of an update."""
+        if self._kl and (kl := statistics.get("approx_kl", 0.0)) > LARGE_KL:
+            self._kl = False
+            yield (
+                f"{self._policy.actor.name}: an update has an approx_kl of {kl:.3g}, where 0.01 to 0.05 is usual: the "
+                "policy may have lost what it knew, as a clone whose actions are almost certain; lower "
+                "policy.learning_rate or policy.epochs, or choose policy.target_kl=0.03"
             )
 
     def _weights(self) -> str:

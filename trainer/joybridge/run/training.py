@@ -158,8 +158,11 @@ class Training:
             self.audience.say(remark)
 
     def keep(self, policy: Policy, statistics: Row) -> None:
-        """Count the statistics of an update in the next row of metrics."""
-        self.loggers[self.policies.index(policy)].mean.add(statistics)
+        """Count the statistics of an update in the next row of metrics, and say what is odd about them."""
+        index = self.policies.index(policy)
+        self.loggers[index].mean.add(statistics)
+        for remark in self._advisers[index].look_at_update(statistics):
+            self.audience.say(remark)
 
     def end_lesson(self) -> None:
         """Begin the next lesson in all sessions if the present one is over."""
