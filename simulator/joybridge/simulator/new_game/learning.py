@@ -59,6 +59,9 @@ def _of_numbers(spec: pb.GameSpec) -> str:
     numbers = max(sum(element_count(sensor) for sensor in behavior.sensors) for behavior in spec.behaviors)
     units = 32 if numbers <= 8 else 64 if numbers <= 64 else 128
     rollout = min(ROLLOUT, spec.max_episode_decisions or ROLLOUT)
+    wide = """\
+  log_std_init: 1.1       # axes are first tried over their whole range; 0: around the middle, which is safer to play
+""" if any(behavior.device.axes for behavior in spec.behaviors) else ""  # fmt: skip
     return f"""\
 policy:
   frame_stack: 1          # observations per network input; more if one observation does not show how things move
@@ -69,5 +72,6 @@ policy:
   minibatch_size: 256
   epochs: 10              # how often an update goes through its rollout; fewer if the reward breaks down
   learning_rate: 2.0e-3   # lower if the reward fluctuates
+  target_kl: 0.03         # ends an update that changes the policy too much, as of a clone that is sure of its axes
   entropy_coef: 0.003     # higher for more exploration; lower if the policy does not converge
-"""
+{wide}"""
