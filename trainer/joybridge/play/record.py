@@ -40,31 +40,33 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
         height = view.height + (overlay.height if overlay else 0)
         ended = False
         with VideoFile(output, view.width, height, pace * ticks / every) as video:
-            for number, (decision, picture) in enumerate(islice(_pictures(play, ticks, every), frames), 1):
+            for number, (decision, picture, over) in enumerate(islice(_pictures(play, ticks, every), frames), 1):
                 marked = mark_pointers(picture, play.spec, decision.acts)
                 seen = view.beside(marked, decision.after, play.remembered())
                 video.write(overlay.below(seen, decision.acts) if overlay else seen)
                 progress.report(f"{number} of {frames} frames")
-                ended = ended or any(len(step.ended) for step in decision.after)
+                ended = over
         if not ended:
             say(f"no episode has ended within {seconds:g} s; --seconds makes the video longer")
     return frames
 
 
-def _pictures(play: Play, ticks: int, every: int) -> Iterator[tuple[Played, Array]]:
-    """Yield pictures of the first arena, each with its decision. ticks: of a decision that are shown.
+def _pictures(play: Play, ticks: int, every: int) -> Iterator[tuple[Played, Array, bool]]:
+    """Yield pictures of the first arena, each with its decision, and whether an episode has ended by then.
 
-    every: yield one picture of so many. An episode that ends within a decision, or a game that draws decisions only,
-    shows its last picture for the rest of the decision.
+    ticks: of a decision that are shown. every: yield one picture of so many. An episode that ends within a decision, or
+    a game that draws decisions only, shows its last picture for the rest of the decision.
     """
-    if ticks == 1:
-        yield from ((decision, decision.pictures[0]) for decision in play.decisions(every) if decision.pictures)
-    number = 0
-    for decision in play.decisions(1, ticks=True):
+    number, ended = 0, False
+    for decision in play.decisions(every if ticks == 1 else 1, ticks=ticks > 1):
+        ended = ended or any(len(step.ended) for step in decision.after)
+        if ticks == 1:
+            yield from ((decision, picture, ended) for picture in decision.pictures)
+            continue
         for tick in range(ticks):
             number += 1
             if number % every == 0:
-                yield decision, decision.pictures[min(tick, len(decision.pictures) - 1)]
+                yield decision, decision.pictures[min(tick, len(decision.pictures) - 1)], ended
 
 
 def pace_of(spec: pb.GameSpec) -> float:
