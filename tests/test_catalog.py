@@ -127,7 +127,9 @@ def test_list_describes_the_games_that_are_named_and_says_which_there_are(capsys
     assert main(["list", "ferry", "archer"]) == 0
     assert [game.split(":")[0] for game in capsys.readouterr().out.split("\n\n")] == ["ferry", "archer"]
     assert main(["list", "archer/hybrid"]) == 2
-    assert "`joybridge train` takes names of configurations; games: beastly_rivals, " in capsys.readouterr().err
+    assert (
+        "`joybridge look` and `joybridge train` take configurations; games: beastly_rivals, " in capsys.readouterr().err
+    )
 
 
 def test_an_error_is_one_line_without_a_traceback(capsys):

@@ -96,7 +96,7 @@ def _list(options: argparse.Namespace) -> str:
     offered = _specs(options)
     names = [spec.name for spec in offered]
     if unknown := [name for name in options.names if name not in names]:
-        hint = "; `joybridge train` takes names of configurations" if "/" in unknown[0] else ""
+        hint = "; `joybridge look` and `joybridge train` take configurations" if set(unknown[0]) & set("/.") else ""
         raise CatalogError(f"no game is called {unknown[0]!r}{hint}; games: {', '.join(names)}")
     given = offered[: len(options.game)]  # those that options add stand first
     shown = [spec for spec in offered if spec.name in options.names] or given or offered
