@@ -147,4 +147,10 @@ def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
 
 def say_next(*words: str) -> None:
     """Name the command that usually comes next."""
-    say(f"next: {shlex.join(['joybridge', *words])}")
+    say(f"next: {' '.join(map(_quoted, ['joybridge', *words]))}")
+
+
+def _quoted(word: str) -> str:
+    """Return a word as a shell takes it, in double quotes if it has single ones and nothing that these would change."""
+    plain = not set(word) & set('"$`!') and "\\\\" not in word and not word.endswith("\\")
+    return f'"{word}"' if "'" in word and plain else shlex.quote(word)
