@@ -17,7 +17,7 @@ from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.checkpoint import load_checkpoint, save_checkpoint
 from joybridge.run.folder import keep_config, keep_spec, run_config, run_spec
 from joybridge.run.origin import FILE, differences, files_mark, keep_origin, own_origin, remark, run_origins
-from joybridge.run.results import find_runs, load, read_run
+from joybridge.run.results import _varied, find_runs, load, read_run
 from joybridge.run.train import train
 from joybridge.run.training import Audience
 
@@ -149,3 +149,18 @@ def test_keys_in_which_runs_differ_are_columns(runs, tmp_path):
     values = frame[columns].drop_duplicates().to_numpy().tolist()
     assert values == [["a", 3, "[8, 8]"], ["deep/b", 0, "[8]"]]
     assert list(frame.columns).index("hand.delay") < list(frame.columns).index("timesteps")
+
+
+def test_runs_may_differ_in_the_form_of_a_value():
+    names = [{"size": {"uniform": [0.5, 1]}}, {"size": {"uniform": [0.5, 2]}}, {"size": 0.5}]
+    sizes = [[8, 8], [8, 9], [8]]
+    configs = [
+        Config(game="archer", parameters=one, policy={"hidden_sizes": other})
+        for one, other in zip(names, sizes, strict=True)
+    ]
+    keys = ("parameters.size.uniform", "parameters.size", "policy.hidden_sizes")
+    assert [[each.get(key) for key in keys] for each in _varied(configs)] == [
+        ["[0.5, 1.0]", None, "[8, 8]"],
+        ["[0.5, 2.0]", None, "[8, 9]"],
+        [None, 0.5, "[8]"],
+    ]

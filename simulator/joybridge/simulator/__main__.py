@@ -42,27 +42,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     give_arguments(parser, options, own)
     open_log()
     try:
-        if options.command == "new" and options.server:
-            server = ProtectedAddress(options.server, load_credentials(options.tls_ca, options.token_file))
-            print(write_config(describe_one(server, options.game), ("--simulator", server), options.folder))
-            return 0
-        for kind in ("gym", "pettingzoo") if options.command == "new" else ():
-            if environment := getattr(options, kind):
-                sys.path.insert(0, str(Path.cwd()))
-                spec = next(specs(load_game(f"{kind}:{environment}")))
-                print(write_config(spec, (f"--{kind}", environment), options.folder))
-                return 0
-        if options.command == "new" and options.pygame:
-            sys.path.insert(0, str(Path.cwd()))
-            print(write_program(options.pygame, options.folder))
-            return 0
         if options.command == "new":
-            if options.game or options.tls_ca or options.token_file:
-                raise NewGameError(
-                    "--game, --tls-ca and --token-file are for --for ADDRESS; a new game needs its name only: "
-                    "joybridge new NAME"
-                )
-            print(write_game(options.name, options.folder))
+            print(_new(options))
             return 0
         if options.game:  # the script `joybridge`, unlike `python -m`, does not search the current folder
             sys.path.insert(0, str(Path.cwd()))
@@ -77,6 +58,26 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         print("interrupted", file=sys.stderr)
         return 130
     return 0
+
+
+def _new(options: argparse.Namespace) -> str:
+    """Write what `joybridge new` is asked for, and return the commands to type next. Raises JoybridgeError."""
+    if options.server:
+        server = ProtectedAddress(options.server, load_credentials(options.tls_ca, options.token_file))
+        return write_config(describe_one(server, options.game), ("--simulator", server), options.folder)
+    if options.game or options.tls_ca or options.token_file:
+        raise NewGameError(
+            "--game, --tls-ca and --token-file are for --for ADDRESS; a new game needs its name only: "
+            "joybridge new NAME"
+        )
+    if options.name is not None:
+        return write_game(options.name, options.folder)
+    sys.path.insert(0, str(Path.cwd()))
+    if options.pygame:
+        return write_program(options.pygame, options.folder)
+    kind, environment = ("gym", options.gym) if options.gym else ("pettingzoo", options.pettingzoo)
+    spec = next(specs(load_game(f"{kind}:{environment}")))
+    return write_config(spec, (f"--{kind}", environment), options.folder)
 
 
 def _place(parser: argparse.ArgumentParser, options: argparse.Namespace) -> str:

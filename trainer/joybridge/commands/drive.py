@@ -59,7 +59,8 @@ def _drive(options: argparse.Namespace) -> None:
     with _file_at_play(options) if options.policy.suffix in FILES else _run_at_play(options) as (about, spec, play):
         say(f"{about}; the window's close button or Ctrl-C ends it")
         wanted = 1 / (spec.tick_seconds * spec.decision_interval)
-        endless = options.policy.suffix in FILES and bool(_unsaid(options.program))
+        ends = any(word.startswith(("done=", "hook=")) for word in shlex.split(options.program))
+        endless = options.policy.suffix in FILES and not ends
         for _ in range(options.episodes):
             _play_episode(play, wanted, endless=endless)
 
@@ -69,19 +70,19 @@ def _play_episode(play: Decisions, wanted: float, *, endless: bool) -> None:
 
     wanted: decisions per second. endless: only the program itself ends the episode.
     """
-    rewards, begin, progress = list[float](), 0.0, Progress()
+    total, count, begin, progress = 0.0, 0, 0.0, Progress()
     end = "; nothing ends the episode but the program, its window or Ctrl-C" if endless else ""
     try:
         for reward, over in play:
-            rewards.append(reward)
+            total, count = total + reward, count + 1
             begin = begin or time.monotonic()  # the first decision may have waited for the policy to be ready
-            progress.report(f"{len(rewards):,} decisions, reward {sum(rewards):.6g}{end}")
+            progress.report(f"{count:,} decisions, reward {total:.6g}{end}")
             if over:
                 break
     finally:
-        rate = (len(rewards) - 1) / max(time.monotonic() - begin, 1e-9)
-        pace = f", {rate:.1f} per second of {wanted:.1f}" if len(rewards) > 1 else ""
-        print(f"reward {sum(rewards):.6g} in {len(rewards)} decisions{pace}", flush=True)
+        rate = (count - 1) / max(time.monotonic() - begin, 1e-9)
+        pace = f", {rate:.1f} per second of {wanted:.1f}" if count > 1 else ""
+        print(f"reward {total:.6g} in {count} decisions{pace}", flush=True)
 
 
 @contextmanager

@@ -30,8 +30,8 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--over",
         action=Once,
         metavar="KEY=VALUE,VALUE,…",
-        help="evaluate under each value of an option or a parameter, as in parameters.size=0.5,1,2; print a table, and "
-        "write a plot into the folder of the run",
+        help="evaluate under each value of an option, a parameter or a limit of the hand, as in "
+        "parameters.size=0.5,1,2; print a table, and write a plot into the folder of the run",
     )
     command.add_argument(
         "--demos",

@@ -102,8 +102,8 @@ class Analysis:
 
     @property
     def center(self) -> str:
-        """Return what the interquartile mean is of so many runs: of three or fewer it leaves out none."""
-        return "IQM" if max(len(result.runs) for result in self.results) > 3 else "mean"
+        """Return what the interquartile mean is called."""
+        return center(max(len(result.runs) for result in self.results))
 
     @property
     def smallest_p(self) -> float:
@@ -111,6 +111,11 @@ class Analysis:
         sizes = {result.label: len(result.runs) for result in self.results}
         tested = [(sizes[pair.first], sizes[pair.second]) for pair in self.pairs]
         return min((_smallest_p(len(tested), n, m) for n, m in tested), default=0.0)
+
+
+def center(runs: int) -> str:
+    """Return what the interquartile mean of so many runs, at most, is called: of three or fewer it leaves out none."""
+    return "IQM" if runs > 3 else "mean"
 
 
 def least_seeds(pairs: int) -> int:

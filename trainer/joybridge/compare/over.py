@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from joybridge.compare.analysis import Band
+from joybridge.compare.analysis import Band, center
 from joybridge.compare.estimators import Estimate, estimate, interquartile_mean
 from joybridge.compare.made_with import made_with_block
-from joybridge.compare.page import intervals_sentences, warnings
+from joybridge.compare.page import intervals_sentences, runs_text, warnings
 from joybridge.compare.page_numbers import Setting, latex, tabular
 from joybridge.compare.page_parts import PICTURES, escaped, interval_text, page_html, picture_block, table, write_files
 from joybridge.compare.pictures import draw_over, draw_themes
@@ -45,8 +45,8 @@ class Over:
 
     @property
     def center(self) -> str:
-        """Return what the interquartile mean is of so many runs: of three or fewer it leaves out none."""
-        return "IQM" if self.counts[-1] > 3 else "mean"
+        """Return what the interquartile mean is called."""
+        return center(self.counts[-1])
 
 
 def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:
@@ -54,9 +54,8 @@ def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:
 
     Raises StorageError.
     """
-    places = _places(over.sweep)
     bands = {
-        label: Band(places, *(list(each) for each in zip(*found, strict=True)))
+        label: Band(over.sweep.places, *(list(each) for each in zip(*found, strict=True)))
         for label, found in over.estimates.items()
     }
     names = over.sweep.key, f"{over.metric}, {over.center}"
@@ -76,12 +75,11 @@ def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:
 def page_text(over: Over, setting: Setting) -> str:
     """Return the page as Markdown."""
     key, counts = escaped(over.sweep.key), over.counts
-    runs = f"{counts[0]} to {counts[-1]} runs" if len(counts) > 1 else f"{counts[0]} run{'s' * (counts[0] > 1)}"
     episodes = next(iter(over.runs[0].values()))[0].episodes
     introduction = (
-        f"{runs} per variant. The score of a run is the mean *{escaped(over.metric)}* of the {episodes:,} episodes "
-        f"that its policy plays under each value of `{over.sweep.key}`, in a test without learning, "
-        f"{escaped(setting.test)}; the games of all have the same seed. Higher is better.{intervals_sentences(counts)} "
+        f"{runs_text(counts)} per variant. The score of a run is the mean *{escaped(over.metric)}* of the "
+        f"{episodes:,} episodes that its policy plays under each value of `{over.sweep.key}`, in a test without "
+        f"learning, {escaped(setting.test)}; the games of all have the same seed. Higher is better.{intervals_sentences(counts)} "
         "No pairs are tested here: choose one value beforehand, and test it with `--test`."
     )
     blocks = [f"# {escaped(setting.game)}: {len(over.estimates)} variants over {key}", introduction]
@@ -147,11 +145,3 @@ def _rows(over: Over, written: Callable[[str], str]) -> list[list[str]]:
         [written(label), *(interval_text(one, len(over.runs[0][label]) > 1) for one in found)]
         for label, found in over.estimates.items()
     ]
-
-
-def _places(sweep: Sweep) -> list[float]:
-    """Return where the values stand on an axis: numbers at their own place, choices side by side."""
-    try:
-        return [float(value) for value in sweep.values]
-    except ValueError:
-        return [float(place) for place in range(len(sweep.values))]

@@ -8,7 +8,7 @@ from itertools import combinations
 from pathlib import Path
 from statistics import mean
 
-from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Pair, Result, least_seeds
+from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Pair, Result, center, least_seeds
 from joybridge.compare.estimators import Estimate
 from joybridge.compare.made_with import changed_sources, made_with_block
 from joybridge.compare.page_numbers import Setting, as_data, pairs_csv, pairs_tex, scores_csv, scores_tex
@@ -104,7 +104,6 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
 def _introduction(analysis: Analysis, setting: Setting) -> str:
     counts = sorted({len(result.runs) for result in analysis.results})
     lengths = sorted(set(setting.timesteps))
-    runs = f"{counts[0]} to {counts[-1]} runs" if len(counts) > 1 else _count(counts[0], "run")
     length = f"{lengths[0]:,}" + (f" to {lengths[-1]:,}" if len(lengths) > 1 else "")
     metric = escaped(analysis.metric)
     measured = any(run.measured is not None for result in analysis.results for run in result.runs)
@@ -120,15 +119,21 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
     policies = [f"{escaped(name)} for {escaped(label)}" for label, name in setting.policies.items() if name]
     several = f" Where several policies play, it is that of one of them: {', '.join(policies)}."
     return (
-        f"{runs} of {length} timesteps per variant. The score of a run is the {score}; "
+        f"{runs_text(counts)} of {length} timesteps per variant. The score of a run is the {score}; "
         f"higher is better.{several if policies else ''}{intervals_sentences(counts)}"
     )
 
 
+def runs_text(counts: Sequence[int]) -> str:
+    """Return how many runs a variant has. counts: the fewest first."""
+    return f"{counts[0]} to {counts[-1]} runs" if len(counts) > 1 else _count(counts[0], "run")
+
+
 def intervals_sentences(counts: Sequence[int]) -> str:
     """Return what a reader has to know of the values and intervals of so many runs of a variant, the fewest first."""
+    iqm = _IQM if center(counts[-1]) == "IQM" else ""
     return (
-        f"{_IQM if counts[-1] > 3 else ''} Intervals are 95 % confidence intervals of a stratified bootstrap over "
+        f"{iqm} Intervals are 95 % confidence intervals of a stratified bootstrap over "
         "runs, as in [rliable](https://github.com/google-research/rliable)."
         f"{_NARROW if 1 < counts[0] < ENOUGH else ''}"
     )

@@ -8,6 +8,7 @@ from typing import Any
 
 from joybridge.compare.page_parts import escaped, table
 from joybridge.compare.variants import FREE, Variant
+from joybridge.config.differences import flat
 
 FOUND = "# The best of "  # how a configuration begins that a search has written
 
@@ -17,24 +18,16 @@ def settings_block(variants: Sequence[Variant], paths: Sequence[Path]) -> str:
 
     paths: of the configurations. "": they differ in nothing that their names do not say.
     """
-    flat = {variant.label: _flat(variant.config.model_dump()) for variant in variants}
-    keys = dict.fromkeys(key for values in flat.values() for key in values)
+    settings_of = {variant.label: flat(variant.config.model_dump()) for variant in variants}
+    keys = dict.fromkeys(key for values in settings_of.values() for key in values)
     settings = [key for key in keys if key.partition(".")[0] not in FREE]  # the others are not what is compared
-    differing = [key for key in settings if len({_text(values, key) for values in flat.values()}) > 1]
+    differing = [key for key in settings if len({_text(values, key) for values in settings_of.values()}) > 1]
     found = [f"- {escaped(f'{path}')}: {escaped(text)}" for path in paths if (text := _found(path))]
     if not found and differing in ([], ["layout"]):
         return ""
-    rows = [[f"`{key}`", *(escaped(_text(values, key)) for values in flat.values())] for key in differing]
-    blocks = ["## What differs", table(["key", *map(escaped, flat)], rows)]
+    rows = [[f"`{key}`", *(escaped(_text(values, key)) for values in settings_of.values())] for key in differing]
+    blocks = ["## What differs", table(["key", *map(escaped, settings_of)], rows)]
     return "\n\n".join([*blocks, "\n".join(found)] if found else blocks)
-
-
-def _flat(data: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Return the values of nested keys by their dotted names."""
-    flat: dict[str, Any] = {}
-    for key, value in data.items():
-        flat |= _flat(value, f"{before}{key}.") if isinstance(value, dict) and value else {f"{before}{key}": value}
-    return flat
 
 
 def _text(values: Mapping[str, Any], key: str) -> str:

@@ -36,8 +36,7 @@ from joybridge.ppo.threads import use_one_thread
 
 FINISHED = "config.yaml"  # in the folder of a run, when all is done
 ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "swish": nn.SiLU}
-ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)  # that PPO takes there
-OBSERVATIONS = ACTIONS  # that its MlpPolicy takes
+SPACES = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)  # that its MlpPolicy takes
 OTHER_SEED = 10_000  # of the evaluation: the games are not those of the training
 
 
@@ -109,13 +108,11 @@ def check_config(config: Config) -> None:
 def check_spaces(environment: str) -> None:
     """Raise ConfigError for an environment whose spaces PPO does not take. environment: "ID" or "MODULE:ID"."""
     with closing(gymnasium.make(environment)) as env:
-        for what, space, known in (
-            ("actions", env.action_space, ACTIONS),
-            ("observations", env.observation_space, OBSERVATIONS),
-        ):
-            if not isinstance(space, known):
+        for what, space in (("actions", env.action_space), ("observations", env.observation_space)):
+            if not isinstance(space, SPACES):
+                known = ", ".join(kind.__name__ for kind in SPACES)
                 raise ConfigError(
-                    f"PPO of Stable-Baselines3 takes {what} of {', '.join(kind.__name__ for kind in known)}, and those "
+                    f"PPO of Stable-Baselines3 takes {what} of {known}, and those "
                     f"of {environment} are of {type(space).__name__}; flatten them in a wrapper that has an ID of its "
                     "own, or leave out --beside"
                 )

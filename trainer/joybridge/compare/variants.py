@@ -18,6 +18,7 @@ from joybridge.config.config_files import find_config
 from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
+from joybridge.config.overrides import split_values
 from joybridge.contract.files import read_file
 from joybridge.run.folder import MAX_NAME_CHARS
 from joybridge.v1 import bridge_pb2 as pb
@@ -82,7 +83,7 @@ def read_values(text: str, option: str = "--set") -> tuple[str, list[str]]:
     option: of the command line, which errors name.
     """
     key, equals, rest = text.partition("=")
-    values = [value.strip() for value in re.split(r",(?![^\[{]*[\]}])", rest)]
+    values = split_values(rest)
     if not key or not equals or not all(values):
         raise ConfigError(f"{option} got {text!r}, expected KEY=VALUE,VALUE,… as in policy.gamma=0.9,0.99")
     if key in NOT_VARIED:

@@ -18,6 +18,14 @@ def differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any
         yield key, before, now
 
 
+def flat(data: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Return the values of nested mappings by their dotted keys; lists and empty mappings are values."""
+    found: dict[str, Any] = {}
+    for key, value in data.items():
+        found |= flat(value, f"{before}{key}.") if isinstance(value, dict) and value else {f"{before}{key}": value}
+    return found
+
+
 def in_words(changed: Sequence[tuple[str, Any, Any]]) -> str:
     """Return what has changed as a part of a sentence."""
     texts = [f"{key} was {json.dumps(was)} and is now {json.dumps(now)}" for key, was, now in changed[:MAX_DIFFERENCES]]

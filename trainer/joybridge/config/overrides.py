@@ -1,7 +1,13 @@
 """Command lines that end in overrides of a configuration, "key=value" each."""
 
 import argparse
+import re
 from collections.abc import Sequence
+
+
+def split_values(text: str) -> list[str]:
+    """Return the values of a key between commas; commas in brackets and braces do not separate them."""
+    return [value.strip() for value in re.split(r",(?![^\[{]*[\]}])", text)]
 
 
 def add_overrides(parser: argparse.ArgumentParser, text: str) -> None:

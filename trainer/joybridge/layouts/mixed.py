@@ -34,10 +34,9 @@ def read_mix(name: str) -> Mix:
     return Mix(main, others)
 
 
-def own_kinds(name: str) -> set[str]:
-    """Return the kinds of layouts in a name that modules of the user make, "module:name" each."""
-    kinds = (part.rpartition("=")[2].strip().partition("-")[0] for part in name.split(","))
-    return {kind for kind in kinds if ":" in kind}
+def kinds_of(name: str) -> set[str]:
+    """Return the kinds of layouts in a name: "bucket" of "bucket-11", or "module:name" of those that users make."""
+    return {part.rpartition("=")[2].strip().partition("-")[0] for part in name.split(",")}
 
 
 def make_layouts(name: str, device: pb.Device, behavior: str = "") -> dict[str, Layout]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from joybridge.config.config import OF_THE_GAME, HandConfig
 from joybridge.config.errors import ConfigError
+from joybridge.config.overrides import split_values
 from joybridge.config.wrong_keys import FORMS
 
 if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
@@ -16,7 +17,7 @@ if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
 
 Results = Mapping[str, Mapping[str, "Evaluation"]]  # "parameters.size=0.5" -> policy -> its evaluation
 
-BETWEEN_VALUES = re.compile(r",(?![^{]*\})")  # no comma within braces
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 PANELS = 6  # in a plot, at most: the reward and the first metrics
 COLUMNS = 3
 MAX_CHARS = 40  # of all choices of an option, which stand side by side below a panel
@@ -33,6 +34,16 @@ class Sweep(NamedTuple):
         """Return an override of the configuration per value."""
         return [f"{self.key}={value}" for value in self.values]
 
+    @property
+    def named(self) -> bool:
+        """Return whether the values are names, hands or distributions, which stand side by side, and no numbers."""
+        return self.key.startswith("options.") or not all(map(NUMBER.fullmatch, self.values))
+
+    @property
+    def places(self) -> list[float]:
+        """Return where the values stand on an axis."""
+        return [float(place if self.named else value) for place, value in enumerate(self.values)]
+
     def picture(self, run: Path, form: str) -> Path:
         """Return where the plot of a run belongs. form: "png", or one for a paper."""
         name = re.sub(r"[^\w.-]", "_", self.key)  # never a path of its own
@@ -42,7 +53,7 @@ class Sweep(NamedTuple):
 def read_sweep(text: str) -> Sweep:
     """Return what "parameters.size=0.5,1,2" or "hand={delay: 0},{delay: 2, reach: 0.5}" means. Raises ConfigError."""
     key, _, values = text.partition("=")
-    sweep = Sweep(key, [value.strip() for value in BETWEEN_VALUES.split(values)])
+    sweep = Sweep(key, split_values(values))
     where, _, name = key.partition(".")
     known = name in HandConfig.model_fields or not name if where == "hand" else where in OF_THE_GAME and name
     if not known or not all(sweep.values):
@@ -80,8 +91,6 @@ def plot(sweep: Sweep, results: Results) -> "Figure":
     policies = results[sweep.settings[0]]
     metrics = list(dict.fromkeys(name for first in policies.values() for name in first.means if name != "length"))
     metrics = metrics[:PANELS]
-    named = sweep.key == "hand" or sweep.key.startswith("options.")
-    places = range(len(sweep.values)) if named else [float(value) for value in sweep.values]
     crowded = sum(map(len, sweep.values)) > MAX_CHARS
     columns = min(COLUMNS, len(metrics))
     rows = -(-len(metrics) // columns)
@@ -92,7 +101,7 @@ def plot(sweep: Sweep, results: Results) -> "Figure":
             if metric in first.means:
                 played = [results[setting][policy] for setting in sweep.settings]
                 axes.errorbar(
-                    places,
+                    sweep.places,
                     [one.means[metric] for one in played],
                     [one.half_widths[metric] for one in played],
                     fmt="o-",
@@ -100,8 +109,9 @@ def plot(sweep: Sweep, results: Results) -> "Figure":
                     label=policy,
                 )
         axes.set(title=metric, xlabel=sweep.key)
-        if named:  # numbers have the marks of the axis, as values side by side would be written over each other
-            axes.set_xticks(places, sweep.values, rotation=30 if crowded else 0, ha="right" if crowded else "center")
+        if sweep.named:  # numbers have the marks of the axis, as values side by side would be written over each other
+            rotation, side = (30, "right") if crowded else (0, "center")
+            axes.set_xticks(sweep.places, sweep.values, rotation=rotation, ha=side)
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels:  # that no metric needs

@@ -100,7 +100,7 @@ class Adviser:
             yield (
                 f"{self._policy.actor.name}: an update has an approx_kl of {kl:.3g}, where 0.01 to 0.05 is usual: the "
                 "policy may have lost what it knew, as a clone whose actions are almost certain; lower "
-                "policy.learning_rate or policy.epochs, or choose policy.target_kl=0.03"
+                "policy.learning_rate or policy.epochs, and choose policy.target_kl=0.03"
             )
 
     def _weights(self) -> str:

@@ -14,7 +14,7 @@ from joybridge.config.errors import ConfigError, StorageError, UntrustedRunError
 from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
 from joybridge.contract.text import printable
-from joybridge.layouts.mixed import own_kinds
+from joybridge.layouts.mixed import kinds_of
 
 FILE = "code.json"  # in the folder of a run
 MAX_BYTES = 2**12  # of it
@@ -26,7 +26,7 @@ def code_of(config: Config) -> list[str]:
     """Return the code that a configuration names, "module:name" each, sorted."""
     policies = [config.policy, *map(config.policy_config, config.policies)]
     parts = {name for policy in policies for name in (policy.network, policy.loss) if name}
-    return sorted(parts | own_kinds(config.layout))
+    return sorted(parts | {kind for kind in kinds_of(config.layout) if ":" in kind})
 
 
 def trust(run: Path) -> None:

@@ -10,10 +10,10 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from joybridge.config.config import Config
-from joybridge.config.differences import differences
+from joybridge.config.differences import flat
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import Row, read_rows
 from joybridge.contract.errors import JoybridgeError
@@ -72,17 +72,17 @@ def load(folder: str | Path) -> "pandas.DataFrame":
 
 
 def _varied(configs: Sequence[Config]) -> list[dict[str, object]]:
-    """Return the keys in which configurations differ, but for NAMED, with the values that each has."""
-    first, *others = dumped = [config.model_dump(mode="json", exclude=set(NAMED)) for config in configs]
-    keys = dict.fromkeys(key for other in others for key, *_ in differences(first, other))
-    return [{key: _value(each, key) for key in keys} for each in dumped]
+    """Return the keys in which configurations differ, but for NAMED, with the values that each has; None: it has none.
 
-
-def _value(data: Any, key: str) -> object:
-    """Return the value of a dotted key in nested data, None without one; what is no number or text, as JSON."""
-    for name in key.split("."):
-        data = data[int(name)] if isinstance(data, list) else (data or {}).get(name)
-    return json.dumps(data) if isinstance(data, dict | list) else data
+    What is no number or text is JSON.
+    """
+    texts = [
+        {key: json.dumps(value) if isinstance(value, dict | list) else value for key, value in flat(each).items()}
+        for each in (config.model_dump(mode="json", exclude=set(NAMED)) for config in configs)
+    ]
+    keys = dict.fromkeys(key for each in texts for key in each)
+    varied = [key for key in keys if any(each.get(key) != texts[0].get(key) for each in texts)]
+    return [{key: each.get(key) for key in varied} for each in texts]
 
 
 def _rows(run: Run, folder: Path, varied: Mapping[str, object]) -> Iterator[dict[str, object]]:

@@ -7,7 +7,7 @@ of a game have changed. Nothing is imported or run to make a mark.
 import hashlib
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +17,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
 from joybridge.layouts.find import GROUP
+from joybridge.layouts.mixed import kinds_of
 from joybridge.run.own_code import code_of
 
 FILE = "sources.json"  # in the folder of a run
@@ -38,22 +39,31 @@ def note_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
 
     Raises ConfigError and StorageError.
     """
-    changed = changed_sources(run, games, config)
-    if found := marks(games, [config]):
-        write_atomically(run / FILE, json.dumps(found, indent=1).encode())
-    return changed
+    before, now = _noted(run), marks(games, [config])
+    if now:
+        write_atomically(run / FILE, json.dumps(now, indent=1).encode())
+    return _changed(before, now)
 
 
 def changed_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
     """Return the sources whose files are others here than when the run was last trained. Raises ConfigError."""
+    before = _noted(run)
+    return _changed(before, marks(games, [config])) if before else []
+
+
+def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    return [name for name, mark in now.items() if before.get(name, mark) != mark]
+
+
+def _noted(run: Path) -> dict[str, str]:
+    """Return the marks in the folder of a run, none if it has no others' sources. Raises ConfigError."""
     try:
         noted = json.loads(read_file(run / FILE, MAX_BYTES))
-        before = {str(name): str(mark) for name, mark in noted.items()}
+        return {str(name): str(mark) for name, mark in noted.items()}
     except FileNotFoundError:
-        return []
+        return {}
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise ConfigError(f"{run / FILE} cannot be read ({error}); delete it, it is only for people") from error
-    return [name for name, mark in marks(games, [config]).items() if before.get(name, mark) != mark]
 
 
 def _source_of_game(place: str) -> str:
@@ -68,7 +78,7 @@ def _source_of_game(place: str) -> str:
 
 def _sources_of(configs: Sequence[Config]) -> set[str]:
     """Return the modules of layouts, networks and losses that are not ours."""
-    layouts = {part.rpartition("=")[2].strip().partition("-")[0] for each in configs for part in each.layout.split(",")}
+    layouts = {kind for each in configs for kind in kinds_of(each.layout)}
     points = {point.name: point.module for point in entry_points(group=GROUP)}
     named = {name.partition(":")[0] for each in configs for name in code_of(each)}
     return named | {points[name] for name in layouts & set(points)}
