@@ -79,8 +79,9 @@ def page_text(over: Over, setting: Setting) -> str:
     introduction = (
         f"{runs_text(counts)} per variant. The score of a run is the mean *{escaped(over.metric)}* of the "
         f"{episodes:,} episodes that its policy plays under each value of `{over.sweep.key}`, in a test without "
-        f"learning, {escaped(setting.test)}; the games of all have the same seed. Higher is better.{intervals_sentences(counts)} "
-        "No pairs are tested here: choose one value beforehand, and test it with `--test`."
+        f"learning, {escaped(setting.test)}; the games of all have the same seed. Higher is better."
+        f"{intervals_sentences(counts)} No pairs are tested here: choose one value beforehand, and test it with "
+        "`--test`."
     )
     blocks = [f"# {escaped(setting.game)}: {len(over.estimates)} variants over {key}", introduction]
     blocks += [*warnings(setting), f"## Scores over {key}", over_table(over)]
