@@ -2,6 +2,7 @@
 
 import struct
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import grpc
 import numpy as np
@@ -269,28 +270,57 @@ def test_a_trainer_hears_that_the_player_has_failed(simulator):
     assert [message.header.status for message in trainer.heard] == [FINE, FINE, FINE, FAILED]
 
 
-def test_the_command_plays_over_grpc(simulator, signals, monkeypatch, capsys):
-    trainer = Trainer(RESET, actions([0, 0], [0, 0], 2))
+@contextmanager
+def listening(answer):
+    """Listen as a trainer that answers each message with answer(message); yield gRPC's server and its port."""
     handler = grpc.unary_unary_rpc_method_handler(
-        lambda message, context: trainer(message), ml.Message.FromString, ml.Message.SerializeToString
+        lambda message, context: answer(message), ml.Message.FromString, ml.Message.SerializeToString
     )
     with ThreadPoolExecutor(1) as pool:
-        listener = grpc.server(pool)
-        listener.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(SERVICE, {METHOD: handler})])
-        port = listener.add_insecure_port("127.0.0.1:0")
-        listener.start()
+        server = grpc.server(pool)
+        server.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(SERVICE, {METHOD: handler})])
+        port = server.add_insecure_port("127.0.0.1:0")
+        server.start()
+        try:
+            yield server, port
+        finally:
+            server.stop(None).wait()
+
+
+def test_the_command_plays_over_grpc(simulator, signals, monkeypatch, capsys):
+    trainer = Trainer(RESET, actions([0, 0], [0, 0], 2))
+    with listening(trainer) as (_, port):
         started = ["-nographics", "-batchmode", "--mlagents-port", str(port), "-logFile", "player.log"]  # by a trainer
         assert main(["mlagents", "hybrid", "--simulator", simulator, "options.size=large", *started]) == 0
-        listener.stop(None).wait()
     assert len(asking_last(trainer)) == 2 and list(asking_last(trainer)[0].observations[2].shape) == [10]
     assert "the trainer has ended after 2 steps of hybrid" in capsys.readouterr().err
+
+
+def test_a_trainer_whose_end_overtakes_its_last_answer_has_ended(simulator, signals, capsys):
+    trainer = Trainer(RESET, actions([0, 0], [0, 0], 2))
+
+    def answer(message):
+        reply = trainer(message)
+        if reply.header.status == END:
+            server.stop(None)  # cancels the call that this answers
+        return reply
+
+    with listening(answer) as (server, port):
+        assert main(["mlagents", "hybrid", "--simulator", simulator, "--port", str(port)]) == 0
+    assert "the trainer has ended after 2 steps of hybrid" in capsys.readouterr().err
+
+
+def test_a_trainer_that_fails_is_lost(simulator, signals, capsys):
+    with listening(lambda message: None) as (_, port):
+        assert main(["mlagents", "hybrid", "--simulator", simulator, "--port", str(port)]) == 1
+    assert f"error: lost the trainer at 127.0.0.1:{port}: " in capsys.readouterr().err
 
 
 def asking_last(trainer):
     return asking(trainer.heard[-1].from_player, "player")
 
 
-def test_a_trainer_that_is_not_there_or_goes_away_is_an_error(capsys):
+def test_a_trainer_that_is_not_there_is_an_error(capsys):
     with pytest.raises(CommunicatorError, match=r"no trainer of ML-Agents at .* after 0\.1 s"), connect(1, 0.1, print):
         pass
     assert "waiting up to 0.1 s for a trainer" in capsys.readouterr().out

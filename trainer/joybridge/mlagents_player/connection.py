@@ -70,11 +70,22 @@ def play(exchange: Exchange, game: str, begin: Callable[[ml.TrainerHello], Playe
         while reply.header.status == FINE and reply.from_trainer.step.command != ml.QUIT:
             reply = exchange(_from_player(player.answer(reply.from_trainer.step)))
             steps += 1
-    except BaseException:
+    except BaseException as error:
+        if _has_stopped(error):
+            return steps + 1  # the steps so far and the one whose answer was overtaken
         with suppress(grpc.RpcError):
             exchange(ml.Message(header=ml.Header(status=FAILED)), timeout=FAREWELL_SECONDS)
         raise
     return steps
+
+
+def _has_stopped(error: BaseException) -> bool:
+    """Return whether the trainer stopped its server, as it does when it ends.
+
+    ML-Agents sends its last answer and stops its server at once, so its end can overtake the answer. A trainer that was
+    killed stops nothing: gRPC says "Socket closed" of it.
+    """
+    return isinstance(error, grpc.RpcError) and error.details() == "Cancelling all calls"
 
 
 def hello(game: str) -> ml.PlayerHello:
