@@ -204,6 +204,8 @@ def test_policies_play_the_last_lesson_unless_told_otherwise(tmp_path):
     config(tmp_path, CURRICULUM)
     assert play_config(tmp_path, []).parameters == {"size": {"uniform": [0.2, 0.4]}}
     assert play_config(tmp_path, ["parameters.size=2"]).parameters == {"size": 2.0}
+    with pytest.raises(ConfigError, match=r"game belongs to the training of .*; another program .* --pygame PROGRAM"):
+        play_config(tmp_path, ["game.pygame=other.py"])
 
 
 # ------------------------------------------------------------------------------------------------------------ training

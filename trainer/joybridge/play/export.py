@@ -78,10 +78,9 @@ def export(plays: PlaySpec, output: Path, *, behavior: str) -> str:
     content = model if output.suffix == ".onnx" else data
     write_atomically(output, content)
     ties = f", {found.different} ties excepted" if found.different else ""
-    return (
-        f"{output}: {len(content) / 1000:.0f} kB; it plays {found.decisions:,} decisions as the trainer does{ties}, "
-        f"axes within {found.largest:.0e} of their range"
-    )
+    axes = f", axes within {found.largest:.0e} of their range" if play.spec.behaviors[index].device.axes else ""
+    size = f"{len(content) / 1000:.0f} kB"
+    return f"{output}: {size}; it plays {found.decisions:,} decisions as the trainer does{ties}{axes}"
 
 
 def compare(model: bytes, play: Play, index: int) -> Comparison:

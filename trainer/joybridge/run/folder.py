@@ -133,14 +133,20 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     may differ from the training. Of a curriculum, the last lesson is played. Raises UntrustedRunError for code that
     may not be imported.
     """
+    given = read_overrides(overrides)
+    if "game" in given:
+        raise ConfigError(
+            f"game belongs to the training of {run}; another program takes its part with --pygame PROGRAM, and another "
+            "class with --game MODULE:CLASS"
+        )
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
     check_code(run, trained)
-    given = read_overrides(overrides).get("parameters", {})
     check_playable(trained, config, str(run))
     if not config.curriculum:
         return config
-    last = {name: value for name, value in config.curriculum[-1].parameters.items() if name not in given}
-    return config.model_copy(update={"parameters": config.parameters | last, "curriculum": []})
+    parameters, chosen = config.parameters, given.get("parameters", {})
+    last = {name: value for name, value in config.curriculum[-1].parameters.items() if name not in chosen}
+    return config.model_copy(update={"parameters": parameters | last, "curriculum": []})
 
 
 def changes(before: Config, now: Config) -> dict[str, Any]:

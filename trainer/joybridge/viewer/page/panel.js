@@ -193,7 +193,7 @@ export class Panel {
       const held = seat === null || game.seats[seat].behavior === behavior;
       group.classList.toggle("waiting", !held || !turn.behaviors[behavior].deciding[this.agent(behavior)]);
     }
-    $("decision").textContent = `decision ${turn.turn} in all`;
+    $("decision").textContent = `decision ${turn.turn} since the start`;
     this.showScores(turn);
     this.showRival(turn.rival);
   }
