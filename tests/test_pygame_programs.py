@@ -43,7 +43,7 @@ CATCHING = ROOT / "tests/support/pygame_programs/catch.py"
 CATCH = f"{CATCHING} 'reward=Score: (\\d+)'"
 KEYS = "written with pygame. Keys in its sources: LEFT, RIGHT; that it was seen to read: LEFT, RIGHT."
 SPEC = r"""catch: .*
-  option decision_interval: 4 | 1 | 2 | 8 (default 4)
+  option decision_interval: 4 | 1 | 2 | 8 | 12 | 16 (default 4)
   option screen: 64 | 48 | 84 | 128 (default 64)
   option colors: rgb | gray (default rgb)
   option pointer: position | velocity (default position)

@@ -98,6 +98,9 @@ def _config(spec: pb.GameSpec, keys: dict[str, list[str]], numbers: Sequence[Any
 # A start for {json.dumps(spec.name, ensure_ascii=False)}. `joybridge keys` lists all keys.
 game:
 {game}
+options:
+  decision_interval: "4"  # frames per decision; more, up to 16, if keys must be held for long
+  screen: "64"            # the picture has as many pixels as a square with this side
 {layout(spec)}
 arenas: {min(ARENAS, spec.max_arenas):<18}# processes of the program
 total_timesteps: 300000   # more if the reward still rises at the end
