@@ -84,7 +84,8 @@ def make_look(settings: PygameSettings, shown: Mapping[str, Any], read: Sequence
 
 def options_of(look: Look) -> list[pb.Option]:
     """Return the options of a program."""
-    options = [option("decision_interval", ["4", "1", "2", "8", "12", "16"], description="Frames of the program per decision.")]
+    intervals = ["4", "1", "2", "8", "12", "16"]
+    options = [option("decision_interval", intervals, description="Frames of the program per decision.")]
     sizes = ["64", "48", "84", "128", *(["none"] if look.states else [])]
     options += [
         option("screen", sizes, description="The sensor `screen` has as many pixels as a square with this side."),
