@@ -779,6 +779,23 @@ def test_the_page_says_how_many_held_out_episodes_are_behind_a_score():
     assert "of its rows of metrics that have it, each of 1,500 episodes" in text([between, last])
 
 
+def test_the_page_says_how_many_episodes_of_the_training_are_behind_a_score():
+    def text(*counts, **measured):
+        rows = [{"timesteps": 100.0 * i, "reward": 1.0, "episodes": 50.0} for i in range(1, 20)]
+        several = [
+            score_run([*rows, {"timesteps": 2000.0, "reward": 2.0, "episodes": each}], "x", 0, "reward")
+            for each in counts
+        ]
+        return text_of(analyze("reward", {"a": [replace(run, **measured) for run in several]}))
+
+    assert "the last tenth of its rows of metrics, in which 51 to 90 episodes end; higher" in text(1.0, 40.0)
+    assert "rests on" not in text(1.0, 40.0)
+    rows = [{"timesteps": 100.0, "reward": 1.0, "episodes": 1.0}]
+    few = text_of(analyze("reward", {"a": [score_run(rows, "x", 0, "reward")]}))
+    assert "in which 1 episode ends; higher" in few and "**A score rests on 1 episode.**" in few and "`--test`" in few
+    assert "rests on" not in text(1.0, measured=3.0, episodes=5)
+
+
 @pytest.mark.parametrize("every", [True, False])
 def test_the_page_of_the_training_shows_what_was_held_out_as_a_second_curve(every, tmp_path):
     rows = [

@@ -29,7 +29,7 @@ from joybridge.compare.made_with import changed_sources
 from joybridge.compare.made_with import read as read_made_with
 from joybridge.compare.names import ResultName, page_mark
 from joybridge.compare.over import Over, over_table, write_over_page
-from joybridge.compare.page import final_scores, write_page
+from joybridge.compare.page import few_episodes, final_scores, write_page
 from joybridge.compare.page_numbers import Setting
 from joybridge.compare.page_parts import escaped
 from joybridge.compare.page_settings import settings_block
@@ -152,6 +152,8 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         setting = replace(setting, held_out=held_out)
     paths = write_page(analysis, setting, options.output)
     print(final_scores(analysis), "", *paths, sep="\n")
+    if few := few_episodes(analysis):
+        say(f"{few} of its training; --test plays whole episodes with every policy")
     if has_checkpoint(best := best_run(analysis, jobs)):
         say_next("evaluate", str(best))
     return 1 if missing else 0

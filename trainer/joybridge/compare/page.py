@@ -24,6 +24,7 @@ from joybridge.compare.page_parts import (
 )
 from joybridge.compare.pictures import CAPTIONS, draw_pictures
 
+FEW = 30  # episodes, whose mean says little
 ENOUGH = 10  # runs, with which intervals are about as wide as they claim to be
 _IQM = (
     " The interquartile mean (IQM) leaves out the lowest and the highest quarter of the runs; of three or fewer it is "
@@ -33,6 +34,10 @@ _IQM = (
 _NARROW = (
     " With fewer than ten runs these are too narrow: in a simulation they held the true value in 76 % of all cases "
     "with three runs, in 87 % with four and in 90 % with five."
+)
+_WHOLE = (
+    "In the last part of a short training, episodes that are long do not end, so short ones count for more than their "
+    "share. Repeat the command with `--test`, which plays whole episodes with every policy, or train for longer."
 )
 
 
@@ -114,7 +119,7 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
         f"mean *{metric}* of the {episodes}episodes that its policy plays {when}; curves and times are {curves}"
         if measured
         else f"mean *{metric}* of the last tenth of its rows of metrics"
-        + (f" that have it, each of {episodes}episodes" if episodes else "")
+        + (f" that have it, each of {episodes}episodes" if episodes else _ended(analysis))
     )
     policies = [f"{escaped(name)} for {escaped(label)}" for label, name in setting.policies.items() if name]
     several = f" Where several policies play, it is that of one of them: {', '.join(policies)}."
@@ -165,6 +170,19 @@ def _episodes(analysis: Analysis) -> str:
     return " to ".join(f"{count:,}" for count in dict.fromkeys([*counts[:1], *counts[-1:]])) + " " * bool(counts)
 
 
+def _ended(analysis: Analysis) -> str:
+    """Return how many episodes of the training are behind the scores, as the end of a sentence; "" if not known."""
+    counts = sorted({run.ended for result in analysis.results for run in result.runs})
+    several = f"{counts[0]:,} to {counts[-1]:,} episodes end" if len(counts) > 1 else f"{counts[0]:,} episodes end"
+    return f", in which {several if counts[-1] > 1 else '1 episode ends'}" if counts[0] else ""
+
+
+def few_episodes(analysis: Analysis) -> str:
+    """Return that a score of a training rests on few episodes; "" if none does."""
+    fewest = min(run.ended for result in analysis.results for run in result.runs)
+    return f"A score rests on {_count(fewest, 'episode')}" if _has_curves(analysis) and 0 < fewest < FEW else ""
+
+
 def warnings(setting: Setting) -> list[str]:
     """Return what a reader has to know first: runs that are missing, and sources that have changed."""
     blocks = []
@@ -194,6 +212,8 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
                 f"**{escaped(one.label)} and {escaped(other.label)} have the same score with every seed.** Perhaps "
                 "they do not differ on this game: without buttons, for example, threshold and hybrid are the same."
             )
+    if few := few_episodes(analysis):
+        blocks.append(f"**{few}.** {_WHOLE}")
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
             f"**Too few runs for a significance test**: the smallest p value that is possible with them is "

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import mean
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import HELD_OUT, Row
 
 EPISODES = f"{HELD_OUT}episodes"
+T = TypeVar("T")
 FINAL = 0.1  # of the rows of metrics: their mean is the score of a run
 
 
@@ -30,11 +31,14 @@ class Run:
     points: tuple[Point, ...]  # at least one
     measured: float | None = None  # by an evaluation at the end, of which the points are none
     episodes: int = 0  # of the last held-out measurement, if its values are compared
+    ended: int = 0  # episodes of the training that ended in the rows of the score; 0: not known
 
     @cached_property
     def score(self) -> float:
         """Return what was measured at the end, or the mean value of the last tenth of the rows, at least one."""
-        return _mean_of_last(self.points, len(self.points)) if self.measured is None else self.measured
+        if self.measured is not None:
+            return self.measured
+        return mean(point.value for point in _last(self.points, len(self.points)))
 
     @property
     def seconds(self) -> float:
@@ -54,12 +58,14 @@ def score_at(run: Run, rung: int, end: int, interval: int) -> float | None:
     rung, end: timesteps, of the run the latter. interval: timesteps between two rows of metrics.
     """
     points = [point for point in run.points if point.timesteps // interval <= rung // interval]
-    return _mean_of_last(points, len(points) * (end // interval) / (rung // interval)) if points else None
+    if not points:
+        return None
+    return mean(point.value for point in _last(points, len(points) * (end // interval) / (rung // interval)))
 
 
-def _mean_of_last(points: Sequence[Point], whole: float) -> float:
-    """Return the mean value of the last points, a tenth of those that a whole run has, at least one."""
-    return mean(point.value for point in points[-math.ceil(FINAL * whole) :])
+def _last(points: Sequence[T], whole: float) -> Sequence[T]:
+    """Return the last points or rows, a tenth of those that a whole run has, at least one."""
+    return points[-math.ceil(FINAL * whole) :]
 
 
 def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
@@ -84,7 +90,9 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         known = sorted({name for row in rows for name in row} - {"timesteps", "seconds"})
         why = "no episode ended; lengthen the runs" if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
         raise ConfigError(f"{source} has no {metric}: {why}")
-    return Run(seed, points, episodes=episodes)
+    of_score = _last([row for row in rows if metric in row], len(points))
+    ended = 0 if held_out else sum(int(row.get("episodes", 0)) for row in of_score)
+    return Run(seed, points, episodes=episodes, ended=ended)
 
 
 def _finite(value: float, what: str, source: str) -> float:
