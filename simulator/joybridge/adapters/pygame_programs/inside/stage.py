@@ -82,10 +82,16 @@ class Stage:
 
 def _be_silent_without_a_sound_card() -> None:
     """Let a program that plays sounds run where there is nothing to play them on."""
+    spoken, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)  # the library of the sound card complains there, in sixty lines
     try:
         pygame.mixer.init()
     except pygame.error:
         os.environ["SDL_AUDIODRIVER"] = "dummy"
+    finally:
+        os.dup2(spoken, 2)
+        os.close(spoken)
+        os.close(nowhere)
     pygame.mixer.quit()
 
 
