@@ -212,6 +212,9 @@ def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copie
     shutil.rmtree(OUT / "runs/hybrid-s0")
     lost = run_in(copied, simulator, *more)
     assert lost.status == 1 and "missing: hybrid-s0: out/runs/hybrid-s0 is not the folder of a run" in lost.errors
+    shutil.rmtree(OUT / "runs")
+    archived = run_in(copied, simulator, *more)
+    assert archived.status == 1 and "a test needs the policies of the runs, and there is no folder" in archived.errors
 
 
 def test_all_runs_play_under_each_value_of_a_setting_and_one_table_shows_all(whole, copied, simulator):
@@ -817,6 +820,11 @@ def test_the_page_of_the_training_shows_what_was_held_out_as_a_second_curve(ever
     assert ("pictures/held_out-light.png" in text) == (tmp_path / "pictures/held_out-light.png").exists() == every
     plain = {name: [{"timesteps": "100", "reward": "1"}] for name in kept}
     assert held_out_analysis({job: "a"}, {"a": ""}, plain, options) is None
+
+
+def test_the_page_names_a_run_in_the_middle_and_the_best_one():
+    text = text_of(analyze("reward", {"a": runs([1.0], [5.0], [3.0]), "b*": runs([4.0])}))
+    assert "in the middle and of the best one: a, 2 and 1; b\\*, 0 and 0." in text
 
 
 def test_variants_that_play_the_same_are_named():

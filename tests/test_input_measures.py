@@ -94,6 +94,9 @@ def test_a_button_that_is_held_is_clicked_once_and_another_branch_has_its_own_ra
     assert found["click_interval_median_seconds"] == pytest.approx(2.5)
     assert found["click_interval_median_seconds.a"] == pytest.approx(5.0)
     assert found["click_interval_median_seconds.b"] == pytest.approx(4.0)
+    assert found["hold_median_seconds.a"] == pytest.approx(1.6) and found["hold_p5_seconds.a"] == pytest.approx(0.34)
+    assert found["hold_median_seconds.b"] == found["hold_p5_seconds.b"] == pytest.approx(0.1)
+    assert "hold_median_seconds" not in found
 
 
 def test_each_change_to_another_choice_is_a_click_unless_its_name_says_that_it_does_nothing():
@@ -115,6 +118,14 @@ def test_no_interval_and_no_path_reaches_from_one_episode_into_the_next():
     assert over["clicks_per_minute"] == pytest.approx(60 / SECONDS * 3 / 4)  # still pressed, in a new episode
     assert "click_interval_median_seconds" not in over and "path_efficiency.x+y" not in over
     assert over["diagonal_bias.x+y"] == -0.5  # the only movement was along x
+
+
+def test_what_is_held_when_an_episode_ends_has_no_duration():
+    let_go = pressed(4, 0, 1, 2)
+    whole = measure(device(None, BUTTON), None, let_go).measures
+    assert whole["hold_median_seconds.a"] == pytest.approx(3 * SECONDS)
+    parts = measure(device(None, BUTTON), None, let_go, ended=[(1, 0)]).measures
+    assert parts["hold_median_seconds.a"] == pytest.approx(SECONDS)
 
 
 def test_where_a_lane_waits_nothing_is_measured_and_no_time_passes():

@@ -70,6 +70,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
     blocks += [
         "## Final scores",
         final_scores(analysis),
+        _to_look_at(analysis),
         picture_block(f"scores{setting.mark}", CAPTIONS["scores"].format(center=center)),
     ]
     if not setting.test:
@@ -252,6 +253,16 @@ def final_scores(analysis: Analysis) -> str:
         for result in results
     ]
     return table(("variant", "runs", analysis.center, "mean ± sd", "median", "lowest to highest"), rows)
+
+
+def _to_look_at(analysis: Analysis) -> str:
+    """Return which runs are typical and which are the best, for `joybridge record`."""
+    found = []
+    for result in analysis.results:
+        best = max(result.runs, key=lambda run: run.score).seed
+        typical = min(result.runs, key=lambda run: abs(run.score - result.median)).seed
+        found.append(f"{escaped(result.label)}, {typical} and {best}")
+    return f"The seeds of a run in the middle and of the best one: {'; '.join(found)}."
 
 
 def _tested(analysis: Analysis) -> list[str]:

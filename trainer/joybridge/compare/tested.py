@@ -9,6 +9,7 @@ from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job
 from joybridge.compare.scores import Run
+from joybridge.compare.table import TABLE
 from joybridge.compare.variants import TRAINERS, Variant, config_path
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
@@ -54,6 +55,8 @@ def check_test(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], option
     """Raise ConfigError for a test that the runs could not play, before they are trained; specs: of their games."""
     if options.test is None:
         return
+    if (options.output / TABLE).exists() and not (options.output / "runs").is_dir():
+        raise ConfigError(f"a test needs the policies of the runs, and there is no folder {options.output / 'runs'}")
     for variant, spec in zip(variants, specs, strict=True):
         if variant.by or variant.config.games:
             who = TRAINERS.get(variant.by, "a run of several games")

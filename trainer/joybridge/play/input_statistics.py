@@ -81,7 +81,7 @@ class InputMeasures:
 
 
 class _Clicks:
-    """How often each branch is clicked, and how long after its last click; column 0 is any of them."""
+    """How often each branch is clicked, how long after its last click, and how long it is held; column 0 is any."""
 
     def __init__(self, branches: Sequence[pb.Branch], lanes: int) -> None:
         self._names = ["", *(f".{branch.name}" for branch in branches)]
@@ -90,12 +90,15 @@ class _Clicks:
         self._since = np.zeros((lanes, len(self._names)), np.int32)  # decisions since a click; 0: none in this episode
         self._counts = np.zeros(len(self._names), np.int64)
         self._intervals = [np.zeros((2, 0), np.int32)]  # columns and decisions
+        self._held = np.zeros(self._last.shape, np.int32)  # decisions that a choice has been held; 0: the one at rest
+        self._holds = [np.zeros((2, 0), np.int32)]  # columns and decisions, of what has been let go
 
     def add(self, choices: Array, counts: Array) -> tuple[Array, Array]:
         """Return which lanes click, and how many decisions after the last click, 0 for the first one; [lanes] each."""
         clicks = np.zeros(self._since.shape, bool)
         clicks[:, 1:] = (choices != self._rest) & (choices != self._last) & counts[:, None]
         clicks[:, 0] = clicks[:, 1:].any(axis=1)
+        self._hold(choices, counts)
         self._last[counts] = choices[counts]
         self._counts += clicks.sum(axis=0)
         pauses = self._since[:, 0].copy()
@@ -106,9 +109,18 @@ class _Clicks:
         self._since[clicks] = 1
         return clicks[:, 0], pauses
 
+    def _hold(self, choices: Array, counts: Array) -> None:
+        """Count for how long choices are held. What is still held at the end of an episode is left out."""
+        changed = (choices != self._last) & counts[:, None]
+        lanes, columns = np.nonzero(changed & (self._held > 0))
+        if len(lanes):
+            self._holds.append(np.stack([columns.astype(np.int32) + 1, self._held[lanes, columns]]))
+        self._held += (self._held > 0) & counts[:, None]
+        self._held[changed] = (choices != self._rest)[changed]
+
     def forget(self, lanes: Array) -> None:
         self._last[lanes] = self._rest
-        self._since[lanes] = 0
+        self._since[lanes] = self._held[lanes] = 0
 
     def measures(self, decisions: int, seconds: float, unit: str) -> Row:
         if len(self._names) == 1:
@@ -116,12 +128,12 @@ class _Clicks:
         per, many = ("minute", 60 / seconds) if seconds else (f"{MANY}_decisions", MANY)
         rates = self._counts / decisions * many
         found = {f"clicks_per_{per}{name}": float(rate) for name, rate in zip(self._names, rates, strict=True)}
-        columns, intervals = np.concatenate(self._intervals, axis=1)
-        for index, name in enumerate(self._names):
-            if len(own := intervals[columns == index]):
-                low, middle = np.percentile(own, [5, 50]) * (seconds or 1)
-                found |= {f"click_interval_median_{unit}{name}": float(middle)}
-                found |= {f"click_interval_p5_{unit}{name}": float(low)}
+        for what, parts in (("click_interval", self._intervals), ("hold", self._holds)):
+            columns, times = np.concatenate(parts, axis=1)
+            for index, name in enumerate(self._names):
+                if len(own := times[columns == index]):
+                    low, middle = np.percentile(own, [5, 50]) * (seconds or 1)
+                    found |= {f"{what}_median_{unit}{name}": float(middle), f"{what}_p5_{unit}{name}": float(low)}
         return found
 
 
