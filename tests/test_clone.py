@@ -129,6 +129,27 @@ def test_the_same_seed_clones_the_same_and_the_best_pass_is_kept(demos, tmp_path
     assert kept <= min(float(loss) for loss in re.findall(r"held out (-?[\d.]+)", err))
 
 
+def test_an_interruption_keeps_the_best_pass_so_far(demos, tmp_path, capsys, monkeypatch):
+    class Interrupting(Progress):
+        def report(self, text):
+            if "pass 3:" in text:
+                raise KeyboardInterrupt
+
+    assert main(["clone", str(demos), "--passes", "3", "--run", str(tmp_path / "a"), *SMALL]) == 0
+    monkeypatch.setattr(clone, "Progress", Interrupting)
+    assert main(["clone", str(demos), "--passes", "30", "--run", str(tmp_path / "b"), *SMALL]) == 0
+    assert "interrupted: the best pass so far is kept" in capsys.readouterr().err
+    whole, interrupted = (next((tmp_path / name).rglob("arrays.safetensors")).read_bytes() for name in ("a", "b"))
+    assert whole == interrupted
+    monkeypatch.setattr(Interrupting, "report", lambda self, text: None)
+    monkeypatch.setattr("joybridge.demonstrations.supervised.minibatches", interrupt)
+    assert main(["clone", str(demos), "--run", str(tmp_path / "c"), *SMALL]) == 130  # before there is a pass
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [

@@ -709,14 +709,18 @@ def test_a_game_whose_file_changes_between_runs_is_named_on_the_page(tmp_path, m
     monkeypatch.chdir(tmp_path)
     Path("reach_game.py").write_text("REACH = 0.1")
     Path("program.py").write_text("import pygame")
-    games, config = ["reach_game:Reach", "pygame:program.py keys=LEFT", "gym:CartPole-v1"], Config(game="reach")
+    Path("my hook.py").write_text("")
+    games, config = (
+        ["reach_game:Reach", "pygame:program.py keys=LEFT 'hook=my hook.py'", "gym:CartPole-v1"],
+        Config(game="reach"),
+    )
     out = tmp_path / "out"
     out.mkdir()
     for _ in range(2):
         note(out, games, [config])
     (first,) = read_made_with(out)
     assert first.versions["torch"] and first.versions["joybridge"].startswith("0.1.0")
-    assert list(first.sources) == ["program.py", "reach_game"] and not changed_sources([first])
+    assert list(first.sources) == ["my hook.py", "program.py", "reach_game"] and not changed_sources([first])
     Path("reach_game.py").write_text("REACH = 0.3")
     note(out, games, [config])
     assert changed_sources(read_made_with(out)) == ["reach_game"]

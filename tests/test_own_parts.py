@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from joybridge.client.errors import SimulatorError
+from joybridge.commands.train import _noting_sources
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, UntrustedRunError
 from joybridge.config.metrics import read_rows
@@ -18,6 +20,7 @@ from joybridge.policy.actor import make_actors
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
 from joybridge.run.own_code import FILE
+from joybridge.run.sources import changed_sources
 from joybridge.simulator import axis, behavior, branch, image, sensor
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import joybridge
@@ -209,3 +212,24 @@ def test_names_are_of_modules_and_terms_are_functions(folder, simulator):
         "train", "hybrid_suite/catch_point", "--run", "r", "--simulator", simulator, "policy.loss=parts:Shapes"
     )
     assert status and "loss: 'parts:Shapes' is type, expected a function" in errors
+
+
+def test_a_change_of_sources_is_noticed_until_something_is_saved_that_was_played_with_them(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    run, sources = Path("run"), (Path("run"), ["reach_game:Reach"], Config(game="reach"))
+    run.mkdir()
+    Path("reach_game.py").write_text("REACH = 0.1")
+    with _noting_sources(*sources):
+        pass
+    Path("reach_game.py").write_text("REACH = 0.3")
+    with pytest.raises(SimulatorError), _noting_sources(*sources):
+        raise SimulatorError("the episode of arena 0 is over before its 69 decisions")
+    said = capsys.readouterr().err
+    assert "the files of reach_game have changed since run was last trained" in said
+    assert "begin new ones with the same policy: --from run" in said
+    assert changed_sources(*sources) == ["reach_game"]
+    with _noting_sources(*sources):
+        (run / "checkpoints" / "000000000064").mkdir(parents=True)
+    assert changed_sources(*sources) == []

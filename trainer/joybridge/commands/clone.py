@@ -2,9 +2,11 @@
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import add_game_options, add_own_game, run_command, say_next
@@ -20,7 +22,11 @@ from joybridge.demonstrations.recorded import Demonstration
 from joybridge.progress import Progress, say
 from joybridge.run.folder import check_run, keep_config, keep_spec, run_name
 from joybridge.run.run_lock import locked
+from joybridge.run.sources import note_sources
 from joybridge.v1 import bridge_pb2 as pb
+
+if TYPE_CHECKING:
+    from joybridge.demonstrations.supervised import Fit
 
 PASSES = 200
 
@@ -70,6 +76,7 @@ def _clone(options: argparse.Namespace) -> None:
     with locked(run):
         clone(config, run, recorded.shown, options.passes)
         remember(run, SimulatorSource(games=tuple(options.game)), say)
+        note_sources(run, options.game, config)
     say_next("evaluate", str(run))
 
 
@@ -118,11 +125,7 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
     for actor in make_actors(config, spec, config.accelerator):
         given = show(actor, shown, config)
         say(given.remark)
-        best, progress = None, Progress()
-        for result in fit(actor, given, passes):
-            if result.best:
-                best = result
-            progress.report(f"pass {result.passes}: loss {result.loss:.3f}{_held_out(result.held_out)}")
+        best = _best_pass(fit(actor, given, passes))
         if best is None:
             raise DivergedError(f"{actor.name}: the loss is not finite; take a smaller policy.learning_rate")
         print(f"{actor.name}: pass {best.passes} is kept: loss {best.loss:.3f}{_held_out(best.held_out)}")
@@ -140,6 +143,22 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
     keep_spec(spec, run)
     keep_origin(run)
     save_checkpoint(run, arrays, Manifest(timesteps=0, origin=own_origin()))
+
+
+def _best_pass(results: "Generator[Fit, None, None]") -> "Fit | None":
+    """Return the best of what passes reach, None if none reaches anything. An interruption keeps what there is."""
+    best, progress = None, Progress()
+    with closing(results):
+        try:
+            for result in results:
+                if result.best:
+                    best = result
+                progress.report(f"pass {result.passes}: loss {result.loss:.3f}{_held_out(result.held_out)}")
+        except KeyboardInterrupt:
+            if best is None:
+                raise
+            say("interrupted: the best pass so far is kept")
+    return best
 
 
 def _held_out(loss: float) -> str:

@@ -5,8 +5,8 @@ import os
 import shlex
 import signal
 from _thread import interrupt_main
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -33,7 +33,7 @@ from joybridge.client.simulator_source import (
     open_simulators,
     remember,
 )
-from joybridge.config.config import load_config
+from joybridge.config.config import Config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.overrides import add_overrides, parse_overrides
@@ -45,7 +45,7 @@ from joybridge.run.folder import check_run, run_config, run_name
 from joybridge.run.own_code import check_code, sign_code, trust
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 from joybridge.run.sinks import check_sinks
-from joybridge.run.sources import note_sources
+from joybridge.run.sources import changed_sources, note_sources
 
 # What learns is imported when it is needed: torch takes seconds to load, errors should not.
 
@@ -165,10 +165,12 @@ def _train(options: argparse.Namespace) -> None:
         heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
         remember(run, simulators, say)
         sign_code(run, config, say)
-        if changed := note_sources(run, simulators.games, config):
-            say(f"the files of {', '.join(changed)} have changed since {run} was last trained; it goes on with them")
         try:
-            with Display(heading, config.layout, config.end, begin) as display, announcing(display.say):
+            with (
+                _noting_sources(run, simulators.games, config),
+                Display(heading, config.layout, config.end, begin) as display,
+                announcing(display.say),
+            ):
                 train(
                     config,
                     run,
@@ -184,6 +186,26 @@ def _train(options: argparse.Namespace) -> None:
                 say(_continuation(run, options))
             raise
     say_next("evaluate", str(run))
+
+
+@contextmanager
+def _noting_sources(run: Path, games: Sequence[str], config: Config) -> Iterator[None]:
+    """Say which sources have changed, and keep their marks once something is saved that has been played with them."""
+    if not (changed := changed_sources(run, games, config)):
+        note_sources(run, games, config)
+        yield
+        return
+    say(f"the files of {', '.join(changed)} have changed since {run} was last trained; it goes on with them")
+    saved = checkpoints(run)
+    try:
+        yield
+    except SimulatorError as error:
+        if not isinstance(error, SimulatorLost):
+            say(f"if the saved episodes do not fit these files, begin new ones with the same policy: --from {run}")
+        raise
+    finally:
+        if checkpoints(run) != saved:
+            note_sources(run, games, config)
 
 
 def _wanted(options: argparse.Namespace) -> SimulatorSource:

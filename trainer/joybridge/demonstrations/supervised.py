@@ -1,6 +1,6 @@
 """Cloning without a game: an actor learns from some of the demonstrated episodes and is measured on the others."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,7 +74,7 @@ def _demonstration(
     return Demonstration(first.path, spec, list(join_episodes(episodes, spec, behavior)), 0)
 
 
-def fit(actor: Actor, shown: Shown, passes: int) -> Iterator[Fit]:
+def fit(actor: Actor, shown: Shown, passes: int) -> Generator[Fit, None, None]:
     """Let a policy learn what is shown to it; yield what each pass has reached, and keep the best one at the end.
 
     It ends after `passes`, or once PATIENCE of them have not made the loss on held-out episodes smaller.
@@ -85,22 +85,24 @@ def fit(actor: Actor, shown: Shown, passes: int) -> Iterator[Fit]:
     gradient = learner.weights.grad
     assert gradient is not None
     least, best, best_pass = np.inf, learner.weights.detach().clone(), 0
-    for number in range(1, passes + 1):
-        losses, chosen = [], minibatches(refresh(actor.network, shown.learned), size, rng)
-        for _ in range(len(shown.learned) // size):
-            gradient.zero_()
-            losses.append(add_cloning_gradient(actor.network, next(chosen), 1.0))
-            learner.step(actor.config.learning_rate, actor.config.weight_decay)
-        loss = float(np.mean(losses))
-        held_out = np.nan if shown.held_out is None else _loss(actor, shown.held_out)
-        judged = loss if shown.held_out is None else held_out
-        if judged < least:
-            least, best, best_pass = judged, learner.weights.detach().clone(), number
-        yield Fit(number, loss, held_out, best_pass == number)
-        if number - best_pass >= PATIENCE:
-            break
-    with torch.no_grad():
-        learner.weights.copy_(best)
+    try:
+        for number in range(1, passes + 1):
+            losses, chosen = [], minibatches(refresh(actor.network, shown.learned), size, rng)
+            for _ in range(len(shown.learned) // size):
+                gradient.zero_()
+                losses.append(add_cloning_gradient(actor.network, next(chosen), 1.0))
+                learner.step(actor.config.learning_rate, actor.config.weight_decay)
+            loss = float(np.mean(losses))
+            held_out = np.nan if shown.held_out is None else _loss(actor, shown.held_out)
+            judged = loss if shown.held_out is None else held_out
+            if judged < least:
+                least, best, best_pass = judged, learner.weights.detach().clone(), number
+            yield Fit(number, loss, held_out, best_pass == number)
+            if number - best_pass >= PATIENCE:
+                break
+    finally:  # also if it is interrupted, or no further pass is wanted
+        with torch.no_grad():
+            learner.weights.copy_(best)
 
 
 @torch.no_grad()

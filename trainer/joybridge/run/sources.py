@@ -1,13 +1,15 @@
 """The sources of a run that others than we have written: marks of their files, by which a change is noticed.
 
-These are the modules of its game, layout, network and loss, or its pygame program. A spec does not show that the rules
-of a game have changed. Nothing is imported or run to make a mark.
+These are the modules of its game, layout, network and loss, or its pygame program and its hook. A spec does not show
+that the rules of a game have changed. Nothing is imported or run to make a mark.
 """
 
 import hashlib
 import json
+import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +22,7 @@ from joybridge.layouts.find import GROUP
 from joybridge.layouts.mixed import kinds_of
 from joybridge.run.own_code import code_of
 
+HOOK = "hook="  # a setting of a pygame program
 FILE = "sources.json"  # in the folder of a run
 MAX_BYTES = 2**20  # of it
 MAX_SOURCE_BYTES = 2**24  # of a file of a source
@@ -30,7 +33,8 @@ def marks(games: Sequence[str], configs: Sequence[Config]) -> dict[str, str]:
 
     games: "MODULE:CLASS", "gym:MODULE:ID" or "pygame:PROGRAM" each; the names of others are ignored.
     """
-    names = {*map(_source_of_game, games), *_sources_of(configs)} - {""}
+    of_games = [name for game in games for name in _sources_of_game(game)]
+    names = {*of_games, *_sources_of(configs)} - {""}
     return {name: mark for name in sorted(names) if (mark := _mark(name))}
 
 
@@ -66,14 +70,16 @@ def _noted(run: Path) -> dict[str, str]:
         raise ConfigError(f"{run / FILE} cannot be read ({error}); delete it, it is only for people") from error
 
 
-def _source_of_game(place: str) -> str:
-    """Return the module or the file of a game, "" for an environment whose package has a version."""
+def _sources_of_game(place: str) -> list[str]:
+    """Return the modules or the files of a game, nothing for an environment whose package has a version."""
     kind, _, rest = place.partition(":")
     if kind == "pygame":
-        return rest.split(" ")[0]
+        with suppress(ValueError):
+            program, *settings = shlex.split(rest)
+            return [program, *(word.removeprefix(HOOK) for word in settings if word.startswith(HOOK))]
     if kind == "gym":
-        return rest.split(" ")[0].rpartition(":")[0]
-    return "" if kind in ("pettingzoo", "unity", "unity-port") else kind
+        return [rest.split(" ")[0].rpartition(":")[0]]
+    return [] if kind in ("pygame", "pettingzoo", "unity", "unity-port") else [kind]
 
 
 def _sources_of(configs: Sequence[Config]) -> set[str]:
