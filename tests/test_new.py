@@ -19,6 +19,7 @@ from joybridge.client.client import describe
 from joybridge.config.config import load_config
 from joybridge.config.metrics import read_rows
 from joybridge.games import BUILT_IN
+from joybridge.layouts import make_layouts
 from joybridge.simulator import GameSpec, axis, behavior, button, image, sensor
 from joybridge.simulator.catalog import load_game
 from joybridge.simulator.new_game import starter
@@ -293,6 +294,19 @@ def test_who_sees_an_image_begins_with_settings_for_images(kind, centered, layou
     config = YAML(typ="safe").load(text)
     assert config["layout"] == layout and config["arenas"] == 16 and "the image of 64x48" in text
     assert config["policy"]["frame_stack"] == 2 and config["policy"]["image_encoder"] == "auto"
+
+
+def test_who_points_and_holds_several_buttons_is_shown_a_mixture_that_can(tmp_path):
+    player = behavior(
+        "player",
+        sensors=[image("screen", 48, 64, channels=3)],
+        axes=[axis(name, kind="position") for name in "xy"],
+        branches=[button("run"), button("shoot")],
+    )
+    text = starter_config(GameSpec(name="field", behaviors=[player], max_arenas=128))
+    mixture = text.partition("several at once: ")[2].partition("\n")[0]
+    made = make_layouts(mixture, player.device)[""]
+    assert mixture == "hybrid, x=map-16x12, y=map-16x12" and len(made.discrete) == 3
 
 
 def test_the_games_of_a_running_server_are_listed_as_the_built_in_ones_are(simulator, capsys):

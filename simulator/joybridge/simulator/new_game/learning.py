@@ -22,6 +22,9 @@ def layout(spec: pb.GameSpec) -> str:
         height, width = seen[0].shape[:2]
         name = f"map-{CELLS_ACROSS}x{max(1, round(CELLS_ACROSS * height / width))}"
         others = "bucket-7, hybrid\n# A pointer is put on centers of cells; take more cells if targets are small."
+        if any(len(behavior.device.branches) > 1 for behavior in spec.behaviors):
+            x, y = (f"{axis.name}={name}" for axis in spec.behaviors[0].device.axes)
+            others += f" It presses\n# one button at a time; several at once: hybrid, {x}, {y}"
     elif any(kinds):
         name, others = "bucket-7", "hybrid, multiagent"
     else:  # buttons alone, which may belong together
