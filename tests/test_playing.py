@@ -62,6 +62,16 @@ def test_as_many_episodes_are_played_as_are_asked_for_and_each_return_is_told(ep
     assert f"player: {episodes} episodes after" in printed.out
 
 
+def test_fewer_episodes_than_there_are_choices_to_play_equally_often_are_refused(simulator, tmp_path, capsys):
+    config = Config(
+        game="shooting_birds", arenas=4, stratify_by="level", policy=SMALL, total_timesteps=64, log_interval=64
+    )
+    train(config, tmp_path, [simulator], resume=False)
+    command = ["evaluate", str(tmp_path), "--simulator", simulator, "--episodes"]
+    assert main([*command, "6"]) == 1
+    assert "6 episodes for the 7 choices of level, wanted at least one for each" in capsys.readouterr().err
+
+
 def test_the_first_line_says_how_actions_are_chosen(run, simulator, capsys):
     _, printed = evaluate(run, simulator, capsys)
     first = "policy after 64 timesteps, sampled actions (--deterministic: the most probable)\n"

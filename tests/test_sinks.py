@@ -58,6 +58,16 @@ def test_a_sink_that_fails_is_given_up_with_a_warning_and_the_run_goes_on(
     assert list((tmp_path / "tensorboard" / "player").glob("events*"))
 
 
+def test_a_tensorboard_that_does_not_fit_the_other_packages_is_given_up_with_a_warning(
+    simulator, tmp_path, monkeypatch, caplog
+):
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)  # importing it raises an ImportError
+    with caplog.at_level(logging.WARNING, "joybridge.trainer"):
+        assert len(short(simulator, tmp_path)) == 2
+    (record,) = caplog.records
+    assert record.getMessage().startswith("log_to: tensorboard failed and gets no more rows (ModuleNotFoundError: ")
+
+
 @pytest.mark.usefixtures("signals")
 def test_a_sink_that_is_not_installed_names_its_extra(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "mlflow", None)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.client.sharded_session import single_sessions
+from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
 from joybridge.play.input_statistics import InputMeasures, Inputs
@@ -45,6 +46,9 @@ def evaluate(
     Each agent of an arena has its own episodes. Raises SimulatorError, CheckpointError, StorageError or ConfigError.
     """
     with open_play(plays, episodes=episodes) as play:
+        if episodes < (least := len(play.choices)):
+            by = play.config.stratify_by
+            raise ConfigError(f"{episodes} episodes for the {least} choices of {by}, wanted at least one for each")
         actions = (
             "the most probable actions"
             if plays.deterministic

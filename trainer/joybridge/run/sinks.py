@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from joybridge.config.config import Config
-from joybridge.config.errors import ConfigError
+from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.files import storing, write_atomically
 from joybridge.config.metrics import Row, metrics_name
 from joybridge.contract.files import read_file
@@ -166,7 +166,7 @@ class Sinks:
 
     def _fail(self, name: str, error: Exception) -> None:
         """Warn of a sink of others that fails; a disk that is full is an error of the run."""
-        if name == "tensorboard":
+        if isinstance(error, StorageError):
             raise error
         reason = str(error).partition("\n")[0]
         log.warning("log_to: %s failed and gets no more rows (%s: %s)", name, type(error).__name__, reason)
