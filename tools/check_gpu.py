@@ -1,8 +1,8 @@
 """Train on a GPU, and check what is promised for one: `python -m tools.check_gpu`.
 
 The same seed gives the same bits twice, and a run that is stopped in its middle and resumed ends in the same ones; its
-policy is played and exported without a GPU. Pictures, memory, several policies, opponents and cloned play are among the
-trainings. How many timesteps per second there are is printed beside those of the processor.
+policy is played and exported without a GPU. Pictures, memory, several policies and opponents are among the trainings.
+How many timesteps per second there are is printed beside those of the processor.
 
 Exit status: 0; 1 if a promise is not kept; 77 where PyTorch finds no GPU.
 """
@@ -26,9 +26,8 @@ MISSING = 77  # exit status: nothing was checked
 DEADLINE = 300.0  # seconds of one command
 PICTURES = ["options.observation=screen", "options.screen_size=84", "policy.image_encoder=impala"]
 MEMORY = ["policy.memory.size=64", "policy.memory.length=30", "policy.frame_stack=1"]
-TRAININGS: tuple[
-    tuple[str, int, list[str]], ...
-] = (  # configurations, with how long they are trained, and other changes
+Training = tuple[str, int, list[str]]  # a configuration, its timesteps, and other changes
+TRAININGS: tuple[Training, ...] = (
     ("shooting_birds/hybrid", 45_000, []),
     ("shooting_birds/screen", 45_000, []),
     ("shooting_birds/screen", 15_000, PICTURES),
