@@ -165,7 +165,7 @@ class Sinks:
                 self._fail(name, error)
 
     def _fail(self, name: str, error: Exception) -> None:
-        """Warn of a sink of others that fails; a disk that is full is an error of the run."""
+        """Warn of a sink that fails; a disk that is full is an error of the run."""
         if isinstance(error, StorageError):
             raise error
         reason = str(error).partition("\n")[0]
