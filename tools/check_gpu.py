@@ -8,10 +8,7 @@ Exit status: 0; 1 if a promise is not kept; 77 where PyTorch finds no GPU.
 """
 
 import argparse
-import hashlib
-import os
 import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -20,10 +17,10 @@ from pathlib import Path
 
 import torch
 
-from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.checkpoint import SUMS, checkpoints
+from tools.check_wheel import Failed, Programs
 
 MISSING = 77  # exit status: nothing was checked
-DEADLINE = 300.0  # seconds of one command
 PICTURES = ["options.observation=screen", "options.screen_size=84", "policy.image_encoder=impala"]
 MEMORY = ["policy.memory.size=64", "policy.memory.length=30", "policy.frame_stack=1"]
 Training = tuple[str, int, list[str]]  # a configuration, its timesteps, and other changes
@@ -36,11 +33,6 @@ TRAININGS: tuple[Training, ...] = (
     ("beastly_rivals/multiagent", 45_000, []),
     ("beastly_rivals_full/league", 40_000, []),
 )
-WITHOUT = {"CUDA_VISIBLE_DEVICES": ""}
-
-
-class Failed(Exception):
-    """A promise that is not kept, or a command that failed; the text says what came."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,50 +61,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def check(config: str, timesteps: int, changes: Sequence[str], folder: Path) -> str:
     """Train a configuration on the GPU in all ways and say what came. Raises Failed."""
+    programs = Programs(Path(sys.executable).parent, folder)
+    without = Programs(programs.bin, folder / "without")
+    without.variables["CUDA_VISIBLE_DEVICES"] = ""
     settings = [*changes, "log_to=[]", f"total_timesteps={timesteps}", f"log_interval={timesteps // 3}"]
     on_gpu = [*settings, "accelerator=cuda"]
-    train(config, folder / "once", on_gpu)
-    speed = train(config, folder / "again", on_gpu)
-    train(config, folder / "resumed", [*on_gpu, f"stop_at={timesteps // 2}"])
-    train(config, folder / "resumed", ["--resume", *on_gpu])
-    digests = {name: digest(folder / name) for name in ("once", "again", "resumed")}
+    train(programs, config, "once", on_gpu)
+    speed = train(programs, config, "again", on_gpu)
+    train(programs, config, "resumed", [*on_gpu, f"stop_at={timesteps // 2}"])
+    train(programs, config, "resumed", ["--resume", *on_gpu])
+    digests = {run: digest(folder / run) for run in ("once", "again", "resumed")}
     what = " ".join([config, *changes])
     if len(set(digests.values())) > 1:
         raise Failed(f"{what}: the same seed gives different bits: {digests}")
-    processor = train(config, folder / "processor", settings, WITHOUT)
-    joybridge("evaluate", str(folder / "once"), "--episodes", "7", variables=WITHOUT)
-    joybridge("export", str(folder / "once"), str(folder / "policy.json"), variables=WITHOUT)
+    processor = train(without, config, "processor", settings)
+    without.run("joybridge", "evaluate", str(folder / "once"), "--episodes", "7")  # one for each level
+    without.run("joybridge", "export", str(folder / "once"), "policy.json")
     return (
         f"{what}: {digests['once']} three times; played and exported without a GPU; "
         f"{speed} timesteps/s, {processor} on the processor"
     )
 
 
-def train(config: str, run: Path, settings: Sequence[str], variables: dict[str, str] | None = None) -> str:
+def train(programs: Programs, config: str, run: str, settings: Sequence[str]) -> str:
     """Train and return the timesteps per second of the last row. Raises Failed."""
-    output = joybridge("train", config, "--run", str(run), *settings, variables=variables or {})
+    output = programs.run("joybridge", "train", config, "--run", run, *settings)
     last: str = re.findall(r"([\d.,]+(?: k)?) timesteps/s", output)[-1]
     return last
 
 
-def joybridge(*arguments: str, variables: dict[str, str]) -> str:
-    """Run a command and return its output. Raises Failed."""
-    command = [sys.executable, "-m", "joybridge", *arguments]
-    done = subprocess.run(
-        command, env=os.environ | variables, capture_output=True, text=True, timeout=DEADLINE, check=False
-    )
-    if done.returncode:
-        raise Failed(f"{' '.join(command)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
-    return done.stdout + done.stderr
-
-
 def digest(run: Path) -> str:
     """Return a hash of all arrays of the last checkpoint of a run."""
-    arrays, _ = load_checkpoint(run)
-    whole = hashlib.sha256()
-    for name, array in sorted(arrays.items()):
-        whole.update(name.encode() + str(array.dtype).encode() + array.tobytes())
-    return whole.hexdigest()[:16]
+    return (checkpoints(run)[-1] / SUMS).read_text(encoding="utf-8")[:16]
 
 
 if __name__ == "__main__":
