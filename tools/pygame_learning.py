@@ -7,6 +7,7 @@ the program's own objects. The other packages are installed by hand, beside this
 """
 
 import argparse
+import shlex
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -23,6 +24,7 @@ from joybridge.config.config import load_config
 from joybridge.contract.places import PYGAME
 from joybridge.contract.spec import choose_options
 
+OWN = "hook="  # among the settings of a program
 CONFIGS = Path(__file__).parents[1] / "configs/pygame"
 HOOK = """import sys
 
@@ -62,9 +64,12 @@ def return_balls(state: list[float], decision: int) -> Act:
 
 
 def keep_balls(state: list[float], decision: int) -> Act:
-    """Keep the paddle under the lowest ball, and press in every second decision: it starts the ball, or shoots."""
-    (ball,) = state
-    return {"pointer_x": 2 * ball / 575 - 1}, {"mouse_left"} if decision % 2 else set()
+    """Keep the paddle where the lowest ball will be, and press in every second decision: it starts the ball, or shoots.
+
+    The paddle lies half its width left of the pointer.
+    """
+    ball, speed, width = state
+    return {"pointer_x": 2 * (ball + 4 * speed + width / 2) / 575 - 1}, {"mouse_left"} if decision % 2 else set()
 
 
 def shoot(state: list[float], decision: int) -> Act:
@@ -86,7 +91,8 @@ SCRIPTS = {
     ),
     "xboing": Script(
         "run",
-        "[max(((b.y, b.x) for b in names['self'].ball_manager.balls), default=(0, 288))[1]]",
+        "[*max(((b.y, b.x, b.vx) for b in names['self'].ball_manager.balls), default=(0, 288, 0))[1:],"
+        " names['self'].paddle.rect.width]",
         keep_balls,
     ),
     "aliens": Script(
@@ -114,11 +120,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def means(program: str, episodes: int) -> list[float]:
     """Return the mean rewards of random and of scripted episodes, in the first channel."""
     config, script = load_config(CONFIGS / f"{program}.yaml", []), SCRIPTS[program]
-    place, _, settings = config.game.removeprefix(PYGAME).partition(" ")
     with tempfile.TemporaryDirectory() as folder:
-        hook = Path(folder, "hook.py")
-        hook.write_text(HOOK.format(function=script.function, state=script.state))
-        with opened(f"{place} hook={hook} {settings}", {}) as (_, game):
+        place = with_state(config.game.removeprefix(PYGAME), script, Path(folder, "hook.py"))
+        with opened(place, {}) as (_, game):
             form = make_form(game.look, choose_options(options_of(game.look), config.options, game.name))
             limit = int(game.settings.number("max_decisions"))
             players = Players(game.processes, form, form.inside(game.settings.number("seconds")), 1)
@@ -130,6 +134,14 @@ def means(program: str, episodes: int) -> list[float]:
                 ]
             finally:
                 players.end([0])
+
+
+def with_state(place: str, script: Script, hook: Path) -> str:
+    """Return a program with a hook that has the state for a script, after what the program's own hook has."""
+    first, *settings = shlex.split(place)
+    own = [(CONFIGS / word.removeprefix(OWN)).read_text() for word in settings if word.startswith(OWN)]
+    hook.write_text("\n\n".join([*own, HOOK.format(function=script.function, state=script.state)]))
+    return shlex.join([first, f"{OWN}{hook}", *(word for word in settings if not word.startswith(OWN))])
 
 
 def played(players: Players, seed: int, player: Player, limit: int) -> float:
