@@ -19,6 +19,8 @@ BRIGHT, DARK = (255, 220, 60), (20, 20, 20)  # of the cross and of its border, w
 def mark_pointers(picture: Array, spec: pb.GameSpec, acts: Sequence[ActArrays]) -> Array:
     """Return a picture of the first arena with a cross for every pointer, uint8 [height, width, 3].
 
+    A cross has no middle, so that what is pointed at is seen.
+
     acts: one per behavior, the first arena's lanes first.
     """
     marked = picture
@@ -31,6 +33,9 @@ def mark_pointers(picture: Array, spec: pb.GameSpec, acts: Sequence[ActArrays]) 
             for height, width in ((thick, long), (long, thick)):
                 top, left = max(0, row - height), max(0, column - width)
                 marked[top : row + height + 1, left : column + width + 1] = color
+        gap = arm // 2
+        middle = np.s_[max(0, row - gap) : row + gap + 1, max(0, column - gap) : column + gap + 1]
+        marked[middle] = picture[middle]
     return marked
 
 
