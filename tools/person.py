@@ -25,9 +25,8 @@ from tests.support.chromium import Tab, chromium
 DELAY, LAG, PRESS, REST = 0.2, 0.08, 0.09, 0.12  # s
 MISS = 18  # pixels of the program, the deviation of where it aims from what it aims at
 WIDTH, HEIGHT, GROUND = 1280, 480, (170, 238, 187)  # of the program
-ROW = 200  # of the picture, which crosses the chimp
-FIST = (-240, -50)  # columns that the fist covers, beside those of the pointer
-REACH = 175  # columns that the pointer is right of what it hits
+ROW = 200  # of the picture: the chimp is there, also while it spins
+POINTER_ROW = 300  # of the pointer, so that the fist, which is below, does not cover the other
 SHOWN = "document.querySelector('#curtain').classList.contains('shown')"
 READY = "document.querySelector('#curtain-title').textContent.startsWith('Click or press Enter')"
 BOX = "(({ x, y, width, height }) => [x, y, width, height])(document.querySelector('#picture').getBoundingClientRect())"
@@ -53,10 +52,9 @@ class Person:
         self.miss = 0.0
 
     def see(self, now: float, columns: Sequence[float]) -> None:
-        """Take in which columns are not the ground; those of the fist are not the chimp's."""
-        chimp = [x for x in columns if not FIST[0] <= x - self.x <= FIST[1]]
-        if len(chimp) > 2:
-            self.seen.append((now, sum(chimp) / len(chimp)))
+        """Take in which columns are not the ground."""
+        if columns:
+            self.seen.append((now, sum(columns) / len(columns)))
 
     def move(self, now: float, seconds: float) -> None:
         """Move the pointer towards where the chimp should be by now."""
@@ -67,7 +65,7 @@ class Person:
         speed = (end - begin) / max(last - first, 0.02) if len(past) > 1 else 0.0
         chimp = end + speed * (now - last)
         chimp = 128 - chimp if chimp < 64 else 2 * (WIDTH - 64) - chimp if chimp > WIDTH - 64 else chimp  # it turns
-        aim = min(max(chimp + REACH + self.miss, 0.0), float(WIDTH))
+        aim = min(max(chimp + self.miss, 0.0), float(WIDTH))
         self.x += (aim - self.x) * (1 - math.exp(-seconds / LAG))
 
     def rest(self) -> float:
@@ -94,7 +92,7 @@ def play(tab: Tab, url: str, seconds: float, person: Person) -> None:
         person.move(now, now - last)
         last = now
         left, top, width, height = tab.value(BOX)
-        x, y = left + person.x / WIDTH * width, top + (ROW + 60) / HEIGHT * height
+        x, y = left + person.x / WIDTH * width, top + POINTER_ROW / HEIGHT * height
         tab.mouse("mouseMoved", x, y, "left" if pressed else "none", int(pressed))
         if now >= change:
             pressed = not pressed
