@@ -26,7 +26,7 @@ DELAY, LAG, PRESS, REST = 0.2, 0.08, 0.09, 0.12  # s
 MISS = 18  # pixels of the program, the deviation of where it aims from what it aims at
 WIDTH, HEIGHT, GROUND = 1280, 480, (170, 238, 187)  # of the program
 ROW = 200  # of the picture: the chimp is there, also while it spins
-POINTER_ROW = 300  # of the pointer, so that the fist, which is below, does not cover the other
+POINTER_ROW = 300  # where the pointer stays: the fist is drawn there and below, so it never covers ROW
 SHOWN = "document.querySelector('#curtain').classList.contains('shown')"
 READY = "document.querySelector('#curtain-title').textContent.startsWith('Click or press Enter')"
 BOX = "(({ x, y, width, height }) => [x, y, width, height])(document.querySelector('#picture').getBoundingClientRect())"
