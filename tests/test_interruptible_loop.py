@@ -224,6 +224,23 @@ def test_what_a_finalizer_wants_after_the_end_is_not_done(loop):
     loop.run_soon(wait_forever)
 
 
+def test_the_end_of_the_program_leaves_alone_what_a_daemon_thread_waits_for(loop):
+    """`joybridge play` ends while the thread of a page waits for the simulator."""
+    running, end = threading.Event(), asyncio.Event()
+
+    async def wait() -> str:
+        running.set()
+        await end.wait()
+        return "done"
+
+    with ThreadPoolExecutor(1) as pool:
+        result = pool.submit(loop.run, wait)
+        running.wait()
+        loop._close()
+        loop._runner.get_loop().call_soon_threadsafe(end.set)
+        assert result.result() == "done"
+
+
 def test_an_interrupt_in_a_block_without_interrupts_is_raised_after_it():
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         handler = signal.signal(number, signal.default_int_handler)

@@ -1,10 +1,9 @@
-"""A script with the limits of a person plays chimp through the page of `joybridge play`, for demonstrations.
+"""Scripts with the limits of a person play programs through the page of `joybridge play`, for demonstrations.
 
-    python -m tools.person demos/chimp --minutes 10
+    python -m tools.person chimp demos/chimp --minutes 10
 
-It sees the picture in the page and nothing else, as it was 0.2 s before, and expects the chimp to go on as it did. Its
-pointer approaches what it aims at with a time constant of 0.08 s, and misses it by some 18 pixels; it presses for
-0.09 s and rests for about 0.12. Needs Chromium.
+A script sees the picture in the page and nothing else, as it was 0.2 s before, and expects things to go on as they did.
+It misses what it aims at, and needs a moment to get there. Needs Chromium.
 """
 
 import argparse
@@ -19,59 +18,150 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from tests.support.chromium import Tab, chromium
 
-DELAY, LAG, PRESS, REST = 0.2, 0.08, 0.09, 0.12  # s
-MISS = 18  # pixels of the program, the deviation of where it aims from what it aims at
-WIDTH, HEIGHT, GROUND = 1280, 480, (170, 238, 187)  # of the program
-ROW = 200  # of the picture: the chimp is there, also while it spins
-POINTER_ROW = 300  # where the pointer stays: the fist is drawn there and below, so it never covers ROW
+DELAY, SPAN = 0.2, 0.25  # s: of what is seen, and for how long a speed is watched
+JUMP = 100  # pixels, between two pictures: nothing moves so fast
 SHOWN = "document.querySelector('#curtain').classList.contains('shown')"
 READY = "document.querySelector('#curtain-title').textContent.startsWith('Click or press Enter')"
 BOX = "(({ x, y, width, height }) => [x, y, width, height])(document.querySelector('#picture').getBoundingClientRect())"
-SEEN = f"""(() => {{
-  const picture = document.querySelector("#picture"), columns = [];
-  const row = Math.round(picture.height * {ROW / HEIGHT});
-  const data = picture.getContext("2d").getImageData(0, row, picture.width, 1).data;
-  for (let x = 0; x < picture.width; x += 4) {{
-    const apart = {list(GROUND)}.reduce((sum, value, part) => sum + Math.abs(value - data[4 * x + part]), 0);
-    if (apart > 60) columns.push(x * {WIDTH} / picture.width);
-  }}
-  return columns;
-}})()"""
+SEEN = """(() => {
+  const { width, height } = document.querySelector("#picture");
+  const { data } = document.querySelector("#picture").getContext("2d").getImageData(0, 0, width, height);
+  const scale = %s / width;
+  %s
+})()"""
 
 
-class Person:
-    """Where the pointer is, and what was seen."""
+class Hands(NamedTuple):
+    """Where the hands are."""
+
+    pressed: frozenset[str]  # "mouse", or the letters of keys
+    pointer: tuple[float, float] | None = None  # in pixels of the program
+
+
+class Past:
+    """What was seen, of which only what is older than DELAY is known."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._seen: deque[tuple[float, list[float]]] = deque(maxlen=60)
+
+    def add(self, now: float, values: list[float]) -> None:
+        """See something."""
+        self._seen.append((now, values))
+
+    def known(self, now: float) -> tuple[list[float], list[float], float] | None:
+        """Return the newest known values, their speeds and how old they are, if there are any."""
+        past = [(when, values) for when, values in self._seen if DELAY <= now - when < DELAY + SPAN]
+        if not past:
+            return None
+        last, end = first, begin = past[-1]
+        for when, values in reversed(past[:-1]):
+            if any(abs(b - a) > JUMP or (b - a) * (c - b) < 0 for a, b, c in zip(values, begin, end, strict=True)):
+                break  # it turned here, or began anew
+            first, begin = when, values
+        return end, [(b - a) / max(last - first, 0.02) for a, b in zip(begin, end, strict=True)], now - last
+
+
+class Puncher:
+    """Plays chimp with the mouse."""
+
+    WIDTH, HEIGHT = 1280, 480
+    POINTER_ROW = (
+        300  # where the pointer stays: the fist is drawn there and below, so it never covers the row that is seen
+    )
+    LAG, PRESS, REST = (
+        0.08,
+        0.09,
+        0.12,
+    )  # s: the time constant of the pointer, how long it presses, and rests on average
+    MISS = 18  # pixels, the deviation of where it aims from what it aims at
+    SEEN = """
+  const row = Math.round(200 / scale) * width, columns = []; // the chimp is there, also while it spins
+  for (let x = 0; x < width; x += 4) {
+    const ground = [170, 238, 187];
+    const apart = ground.reduce((sum, value, part) => sum + Math.abs(value - data[4 * (row + x) + part]), 0);
+    if (apart > 60) columns.push(x * scale);
+  }
+  return columns;"""
 
     def __init__(self, seed: int) -> None:
         """Begin in the middle. seed: of misses and rests."""
-        self.rng, self.x = random.Random(seed), WIDTH / 2
-        self.seen: deque[tuple[float, float]] = deque(maxlen=60)  # when, and the middle of the chimp
-        self.miss = 0.0
+        self._rng, self._x, self._past = random.Random(seed), self.WIDTH / 2, Past()
+        self._miss, self._pressed, self._change = 0.0, False, 0.0  # the last: when it presses or releases
 
-    def see(self, now: float, columns: Sequence[float]) -> None:
-        """Take in which columns are not the ground."""
-        if columns:
-            self.seen.append((now, sum(columns) / len(columns)))
+    def see(self, now: float, seen: list[float]) -> None:
+        """Take in the columns that are not the ground."""
+        if seen:
+            self._past.add(now, [sum(seen) / len(seen)])
 
-    def move(self, now: float, seconds: float) -> None:
-        """Move the pointer towards where the chimp should be by now."""
-        past = [(when, x) for when, x in self.seen if DELAY <= now - when < DELAY + 0.25]
-        if not past:
-            return
-        (first, begin), (last, end) = past[0], past[-1]
-        speed = (end - begin) / max(last - first, 0.02) if len(past) > 1 else 0.0
-        chimp = end + speed * (now - last)
-        chimp = 128 - chimp if chimp < 64 else 2 * (WIDTH - 64) - chimp if chimp > WIDTH - 64 else chimp  # it turns
-        aim = min(max(chimp + self.miss, 0.0), float(WIDTH))
-        self.x += (aim - self.x) * (1 - math.exp(-seconds / LAG))
+    def act(self, now: float, seconds: float) -> Hands:
+        """Move the pointer towards where the chimp should be by now, and press from time to time."""
+        if known := self._past.known(now):
+            (x,), (speed,), age = known
+            aim = min(max(_reflected(x + speed * age, 64, self.WIDTH - 64) + self._miss, 0.0), float(self.WIDTH))
+            self._x += (aim - self._x) * (1 - math.exp(-seconds / self.LAG))
+        if now >= self._change:
+            self._pressed = not self._pressed
+            self._change = now + (self.PRESS if self._pressed else abs(self._rng.gauss(self.REST, 0.05)))
+            self._miss = self._miss if self._pressed else self._rng.gauss(0, self.MISS)
+        return Hands(frozenset({"mouse"} if self._pressed else ()), (self._x, self.POINTER_ROW))
 
-    def rest(self) -> float:
-        """Return for how long nothing is pressed, and aim anew."""
-        self.miss = self.rng.gauss(0, MISS)
-        return abs(self.rng.gauss(REST, 0.05))
+
+class Returner:
+    """Plays pong-arcade in its dark mode with two keys."""
+
+    WIDTH, HEIGHT, FRONT, SPEED = 800, 600, 35, 600  # the last: where its paddle ends, and its pixels per second
+    NEAR, MISS = 12, 6  # pixels: it moves if it is farther than this; the deviation of where it aims
+    WAIT = 0.27  # s, until it sees what a key has done
+    SEEN = """
+  let [x, y, bright, paddle, blue] = [0, 0, 0, 0, 0];
+  for (let row = 0; row < height; row += 2) for (let column = 0; column < width; column += 2) {
+    const at = 4 * (row * width + column);
+    if (data[at] > 200 && data[at + 1] > 200 && Math.abs(column * scale - 400) > 10) {
+      x += column; y += row; bright += 1;
+    }
+    if (data[at + 2] - data[at] > 120 && column * scale < 60) { paddle += row; blue += 1; }
+  }
+  return bright && blue ? [scale * x / bright, scale * y / bright, scale * paddle / blue] : [];"""
+
+    def __init__(self, seed: int) -> None:
+        """Begin with no key pressed. seed: of misses."""
+        self._rng, self._ball, self._paddle = random.Random(seed), Past(), Past()
+        self._key, self._release, self._next = "", 0.0, 0.0  # the last two: when it releases, and presses again
+
+    def see(self, now: float, seen: list[float]) -> None:
+        """Take in where the ball and the paddle are."""
+        if seen:
+            self._ball.add(now, seen[:2])
+            self._paddle.add(now, seen[2:])
+
+    def act(self, now: float, _: float) -> Hands:
+        """Press a key for as long as the way to where the ball will come takes, and wait for what it does."""
+        if now >= self._release:
+            self._key = ""
+        ball, paddle = self._ball.known(now), self._paddle.known(now)
+        if now >= self._next and ball and paddle:
+            (x, y), (across, speed), age = ball
+            seconds = (x - self.FRONT) / -across if across < 0 else age  # from when it was seen until it comes
+            place = _reflected(y + speed * min(max(seconds, age), 2.0), 0, self.HEIGHT)
+            apart = place + self._rng.gauss(0, self.MISS) - paddle[0][0]
+            if abs(apart) > self.NEAR:
+                self._key = "s" if apart > 0 else "w"
+                self._release = now + min(abs(apart) / self.SPEED, 0.5)
+                self._next = self._release + self.WAIT
+        return Hands(frozenset(self._key))
+
+
+def _reflected(place: float, low: float, high: float) -> float:
+    return 2 * low - place if place < low else 2 * high - place if place > high else place
+
+
+Person = Puncher | Returner
+PERSONS: dict[str, type[Person]] = {"chimp": Puncher, "pong-arcade": Returner}
 
 
 def play(tab: Tab, url: str, seconds: float, person: Person) -> None:
@@ -80,7 +170,7 @@ def play(tab: Tab, url: str, seconds: float, person: Person) -> None:
     tab.go(url)
     tab.wait(READY)
     begin = last = time.monotonic()
-    pressed, change = False, begin  # and when this changes
+    held: frozenset[str] = frozenset()
     for number in count():
         if number % 10 == 0 and tab.value(SHOWN):
             tab.key("Enter", "Enter")
@@ -88,39 +178,55 @@ def play(tab: Tab, url: str, seconds: float, person: Person) -> None:
         now = time.monotonic()
         if now - begin > seconds:
             return
-        person.see(now, tab.value(SEEN))
-        person.move(now, now - last)
-        last = now
-        left, top, width, height = tab.value(BOX)
-        x, y = left + person.x / WIDTH * width, top + POINTER_ROW / HEIGHT * height
-        tab.mouse("mouseMoved", x, y, "left" if pressed else "none", int(pressed))
-        if now >= change:
-            pressed = not pressed
-            tab.mouse("mousePressed" if pressed else "mouseReleased", x, y, "left", int(pressed))
-            change = now + (PRESS if pressed else person.rest())
+        person.see(now, tab.value(SEEN % (person.WIDTH, person.SEEN)) or [])
+        hands = person.act(now, now - last)
+        press(tab, person, held, hands)
+        held, last = hands.pressed, now
+
+
+def press(tab: Tab, person: Person, held: frozenset[str], hands: Hands) -> None:
+    """Move the mouse and press what is not yet held, and release what no longer is."""
+    if hands.pointer:
+        left, top, width, _ = tab.value(BOX)
+        x, y = (offset + part * width / person.WIDTH for offset, part in zip((left, top), hands.pointer, strict=True))
+        tab.mouse("mouseMoved", x, y, "left" if "mouse" in held else "none", int("mouse" in held))
+    for key in held ^ hands.pressed:
+        down = key in hands.pressed
+        if key == "mouse":
+            tab.mouse("mousePressed" if down else "mouseReleased", x, y, "left", int(down))
+        else:
+            tab.key(f"Key{key.upper()}", key, down=down, up=not down)
 
 
 @contextmanager
-def page(folder: Path) -> Iterator[str]:
-    """Start the page that records in a folder; yield its URL."""
-    command = [sys.executable, "-m", "joybridge", "play", "pygame/chimp", "--demos", str(folder)]
+def page(program: str, folder: Path) -> Iterator[str]:
+    """Start the page that records a program of configs/pygame in a folder; yield its URL."""
+    command = [sys.executable, "-m", "joybridge", "play", f"pygame/{program}", "--demos", str(folder)]
     with subprocess.Popen([*command, "--no-browser", "--port", "0"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
-            yield next(line.split()[-1] for line in process.stdout if "http://" in line)
+            url = next((line.split()[-1] for line in process.stdout if "http://" in line), "")
+            if not url:
+                sys.exit("error: joybridge play ended before its page was up: its error is above")
+            yield url
         finally:
             process.terminate()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(description="A script with the limits of a person plays chimp in a page.")
+    parser = argparse.ArgumentParser(description="A script with the limits of a person plays a program in a page.")
+    parser.add_argument("program", choices=PERSONS, help="of configs/pygame: %(choices)s")
     parser.add_argument("demos", type=Path, help="the folder in which its play is recorded")
     parser.add_argument("--minutes", type=float, default=10.0, help="of play; default %(default)g")
     parser.add_argument("--seed", type=int, default=0, help="of its misses and rests; default %(default)s")
     options = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as folder, chromium(folder) as browser, page(options.demos) as url:
-        play(browser.tab(), url, 60 * options.minutes, Person(options.seed))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        page(options.program, options.demos) as url,
+        chromium(folder) as browser,
+    ):
+        play(browser.tab(), url, 60 * options.minutes, PERSONS[options.program](options.seed))
     return 0
 
 

@@ -128,7 +128,12 @@ class EventLoop:
     def _close(self) -> None:
         """Drop unfinished work, such as sessions that were not closed; this runs when the interpreter exits."""
         self._closed = True
-        self._runner.close()
+        if not self._lock.acquire(blocking=False):
+            return  # a daemon thread runs the loop, and ends with the process
+        try:
+            self._runner.close()
+        finally:
+            self._lock.release()
 
 
 def _inside_a_loop() -> bool:
