@@ -3,13 +3,16 @@
 import gc
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from joybridge.client.launch import simulator_process
 from tests.support.games import PLACES
+
+GYM_PLACES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase", "Gallery")]
 
 # A shell that starts the tests in the background lets them, and the programs that they start, ignore interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -45,6 +48,30 @@ def simulator() -> Iterator[str]:
     """Yield the address of a simulator in a process of its own."""
     with simulator_process(PLACES) as address:
         yield address
+
+
+@pytest.fixture(scope="session")
+def gym_simulator() -> Iterator[str]:
+    """Yield the address of a simulator with the games of the tests of environments."""
+    with simulator_process(GYM_PLACES) as address:
+        yield address
+
+
+@pytest.fixture
+def make(gym_simulator: str) -> Iterator[Callable[..., Any]]:
+    """Make environments at that simulator, whose samples are the same each time, and close them."""
+    made: list[Any] = []
+
+    def make(kind: type, *arguments: object, **settings: object) -> Any:
+        made.append(kind(*arguments, simulator=gym_simulator, **settings))
+        agents = getattr(made[-1], "possible_agents", ())
+        for space in [made[-1].action_space(agent) for agent in agents] or [made[-1].action_space]:
+            space.seed(1)
+        return made[-1]
+
+    yield make
+    for environment in made:
+        environment.close()
 
 
 @pytest.fixture

@@ -1,66 +1,25 @@
-"""Gymnasium and PettingZoo environments, through gRPC at a real server process."""
+"""Gymnasium environments of one arena and of many, through gRPC at a real server process."""
 
-import gc
-import inspect
-import subprocess
-import sys
-import warnings
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.error import ClosedEnvironmentError, ResetNeeded
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict, MultiDiscrete
-from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-import joybridge.gym
-from joybridge.client.client import Session, SimulatorError, SimulatorLost, describe
-from joybridge.client.launch import simulator_process
-from joybridge.config.config import Config
+from joybridge.client.client import Session
 from joybridge.config.errors import ConfigError
-from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import ActArrays
-from joybridge.games import BUILT_IN
-from joybridge.gym import BridgeEnv, BridgeParallelEnv, BridgeVectorEnv, sample_allowed
-from joybridge.gym.registration import GAMES, environment_id
+from joybridge.gym import BridgeEnv, BridgeVectorEnv, sample_allowed
 from joybridge.layouts import CLIP, make_layouts
-from tests.support.gym_games import Brief, Chase
 
-with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # of games that it imports of its own
-    from pettingzoo.test import parallel_api_test, parallel_seed_test
-
-PLACES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase", "Gallery")]
-IDS = {environment_id(game): game for game in BUILT_IN}
 CHECKED = ["joybridge/ShootingBirds-v0", "joybridge/BeastlyRivals-v0", "joybridge/Orchard-v0"]
 LAYOUTS = ["bucket-11", "hybrid", "threshold-0.5"]
-
-
-@pytest.fixture(scope="module")
-def simulator():
-    with simulator_process(PLACES) as address:
-        yield address
-
-
-@pytest.fixture
-def make(simulator):
-    """Make environments at the shared simulator, whose samples are the same each time, and close them."""
-    made = []
-
-    def make(kind, *arguments, **settings):
-        made.append(kind(*arguments, simulator=simulator, **settings))
-        agents = getattr(made[-1], "possible_agents", ())
-        for space in [made[-1].action_space(agent) for agent in agents] or [made[-1].action_space]:
-            space.seed(1)
-        return made[-1]
-
-    yield make
-    for environment in made:
-        environment.close()
 
 
 def flat(observations):
@@ -80,9 +39,9 @@ def raw_actions(space, actions):
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("game", ["shooting_birds", "beastly_rivals", "brief"])
-def test_a_vector_environment_returns_what_its_session_receives(simulator, make, game, layout):
+def test_a_vector_environment_returns_what_its_session_receives(gym_simulator, make, game, layout):
     envs = make(BridgeVectorEnv, game, 3, layout=layout, frame_stack=2, seed=7)
-    with Session(simulator, game, arenas=3, seed=7) as session:
+    with Session(gym_simulator, game, arenas=3, seed=7) as session:
         (behavior,) = session.spec.behaviors
         (mapping,) = make_layouts(layout, behavior.device).values()
         weights = np.array([channel.default_weight for channel in behavior.channels], np.float32)
@@ -358,14 +317,6 @@ def test_a_forbidden_choice_may_be_replaced_by_the_first_allowed_one(make):
     assert replaced > 0
 
 
-def test_an_agents_forbidden_choice_names_the_agent_and_can_be_corrected(make):
-    env = make(BridgeParallelEnv, "turns")
-    env.reset()
-    with pytest.raises(ValueError, match=r"actions\['player_0'\]: branch 'card' got 'ace' in lane 0, which its mask"):
-        env.step({"player_0": [0]})
-    assert env.step({"player_0": [1]})[4]["player_1"]["deciding"] is True
-
-
 @pytest.mark.parametrize("frame_stack", [1, 3])
 def test_sensors_keep_their_shapes_on_request(make, frame_stack):
     flat, shaped = (
@@ -415,8 +366,8 @@ def test_sensors_keep_their_dtypes_on_request(make):
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", CHECKED)
 @pytest.mark.promise("E1")
-def test_check_env_passes(simulator, name, layout):
-    env = gymnasium.make(name, layout=layout, simulator=simulator)
+def test_check_env_passes(gym_simulator, name, layout):
+    env = gymnasium.make(name, layout=layout, simulator=gym_simulator)
     try:
         check_env(env.unwrapped)
     finally:
@@ -450,384 +401,3 @@ def test_one_arenas_picture(make):
     env.step(env.action_space.sample())
     assert env.render().shape == (4, 6, 3) and env.render().any()
     assert make(BridgeEnv, "brief").render() is None
-
-
-# --------------------------------------------------------------------------------------- several agents
-
-
-def test_two_policies_act_together_on_one_device(simulator, make):
-    channels = {"axes": {"hit": 0, "miss": 0, "dry_shot": 0, "reload": 0, "aimed_hit": 1, "aimed_miss": 1}}
-    env = make(BridgeParallelEnv, "shooting_birds", layout="multiagent", reward_weights=channels, seed=9)
-    assert env.possible_agents == ["axes", "buttons"]
-    assert env.action_space("axes") == Box(-1, 1, (2,)) and env.action_space("buttons") == MultiDiscrete([3])
-    env.reset()
-    with Session(simulator, "shooting_birds", arenas=1, seed=9) as session:
-        names = [channel.name for channel in session.spec.behaviors[0].channels]
-        for decision in range(200):
-            moves = {"axes": np.array([np.sin(decision), 0.5], np.float32), "buttons": np.array([decision % 3])}
-            observations, rewards, *_ = env.step(moves)
-            buttons = np.array([[decision % 3 == 0, decision % 3 == 1]], np.int32)
-            (step,) = session.step([ActArrays(moves["axes"][None], buttons)])
-            paid = dict(zip(names, step.rewards[0].tolist(), strict=True))
-            assert rewards["buttons"] == sum(paid[name] for name in ("hit", "miss", "dry_shot", "reload"))
-            assert rewards["axes"] == paid["aimed_hit"] + paid["aimed_miss"]
-            for observation in observations.values():
-                assert np.array_equal(observation[-44:], flat(step.observations)[0])
-        assert env.agents == ["axes", "buttons"]
-
-
-def test_each_agent_of_each_behavior_has_its_own_actions_and_rewards(make):
-    env = make(
-        BridgeParallelEnv,
-        "chase",
-        layout="hybrid",
-        frame_stack=2,
-        render_mode="rgb_array",
-        reward_weights={"runner_1": {"fled": 10}},
-    )
-    assert env.possible_agents == ["hunter", "runner_0", "runner_1"]
-    begun, infos = env.reset(seed=1)
-    assert {agent: len(observation) for agent, observation in begun.items()} == {
-        "hunter": 4,
-        "runner_0": 2,
-        "runner_1": 2,
-    }
-    choices = {agent: len(info["action_mask"]) for agent, info in infos.items()}
-    assert choices == {"hunter": 0, "runner_0": 5, "runner_1": 5} and not env.render().any()
-    moves = {"hunter": [0.5], "runner_0": [2, 1], "runner_1": [0, 0]}
-    for count in range(1, 21):
-        observations, rewards, terminated, truncated, infos = env.step(moves)
-        assert rewards == {"hunter": -5.0 + 0.5 * count, "runner_0": 1.0 - 1.0, "runner_1": -10.0}
-        assert observations["runner_0"][1] == pytest.approx(begun["runner_0"][1] + count, abs=1e-5)
-        assert set(terminated.values()) == {count == 20} and not any(truncated.values())
-        assert (env.render() == count % 20).all()
-    assert env.agents == [] and "place" not in infos["hunter"]
-    assert infos["runner_1"]["place"] == observations["runner_1"][1]
-    with pytest.raises(ResetNeeded):
-        env.step({})
-    again = env.reset()[0]
-    assert env.agents == env.possible_agents and not np.array_equal(again["runner_0"], begun["runner_0"])
-
-
-def test_agents_take_turns(make):
-    env = make(BridgeParallelEnv, "turns", layout="hybrid")
-    _, infos = env.reset()
-    while env.agents:
-        (agent,) = (agent for agent in env.agents if infos[agent]["deciding"])
-        space = env.action_space(agent)
-        move = sample_allowed(space, infos[agent]["action_mask"])
-        with pytest.raises(ValueError, match=f"actions has none of agent '{agent}'"):
-            env.step({})
-        *_, infos = env.step({agent: move})  # those that wait may be left out
-    assert infos.keys() == {"player_0", "player_1"}
-
-
-PARALLEL = [
-    *((game, "hybrid") for game in [*BUILT_IN, "chase"]),
-    ("shooting_birds", "multiagent"),
-    ("chase", "multiagent"),
-]
-
-
-@pytest.mark.parametrize(("game", "layout"), PARALLEL)
-@pytest.mark.promise("E1")
-def test_pettingzoos_tests_pass(make, game, layout):
-    settings = {"layout": layout, "forbidden": "first_allowed"}  # PettingZoo's tests look for masks in observations
-    parallel_api_test(make(BridgeParallelEnv, game, **settings), num_cycles=100)
-    parallel_seed_test(lambda: make(BridgeParallelEnv, game, **settings), num_cycles=60)
-
-
-def test_the_same_seed_plays_the_same_game(make):
-    envs = [make(BridgeParallelEnv, "beastly_rivals", layout="multiagent") for _ in range(2)]
-    returned = [env.reset(seed=8) for env in envs]
-    for _ in range(300):  # several episodes
-        assert data_equivalence(*returned, exact=True)
-        moves = {agent: envs[0].action_space(agent).sample() for agent in envs[0].agents}
-        returned = [env.step(moves) if moves else env.reset() for env in envs]
-
-
-# ---------------------------------------------------------------------------------------------- names
-
-
-def test_the_built_in_games_are_registered():
-    """In a fresh interpreter, without torch, each environment with a simulator of its own."""
-    script = """
-import os
-import sys
-from pathlib import Path
-from typing import Any
-import gymnasium
-one = gymnasium.make("joybridge.gym:joybridge/ShootingBirds-v0")
-many = gymnasium.make_vec("joybridge/BeastlyRivals-v0", num_envs=4, layout="hybrid")
-assert many.num_envs == 4 and many.unwrapped.game_spec.name == "beastly_rivals"
-assert one.unwrapped.game_spec.name == "shooting_birds"
-for env in (one, many):
-    env.reset(seed=1)
-    env.step(env.action_space.sample())
-assert not {"torch", "pydantic", "joybridge.simulator"} & set(sys.modules)
-print(Path(f"/proc/self/task/{os.getpid()}/children").read_text())
-"""  # which ends without closing them
-    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stderr) == (0, "")
-    simulators = done.stdout.split()
-    assert len(simulators) == 2 and not any(Path(f"/proc/{simulator}").exists() for simulator in simulators)
-
-
-def test_every_built_in_game_is_registered(simulator):
-    assert sorted(GAMES) == sorted(BUILT_IN)
-    for name, game in IDS.items():
-        agents = sum(behavior.agents_per_arena for behavior in describe(simulator, game, {}).behaviors)
-        if agents == 1:
-            env = gymnasium.make(name, simulator=simulator)
-            envs = gymnasium.make_vec(name, num_envs=3, simulator=simulator)
-            assert envs.num_envs == 3 and envs.spec.id == env.spec.id == name
-            env.close()
-            envs.close()
-        else:
-            with pytest.raises(ValueError, match=rf"{game} .* has {agents} agents .*BridgeParallelEnv"):
-                gymnasium.make(name, simulator=simulator)
-
-
-def test_what_is_public_is_documented():
-    public = {name for name, value in vars(joybridge.gym).items() if name[0] != "_" and not inspect.ismodule(value)}
-    assert set(joybridge.gym.__all__) == public
-    for name in joybridge.gym.__all__:
-        assert name in joybridge.gym.__doc__ and getattr(joybridge.gym, name).__doc__
-
-
-# ---------------------------------------------------------------------------------------------- arguments
-
-
-@pytest.mark.parametrize("kind", [BridgeEnv, BridgeParallelEnv, BridgeVectorEnv])
-def test_defaults_are_those_of_a_training_configuration(kind):
-    fields = Config.model_fields | PolicyConfig.model_fields
-    defaults = {name: p.default for name, p in inspect.signature(kind).parameters.items() if name in fields}
-    assert {"layout", "frame_stack", "seed", "options", "parameters", "sensors", "reward_weights"} <= set(defaults)
-    for name, default in defaults.items():
-        if name not in ("game", "games"):  # here, games are served beside those of the server
-            assert default == (fields[name].default or None if default is None else fields[name].default), name
-
-
-@pytest.mark.parametrize("kind", [BridgeEnv, BridgeParallelEnv, BridgeVectorEnv])
-def test_a_misspelled_argument_is_pythons_type_error(kind):
-    with pytest.raises(TypeError, match=rf"{kind.__name__}\.__init__\(\) got an unexpected keyword argument 'layuot'"):
-        kind("shooting_birds", layuot="hybrid")
-
-
-def test_the_environments_have_the_same_arguments():
-    one, several, many = (
-        list(inspect.signature(kind).parameters) for kind in (BridgeEnv, BridgeParallelEnv, BridgeVectorEnv)
-    )
-    assert one == several == [name for name in many if name != "arenas"]
-
-
-def test_only_the_chosen_sensors_are_observed(make):
-    envs, chosen = (make(BridgeVectorEnv, "brief", 2, frame_stack=2, sensors=s) for s in (None, ["noise"]))
-    assert chosen.single_observation_space == Box(-1.0, np.inf, (4,))
-    assert np.array_equal(chosen.reset(seed=1)[0], envs.reset(seed=1)[0][:, [1, 2, 4, 5]])
-    env = make(BridgeParallelEnv, "brief", layout="multiagent", frame_stack=1, sensors={"axes": ["clock"]})
-    assert {name: len(observation) for name, observation in env.reset()[0].items()} == {"axes": 1, "buttons": 3}
-
-
-# ------------------------------------------------------------------------------------------ own games
-
-
-@pytest.mark.parametrize("game", [Brief, "tests.support.gym_games:Brief"])
-def test_an_own_game_is_played_in_one_line(game):
-    env = BridgeEnv(game)
-    assert env.game_spec.name == "brief" and env.reset()[0] in env.observation_space
-    env.close()
-
-
-@pytest.mark.parametrize("games", [Chase, "tests.support.gym_games:Chase", [Chase, "tests.support.gym_games:Turns"]])
-def test_further_games_are_offered_by_name(games):
-    env = BridgeParallelEnv("chase", games=games)
-    assert env.possible_agents == ["hunter", "runner_0", "runner_1"]
-    env.close()
-
-
-def test_a_game_is_imported_from_where_this_process_imports(tmp_path, monkeypatch):
-    source = (Path(__file__).parent / "support/gym_games.py").read_text()
-    (tmp_path / "elsewhere_games.py").write_text(source)
-    monkeypatch.syspath_prepend(tmp_path)
-    env = BridgeEnv("elsewhere_games:Brief")
-    assert env.game_spec.name == "brief"
-    env.close()
-
-
-class NotAGame:
-    """Has no name."""
-
-
-class Outer:
-    """Holds a game that has no place of its own."""
-
-    class Inner(Brief):
-        """A class within a class."""
-
-
-@pytest.mark.parametrize(
-    ("game", "text"),
-    [
-        (Outer.Inner, r"cannot import the game class .*test_gym\.Outer\.Inner: move it to the top level"),
-        (type("Made", (Brief,), {"__module__": "__main__"}), r"cannot import the game class __main__\.Made: move it"),
-        (NotAGame, "NotAGame.* is not a subclass of joybridge.simulator.Game or BatchedGame"),
-        ("tests.support.gym_games:Breif", "'tests.support.gym_games:Breif' cannot be imported .*has no attribute"),
-        ("nowhere:Brief", "'nowhere:Brief' cannot be imported .*expected a game's name or MODULE:CLASS"),
-        (Brief(), "game is <.*Brief object .*, expected a name, a game class or 'MODULE:CLASS'"),
-    ],
-)
-def test_a_class_that_the_simulator_cannot_import_is_an_error(game, text):
-    with pytest.raises(ConfigError, match=text):
-        BridgeEnv(game)
-
-
-def test_a_running_simulator_gets_no_further_games(simulator):
-    with pytest.raises(ConfigError, match=r"start that with `joybridge serve --game tests\.support\.gym_games:Brief`"):
-        BridgeEnv(Brief, simulator=simulator)
-
-
-def test_the_reason_of_a_failed_start_is_raised():
-    with pytest.raises(SimulatorLost, match=r"did not start: game 'nowhere:Game' cannot be imported \(No module"):
-        BridgeEnv("game", games="nowhere:Game")
-
-
-def test_without_the_extra_a_sentence_says_how_to_install_it(tmp_path, monkeypatch):
-    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['numba'] = None")  # it cannot be found
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(SimulatorLost, match=r"needs the module numba; install it with `pip install 'joybridge\[sim"):
-        BridgeEnv(Brief)
-
-
-# ------------------------------------------------------------------------------------ simulators and errors
-
-
-def simulators(monkeypatch):
-    """Return the list of simulator processes that are started from now on."""
-    started = []
-
-    start = subprocess.Popen
-
-    def recorded(*arguments, **settings):
-        started.append(start(*arguments, **settings))
-        return started[-1]
-
-    monkeypatch.setattr(subprocess, "Popen", recorded)
-    return started
-
-
-def test_closing_or_collecting_an_environment_ends_its_simulator(monkeypatch):
-    started = simulators(monkeypatch)
-    envs = BridgeVectorEnv("shooting_birds", 2)
-    assert started[0].poll() is None
-    envs.close()
-    envs.close()
-    assert started[0].returncode == 0 and envs.closed
-    with pytest.raises(ClosedEnvironmentError):
-        envs.reset()
-    env = BridgeEnv("shooting_birds")
-    assert started[1].poll() is None
-    del env
-    gc.collect()
-    assert started[1].returncode == 0
-
-
-def test_a_failed_start_leaves_no_simulator(monkeypatch):
-    started = simulators(monkeypatch)
-    with pytest.raises(ValueError, match="unknown layout 'buckets'") as kept:
-        BridgeVectorEnv("shooting_birds", layout="buckets")
-    assert started[0].returncode is not None and kept
-
-
-@pytest.mark.parametrize(
-    ("kind", "game", "settings", "text"),
-    [
-        (BridgeVectorEnv, "chase", {}, r"has 2 agents \(hunter, runner\).*use joybridge.gym.BridgePar"),
-        (BridgeVectorEnv, "brief", {"layout": "multiagent"}, r"has 2 agents \(axes, buttons\)"),
-        (BridgeEnv, "turns", {}, r"has 2 agents \(player_0, player_1\).*use joybridge.gym.BridgePar"),
-        (BridgeEnv, "brief", {"layout": "hybrids"}, "unknown layout 'hybrids', expected hybrid,"),
-        (BridgeEnv, "brief", {"frame_stack": 0}, "frame_stack is 0, expected at least 1"),
-        (BridgeEnv, "brief", {"forbidden": "ignore"}, "forbidden is 'ignore', expected one of error, first_allowed"),
-        (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
-        (BridgeVectorEnv, "brief", {"arenas": 0}, "arenas is 0, expected an integer of at least 1"),
-        (BridgeEnv, "brief", {"render_mode": "human"}, "render_mode is 'human', expected None or 'rgb_array'"),
-        (BridgeEnv, "brief", {"reward_weights": {"pres": 1}}, "reward_weights: the game has no 'pres'; it has lever"),
-        (BridgeEnv, "brief", {"sensors": ["clok"]}, "player: sensors: the game has no 'clok'; it has clock, noise"),
-        (BridgeEnv, "brief", {"sensors": []}, "player: sensors is empty, expected at least one"),
-        (BridgeParallelEnv, "chase", {"sensors": {"runner": []}}, "no agent 'runner'; there are hunter"),
-        (BridgeVectorEnv, "turns", {"render_mode": "rgb_array"}, "turns cannot be drawn"),
-        (BridgeVectorEnv, "brief", {"arenas": 65, "render_mode": "rgb_array"}, "65 arenas, at most 64 can be drawn"),
-        (BridgeParallelEnv, "chase", {"reward_weights": {"runner": {}}}, "no agent 'runner'; there are hunter"),
-    ],
-)
-def test_wrong_arguments_are_named(make, kind, game, settings, text):
-    with pytest.raises(ValueError, match=text):
-        make(kind, game, **settings)
-
-
-def test_a_refusal_of_the_simulator_is_raised(make):
-    with pytest.raises(SimulatorError, match="no game named 'chess'"):
-        make(BridgeVectorEnv, "chess")
-    with pytest.raises(SimulatorError, match=r"brief: arenas is 1025, expected 1\.\.1024"):
-        make(BridgeVectorEnv, "brief", 1025)
-    with pytest.raises(SimulatorLost, match=r"lost the simulator at 127\.0\.0\.1:1"):
-        BridgeVectorEnv("brief", simulator="127.0.0.1:1")
-
-
-@pytest.mark.parametrize(
-    ("layout", "actions", "text"),
-    [
-        ("bucket-11", np.zeros((2, 2), int), r"actions: int64 of shape \[2, 2\], expected integers of \[2, 3\]"),
-        ("bucket-11", np.zeros((2, 3)), "actions: float64 of shape"),
-        ("bucket-11", [[0, 0, 0], [0, 0, 2]], r"actions: 2 at \[1, 2\], expected 0..1"),
-        ("bucket-11", [[-1, 0, 0], [0, 0, 0]], r"actions: -1 at \[0, 0\], expected 0..10"),
-        ("threshold-0.5", np.full((2, 3), np.nan), r"actions: nan at \[0, 0\], expected a finite number"),
-        ("hybrid", np.zeros((2, 3)), r"actions\['continuous'\] is missing"),
-        ("hybrid", {"continuous": np.zeros((2, 1)), "discrete": [0, 0]}, r"actions\['discrete'\]: int64 of"),
-    ],
-)
-def test_wrong_actions_are_named_and_the_environment_goes_on(make, layout, actions, text):
-    envs = make(BridgeVectorEnv, "brief", 2, layout=layout)
-    with pytest.raises(ResetNeeded):
-        envs.step(envs.action_space.sample())
-    envs.reset()
-    with pytest.raises(ValueError, match=text):
-        envs.step(actions)
-    envs.step(envs.action_space.sample())
-
-
-def test_an_agents_wrong_action_names_the_agent(make):
-    env = make(BridgeParallelEnv, "chase", layout="hybrid")
-    env.reset()
-    with pytest.raises(ValueError, match=r"actions\['runner_1'\]: 3 at \[0, 0\], expected 0..2"):
-        env.step({"hunter": [0.0], "runner_0": [0, 0], "runner_1": [3, 0]})
-
-
-def test_the_spec_of_the_game_is_an_attribute(simulator, make):
-    assert make(BridgeEnv, "brief").game_spec == describe(simulator, "brief", {})
-
-
-def test_others_hold_all_seats_but_the_first_of_each_arena(make):
-    env = make(BridgeEnv, "noughts", others=["script:perfect"])
-    returns: list[float] = []
-    _, info = env.reset(seed=3)
-    total = 0.0
-    for _ in range(120):
-        action = sample_allowed(env.action_space, info["action_mask"])
-        _, reward, terminated, _, info = env.step(action)
-        total += reward
-        if terminated:
-            returns.append(total)
-            total, (_, info) = 0.0, env.reset()
-    assert len(returns) > 10 and max(returns) <= 0 and min(returns) == -1  # nobody beats it
-    short = {"players": "3", "lives": "0", "pauses": "short", "locomotion": "axes"}
-    scripts = ["script:flee", "script:patient"]
-    envs = make(BridgeVectorEnv, "beastly_rivals_full", 3, others=scripts, options=short)
-    observations, infos = envs.reset(seed=1)
-    assert envs.num_envs == 3 and len(observations) == 3 and infos["deciding"].shape == (3,)
-    for _ in range(50):
-        envs.step(envs.action_space.sample())
-    with pytest.raises(ConfigError, match="archer has one agent, which plays alone"):
-        make(BridgeEnv, "archer", others=["script:perfect"])
-    with pytest.raises(ConfigError, match="noughts has no such script"):
-        make(BridgeEnv, "noughts", others=["script:fool"])
