@@ -19,7 +19,7 @@ from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, image, sensor, spec
 from joybridge.viewer.run_view import watch
 from joybridge.viewer.web import open_website
-from tests.test_viewer import Page
+from tests.support.viewer_pages import Page
 
 NOTHING = np.zeros(2, np.float32)
 GAME = type("Game", (), {"name": "game", "description": "any", "options": (), "version": ""})

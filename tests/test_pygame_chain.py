@@ -17,8 +17,8 @@ from joybridge.viewer.simulator import Simulator
 from joybridge.viewer.web import open_website
 from tests.support.command_line import joybridge
 from tests.support.servers import ROOT
+from tests.support.viewer_pages import Page
 from tests.support.wire import SECONDS
-from tests.test_viewer import Page
 
 PROGRAM: dict[str, Any] = {"pygame": "pygame.examples.chimp", "reward": "sound:punch", "max_decisions": 40}
 OPTIONS = {"screen": "48", "colors": "gray", "decision_interval": "8"}

@@ -16,7 +16,7 @@ from joybridge.viewer.arena import Settings
 from joybridge.viewer.run_view import watch
 from joybridge.viewer.watched_game import watch_game
 from joybridge.viewer.web import open_website
-from tests.test_viewer import Page
+from tests.support.viewer_pages import Page
 
 POLICY = PolicyConfig(hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
 CONFIG = Config(
