@@ -177,7 +177,7 @@ def test_a_configuration_without_a_program_behind_its_keys_is_refused(tmp_path):
 
 def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "game.py").write_text(CATCHING.read_text())
+    (tmp_path / "game.py").write_text(f"{CATCHING.read_text()}\nEND, WON = 'GAME OVER (r: restart)', 'you won'\n")
     made = joybridge("new", "--pygame", "game.py keys=LEFT buttons=left -- easy")
     assert made.status == 0 and "train game.yaml --run runs/game" in made.output, made.errors
     assert len((tmp_path / "game_hook.py").read_text().splitlines()) <= 20
@@ -185,10 +185,14 @@ def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypa
     add_own_game(options, ["game.yaml"])
     load_config(tmp_path / "game.yaml", options.overrides)
     written = (tmp_path / "game.yaml").read_text()
-    assert '  #   - "^Score: (-?\\\\d+)"  # 0 to ' in written and '  # done: "Game over"  # ' in written
+    assert (
+        '  #   - "^Score: (-?\\\\d+)"  # 0 to ' in written
+        and '  # done: "GAME OVER"  # ' in written
+        and '"you won", too' in written
+    )
     paid = written.replace("  # reward:", "  reward:").replace("  #   - ", "    - ").replace("  # done:", "  done:")
     keys = YAML(typ="safe").load(paid)["game"]
-    assert "^Score: (-?\\d+)" in keys["reward"] and keys["done"] == "Game over"
+    assert "^Score: (-?\\d+)" in keys["reward"] and keys["done"] == "GAME OVER"
     (place,) = options.game
     assert place == "pygame:game.py keys=LEFT buttons=left hook=game_hook.py -- easy"
     game: Any = load_game(place)

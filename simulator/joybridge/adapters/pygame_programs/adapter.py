@@ -55,6 +55,7 @@ def adapt(text: str) -> type[BatchedGame]:
         "frame_seconds": found.frame_seconds,
         "exact": found.exact and not settings.window,
         "numbers": found.numbers,
+        "end_texts": list(shown["end_texts"]),
     }
     game: Any = type("AdaptedGame", (PygameGame,), members)
     return game  # type: ignore[no-any-return]

@@ -36,6 +36,7 @@ class PygameGame(BatchedGame):
     frame_seconds: ClassVar[float]
     exact: ClassVar[bool]  # whether its snapshots are
     numbers: ClassVar[list[Number]]  # in its texts: what may be a reward
+    end_texts: ClassVar[list[str]]  # of its sources: what may be an end
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:

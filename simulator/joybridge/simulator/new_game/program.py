@@ -4,7 +4,7 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ def write_program(text: str, folder: Path) -> str:
         keys["hook"] = [hook.name]
     check_new([config, *texts])
     game: Any = load_game(PYGAME + text)
-    write_new({**texts, config: _config(next(specs(game)), keys, [] if "reward" in keys else game.numbers)})
+    write_new({**texts, config: _config(game, keys)})
     joybridge = shlex.quote(command(folder))
     go = "" if folder.resolve() == Path.cwd() else f"  {shlex.join(['cd', str(folder)])}\n"
     return f"""Created {" and ".join(map(str, [*texts, config]))}.
@@ -80,24 +80,26 @@ def _keys(text: str, folder: Path) -> dict[str, list[str]]:
     return keys | ({"arguments": own} if own else {})
 
 
-def _config(spec: pb.GameSpec, keys: dict[str, list[str]], numbers: Sequence[Any]) -> str:
-    """Return the text of a configuration; what is written as JSON is YAML, too.
-
-    numbers: that the program's texts show, see `first_play`.
-    """
+def _config(game: Any, keys: Mapping[str, list[str]]) -> str:
+    """Return the text of a configuration for a program; what is written as JSON is YAML, too."""
+    spec: pb.GameSpec = next(specs(game))
     shown = {key: values[0] if len(values) == 1 and key != "arguments" else values for key, values in keys.items()}
-    game = "\n".join(f"  {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in shown.items())
-    if numbers:
-        game += "\n  # reward:  # one of these or several, without #; each pays the difference of its number"
-    for number in numbers:
-        seen = f"{number.low:g} to {number.high:g} in some seconds of random play"
-        game += f"\n  #   - {json.dumps(number.reward, ensure_ascii=False)}  # {seen}"
+    lines = [f"  {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in shown.items()]
+    if game.numbers and "reward" not in keys:
+        lines.append("  # reward:  # one of these or several, without #; each pays the difference of its number")
+        for number in game.numbers:
+            seen = f"{number.low:g} to {number.high:g} in some seconds of random play"
+            lines.append(f"  #   - {json.dumps(number.reward, ensure_ascii=False)}  # {seen}")
     if "done" not in keys:
-        game += '\n  # done: "Game over"  # the episode ends when the program renders this text; write what yours says'
+        end, *others = game.end_texts or ["Game over"]
+        among = f"its sources have {', '.join(map(json.dumps, others))}, too" if others else "found in its sources"
+        why = among if game.end_texts else "write what yours says"
+        lines.append(f"  # done: {json.dumps(end)}  # the episode ends when the program renders this text; {why}")
+    text = "\n".join(lines)
     return f"""\
 # A start for {json.dumps(spec.name, ensure_ascii=False)}. `joybridge keys` lists all keys.
 game:
-{game}
+{text}
 options:
   decision_interval: "4"  # frames per decision; more, up to 16, if keys must be held for long
   screen: "64"            # the picture has as many pixels as a square with this side

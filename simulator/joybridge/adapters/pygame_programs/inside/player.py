@@ -13,7 +13,7 @@ import pygame
 from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
 from joybridge.adapters.pygame_programs.inside.numbers import Numbers
 from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, hash_of, scale
-from joybridge.adapters.pygame_programs.inside.scan import hash_of_sources, scan
+from joybridge.adapters.pygame_programs.inside.scan import end_texts, hash_of_sources, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage
 from joybridge.adapters.pygame_programs.inside.stem import fork, leave
 from joybridge.adapters.pygame_programs.inside.watching import Watch
@@ -137,6 +137,7 @@ class Player:
             "numbers": KEYS,
             **controls,
             "joystick": stick,
+            "end_texts": end_texts(self.root),
             "sources": hash_of_sources(self.root),
         }
 

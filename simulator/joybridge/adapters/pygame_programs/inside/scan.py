@@ -1,9 +1,10 @@
-"""What of a mouse and a keyboard a program reads, from the names in its sources.
+"""What of a mouse and a keyboard a program reads, and what it calls an end, from its sources.
 
 Keys that come from configuration files or numbers are not found; the setting `keys` names them.
 """
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -19,6 +20,7 @@ from joybridge.adapters.pygame_programs.wire import ENDING
 POINTER = {"MOUSEMOTION", "MOUSEBUTTONDOWN", "MOUSEBUTTONUP", "FINGERDOWN"}
 JOYSTICK = {"Joystick", "JOYAXISMOTION", "JOYBUTTONDOWN"}
 BUTTON_NAMES = {"BUTTON_LEFT": 1, "BUTTON_MIDDLE": 2, "BUTTON_RIGHT": 3, "BUTTON_WHEELUP": 4, "BUTTON_WHEELDOWN": 5}
+END_TEXT = re.compile(r"game over|you (?:win|won|lose|lost|died|are dead)|\bwins\b", re.IGNORECASE)
 MAX_FILES = 500  # that are read
 MAX_BYTES = 2_000_000  # of each
 
@@ -47,6 +49,17 @@ def scan(root: Path) -> Controls:
     wheel = "MOUSEWHEEL" in names or bool(numbers & {4, 5})
     joystick = bool(names & JOYSTICK)
     return Controls(sorted(keys - ENDING), pointer, buttons if pointer else [], pointer and wheel, joystick)
+
+
+def end_texts(root: Path) -> list[str]:
+    """Return what strings of the modules call an end, as in "Game over". root: see `scan`."""
+    found, said = dict[str, None](), set[int]()  # the second: strings that stand alone, as docstrings do
+    for node in _nodes(root):
+        if isinstance(node, ast.Expr):
+            said.add(id(node.value))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said:
+            found |= dict.fromkeys(END_TEXT.findall(node.value))
+    return list(found)
 
 
 def hash_of_sources(root: Path) -> str:
