@@ -168,11 +168,24 @@ def test_a_program_is_found_beside_the_configuration_that_names_it(tmp_path, mon
     assert programs_of("below/fruit.yaml", ["game.pygame=none.py"])["game"].startswith("pygame:none.py ")
 
 
-def test_a_configuration_without_a_program_behind_its_keys_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("game", "error"),
+    [
+        ("{reward: 'Score'}", "expected one program, as in {pygame: my_game.py}"),
+        ("{pygame: game.py keys=}", "the setting 'keys' is a key of its own, as in {pygame: my_game.py, keys: …}"),
+    ],
+)
+def test_a_configuration_without_a_program_behind_its_keys_is_refused(game, error, tmp_path):
     config = tmp_path / "fruit.yaml"
-    config.write_text("game: {reward: 'Score'}\n")
+    config.write_text(f"game: {game}\n")
     done = joybridge("train", str(config), "--run", str(tmp_path / "run"))
-    assert done.status == 1 and "expected one program, as in {pygame: my_game.py}" in done.errors
+    assert done.status == 1 and error in done.errors
+
+
+@pytest.mark.parametrize("keys", ["[]", "''", ""])
+def test_a_program_in_a_configuration_may_have_no_keys(keys, tmp_path):
+    (tmp_path / "fruit.yaml").write_text(f"game:\n  pygame: fruit.py\n  keys: {keys}\n  arguments: []\n")
+    assert programs_of(str(tmp_path / "fruit.yaml"), []) == {"game": "pygame:fruit.py keys="}
 
 
 def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypatch):
