@@ -116,6 +116,14 @@ def test_an_observation_that_the_game_does_not_have_is_named(change, message, tr
         agent.act(SEEN | change)
 
 
+def test_a_sensor_that_no_policy_sees_may_be_left_out(trained):
+    agent = load(trained(game="hybrid", policy=SMALL.model_copy(update={"sensors": ["place", "lamps"]})))
+    seen = {name: SEEN[name] for name in ("place", "lamps")}
+    with pytest.raises(TensorError, match="got the sensors place, expected place, lamps"):
+        agent.act({"place": SEEN["place"]})
+    assert agent.act(seen) and agent.act(SEEN)
+
+
 @pytest.mark.parametrize(
     ("masks", "message"),
     [

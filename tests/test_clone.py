@@ -81,6 +81,24 @@ def test_a_clone_does_what_is_demonstrated_and_is_measured_on_episodes_it_has_no
     assert agent.act({"place": [-2.5, 0.0], **seen})["press"] == 0
 
 
+def test_a_button_that_no_observation_tells_is_named_with_what_would_tell_it(simulator, tmp_path, capsys):
+    folder = tmp_path / "demos"
+    with Session(simulator, "hybrid", arenas=8, seed=5, options={"masks": "off"}) as session:
+        session.record_demonstration(folder)
+        (act,) = make_acts(session.spec, 8)
+        for decision in range(100):
+            act.choices[:, 1] = decision % 2  # is pressed and released in turns
+            session.step([act])
+    said = {}
+    for acts in (0, 1):
+        more = [*SMALL, f"policy.remember_acts={acts}", "--run", str(tmp_path / f"run-{acts}")]
+        assert main(["clone", str(folder), "--passes", "30", *more]) == 0
+        said[acts] = capsys.readouterr()
+    (button,) = re.findall(r"\n  (\w+) +\d+\.\d%", said[1].out)[-1:]
+    assert f"not learned: {button}. What the policy sees may not show when: policy.remember_acts=1 " in said[0].err
+    assert "not learned" not in said[1].err
+
+
 def test_what_a_layout_cannot_say_of_the_held_out_episodes_is_said_beside_the_shares(simulator, tmp_path, capsys):
     with Session(simulator, "hard_move", arenas=8, seed=5) as session:
         session.record_demonstration(tmp_path / "demos")

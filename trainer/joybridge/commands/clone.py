@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from joybridge.demonstrations.supervised import Fit
 
 PASSES = 200
+UNSEEN = (
+    "What the policy sees may not show when: policy.remember_acts=1 shows it its last decision, such as whether a "
+    "button is down; a larger policy.frame_stack or policy.memory.kind=gru shows it more of the past"
+)
 
 
 @dataclass(frozen=True)
@@ -131,10 +135,12 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
         print(f"{actor.name}: pass {best.passes} is kept: loss {best.loss:.3f}{_held_out(best.held_out)}")
         if given.held_out is not None:
             rows = compare(actor, spec.behaviors[actor.behavior].device, given.held_out)
-            width = max(len(name) for name, *_ in rows)
+            width = max(len(row.part) for row in rows)
             print(f"  {'':{width}}  {'as demonstrated':>16}  {'without a policy':>16}")
-            for name, ours, without in rows:
-                print(f"  {name:{width}}  {ours:>16}  {without:>16}")
+            for row in rows:
+                print(f"  {row.part:{width}}  {row.ours:>16}  {row.without:>16}")
+            if same := [row.part for row in rows if not row.learned]:
+                say(f"not learned: {', '.join(same)}. {UNSEEN}")
             if given.unsaid:
                 unsaid = f"{given.unsaid:,} of {given.unsaid + len(given.held_out):,} held-out decisions"
                 print(f"not counted: {unsaid}, which {config.layout} cannot say")

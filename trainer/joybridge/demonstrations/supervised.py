@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -25,6 +26,7 @@ from joybridge.v1 import bridge_pb2 as pb
 HELD_OUT = 10  # one episode in so many
 PATIENCE = 10  # passes without a smaller loss on held-out episodes, after which learning ends
 ROWS = 4096  # that are measured at once
+LEAST = 0.01  # share of decisions, or of a range, below which nothing is to be learned
 
 
 @dataclass(frozen=True)
@@ -120,8 +122,17 @@ def _parts(actor: Actor, actions: Actions) -> Iterator[Actions]:
         yield fresh.minibatch(torch.arange(start, min(start + size, units), device=actions.discrete.device))
 
 
-def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[tuple[str, str, str]]:
-    """Return what a policy does most probably beside what was demonstrated: part of the device, how well, without it.
+class Likeness(NamedTuple):
+    """How well a policy does with one part of the device what was demonstrated, and how well that goes without it."""
+
+    part: str
+    ours: str
+    without: str
+    learned: bool  # whether the policy is better, or there is nothing to learn
+
+
+def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[Likeness]:
+    """Return what a policy does most probably beside what was demonstrated.
 
     A branch: how often the choice is the same; without the policy: with the most frequent choice. An axis: how far it
     is off on average, in shares of its range; without: from the median.
@@ -132,12 +143,19 @@ def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[tuple[str
         span = device.axes[axis].high - device.axes[axis].low
         wanted = theirs.axes[:, axis]
         off, spread = (np.abs(other - wanted).mean() / span for other in (ours.axes[:, axis], np.median(wanted)))
-        rows.append((device.axes[axis].name, f"{off:.1%} off", f"{spread:.1%} off"))
+        learned = _learned(off, spread)
+        rows.append(Likeness(device.axes[axis].name, f"{off:.1%} off", f"{spread:.1%} off", learned))
     for branch in sorted({branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]}):
         wanted = theirs.choices[:, branch]
         same, most = (wanted == ours.choices[:, branch]).mean(), np.bincount(wanted).max() / len(wanted)
-        rows.append((device.branches[branch].name, f"{same:.1%}", f"{most:.1%}"))
+        learned = _learned(1 - same, 1 - most)
+        rows.append(Likeness(device.branches[branch].name, f"{same:.1%}", f"{most:.1%}", learned))
     return rows
+
+
+def _learned(wrong: float, without: float) -> bool:
+    """Return whether a policy is wrong by less than what needs none, where there is something to learn."""
+    return bool(without <= LEAST or wrong <= 0.95 * without)
 
 
 @torch.no_grad()

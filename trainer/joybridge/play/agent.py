@@ -9,7 +9,7 @@
 The run's folder holds all that this needs. Nothing that a run of somebody else names is started, imported or called.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,8 @@ class Agent:
         self._index, self._policies = behavior, policies
         self._steps = [_zeros(one) for one in spec.behaviors]  # those of other behaviors stay as they are
         self._first, self._new = True, True
+        names = [sensor.name for sensor in self.behavior.sensors]
+        self._seen = {name for player in policies.players for name in player.actor.config.sensors or names}
 
     def begin(self) -> None:
         """Begin a new episode with the next observation."""
@@ -47,15 +49,15 @@ class Agent:
     ) -> dict[str, float | int]:
         """Return what to do now: a float for each axis and an int for each branch, by name, as `Game.step` takes them.
 
-        observation: the value of each sensor, by name, in the shape of the spec. masks: the allowed choices of
-        branches, by name; those that are left out allow all. rewards: what channels gave since the last decision, by
-        name; those that are left out gave 0; only policies with `remember_acts` use them. Call this for every decision
-        of the agent, in order, since policies remember what they saw. Raises TensorError for an observation, a mask or
-        a reward that the spec does not have.
+        observation: the value of each sensor, by name, in the shape of the spec; sensors that the policies do not see
+        may be left out. masks: the allowed choices of branches, by name; those that are left out allow all. rewards:
+        what channels gave since the last decision, by name; those that are left out gave 0; only policies with
+        `remember_acts` use them. Call this for every decision of the agent, in order, since policies remember what they
+        saw. Raises TensorError for an observation, a mask or a reward that the spec does not have.
         """
         device = self.behavior.device
         step = _zeros(self.behavior)
-        step.observations = _observations(self.behavior, observation)
+        step.observations = _observations(self.behavior, self._seen, observation)
         step.masks = _masks(device, masks) if masks else None
         step.rewards = _rewards(self.behavior, rewards or {})
         self._steps[self._index] = step
@@ -96,15 +98,18 @@ def _zeros(behavior: pb.Behavior) -> StepArrays:
     return StepArrays(seen, np.zeros((1, len(behavior.channels)), np.float32), np.zeros(1, bool), np.zeros(1, bool))
 
 
-def _observations(behavior: pb.Behavior, given: Mapping[str, Any]) -> list[Array]:
-    """Return what each sensor shows, [1, *shape]. Raises TensorError."""
+def _observations(behavior: pb.Behavior, needed: Set[str], given: Mapping[str, Any]) -> list[Array]:
+    """Return what each sensor shows, [1, *shape], zeros where it is not needed and not given. Raises TensorError."""
     names = [sensor.name for sensor in behavior.sensors]
-    if set(given) != set(names):
-        raise TensorError(f"observation: got the sensors {', '.join(given) or 'none'}, expected {', '.join(names)}")
-    return [
-        _array(f"observation: sensor {sensor.name!r}", given[sensor.name], NUMPY_TYPES[sensor.dtype], sensor.shape)
-        for sensor in behavior.sensors
-    ]
+    if not needed <= set(given) <= set(names):
+        expected = ", ".join(name for name in names if name in needed)
+        raise TensorError(f"observation: got the sensors {', '.join(given) or 'none'}, expected {expected}")
+    shown = _zeros(behavior).observations
+    for index, sensor in enumerate(behavior.sensors):
+        if sensor.name in given:
+            what = f"observation: sensor {sensor.name!r}"
+            shown[index] = _array(what, given[sensor.name], NUMPY_TYPES[sensor.dtype], sensor.shape)
+    return shown
 
 
 def _masks(device: pb.Device, given: Mapping[str, Sequence[bool]]) -> list[Array]:

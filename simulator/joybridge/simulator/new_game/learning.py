@@ -21,7 +21,7 @@ def layout(spec: pb.GameSpec) -> str:
     elif seen and all(each == [pb.AXIS_KIND_POSITION] * 2 for each in kinds):
         height, width = seen[0].shape[:2]
         name = f"map-{CELLS_ACROSS}x{max(1, round(CELLS_ACROSS * height / width))}"
-        others = "bucket-7, hybrid\n# A pointer is put on centers of cells; take more cells if targets are small."
+        others = "bucket-7, hybrid\n# A pointer is put on centers of cells: more for small targets, fewer for large."
         if any(len(behavior.device.branches) > 1 for behavior in spec.behaviors):
             x, y = (f"{axis.name}={name}" for axis in spec.behaviors[0].device.axes)
             others += f" It presses\n# one button at a time; several at once: hybrid, {x}, {y}"
