@@ -38,7 +38,7 @@ SEEN = """(() => {
 class Hands(NamedTuple):
     """Where the hands are."""
 
-    pressed: frozenset[str]  # "mouse", or the letters of keys
+    pressed: frozenset[str]  # "mouse", or codes of keys
     pointer: tuple[float, float] | None = None  # in pixels of the program
 
 
@@ -150,18 +150,59 @@ class Returner:
             place = _reflected(y + speed * min(max(seconds, age), 2.0), 0, self.HEIGHT)
             apart = place + self._rng.gauss(0, self.MISS) - paddle[0][0]
             if abs(apart) > self.NEAR:
-                self._key = "s" if apart > 0 else "w"
+                self._key = "KeyS" if apart > 0 else "KeyW"
                 self._release = now + min(abs(apart) / self.SPEED, 0.5)
                 self._next = self._release + self.WAIT
-        return Hands(frozenset(self._key))
+        return Hands(frozenset({self._key} if self._key else ()))
+
+
+class Shooter:
+    """Plays aliens with three keys: it waits at the right edge, shoots, and goes out of the way of what falls there."""
+
+    WIDTH = 640
+    HIGH = 200  # pixels from above: what has not fallen so far is waited for
+    AWAY, BACK = 0.35, 0.7  # s: for how long it goes away, and after what time it comes back
+    PRESS, REST = 0.09, 0.12  # s: how long it presses the key that shoots, and rests on average
+    SEEN = """
+  let lowest = 0; // of what is as yellow as a bomb, above the ground, near the right edge
+  for (let row = Math.round(100 / scale); row < 415 / scale; row += 2) {
+    for (let column = Math.round(530 / scale); column < width; column += 2) {
+      const at = 4 * (row * width + column);
+      if (data[at] > 180 && data[at + 1] > 170 && data[at + 2] < 110) lowest = row * scale;
+    }
+  }
+  return lowest ? [lowest] : [];"""
+
+    def __init__(self, seed: int) -> None:
+        """Begin with no key pressed. seed: of rests."""
+        self._rng, self._past = random.Random(seed), Past()
+        self._shooting, self._change, self._dodged = False, 0.0, -10.0  # the last: when it began to go away
+
+    def see(self, now: float, seen: list[float]) -> None:
+        """Take in how far a bomb has fallen."""
+        if seen:
+            self._past.add(now, seen)
+
+    def act(self, now: float, _: float) -> Hands:
+        """Go away from a bomb, or back, and shoot from time to time."""
+        if now - self._dodged > self.BACK and (known := self._past.known(now)):
+            (low,), (speed,), age = known
+            if low + max(speed, 0.0) * age > self.HIGH:
+                self._dodged = now
+        if now >= self._change:
+            self._shooting = not self._shooting
+            self._change = now + (self.PRESS if self._shooting else abs(self._rng.gauss(self.REST, 0.05)))
+        since = now - self._dodged
+        way = "ArrowLeft" if since < self.AWAY else "ArrowRight" if since > self.BACK else ""
+        return Hands(frozenset(key for key in (way, "Space" if self._shooting else "") if key))
 
 
 def _reflected(place: float, low: float, high: float) -> float:
     return 2 * low - place if place < low else 2 * high - place if place > high else place
 
 
-Person = Puncher | Returner
-PERSONS: dict[str, type[Person]] = {"chimp": Puncher, "pong-arcade": Returner}
+Person = Puncher | Returner | Shooter
+PERSONS: dict[str, type[Person]] = {"chimp": Puncher, "pong-arcade": Returner, "aliens": Shooter}
 
 
 def play(tab: Tab, url: str, seconds: float, person: Person) -> None:
@@ -195,7 +236,7 @@ def press(tab: Tab, person: Person, held: frozenset[str], hands: Hands) -> None:
         if key == "mouse":
             tab.mouse("mousePressed" if down else "mouseReleased", x, y, "left", int(down))
         else:
-            tab.key(f"Key{key.upper()}", key, down=down, up=not down)
+            tab.key(key, " " if key == "Space" else key.removeprefix("Key").lower(), down=down, up=not down)
 
 
 @contextmanager
