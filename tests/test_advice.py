@@ -58,6 +58,15 @@ def test_an_update_that_changes_the_policy_beyond_sense_is_named_once():
     assert "an update has an approx_kl of 512, where 0.01 to 0.05 is usual: " in line
 
 
+def test_a_policy_that_becomes_less_certain_is_named_once():
+    _, adviser = lively("hybrid")
+    lines = [line for entropy in (0.8, 1.7, 2.7, 0.5, 4.3) for line in adviser.look_at_update({"entropy": entropy})]
+    (line,) = lines
+    assert "the entropy has risen from 0.8 to 2.7: what the policy knew, as a clone, is being lost; " in line
+    _, adviser = lively("hybrid")
+    assert not [line for entropy in (4.5, 6.1, 3.0) for line in adviser.look_at_update({"entropy": entropy})]
+
+
 def test_a_sensor_with_large_numbers_is_named_once_with_the_largest():
     policy, adviser = lively("hybrid")
     frame = policy.actor.encoder.size  # place 2, count 1, image 4, lamps 3

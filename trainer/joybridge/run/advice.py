@@ -19,6 +19,7 @@ from joybridge.v1 import bridge_pb2 as pb
 LARGE_INPUT = 10.0  # larger inputs slow learning down; about 1 is best
 LARGE_REWARD = 1000.0  # likewise, for the reward of one decision
 LARGE_KL = 1.0  # of an update, a mean over decisions; about 0.01 to 0.05 is usual
+MORE_ENTROPY = 1.0  # nats; training makes a policy more certain, unless it was so from the start
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
@@ -46,6 +47,7 @@ class Adviser:
         """Look at a policy of a behavior."""
         self._policy, self._behavior = policy, behavior
         self._sensors, self._rewards, self._kl = True, True, True  # may still be warned of
+        self._entropy: float | None = None  # of the first update; infinite once it is said that it rises
         self._unpaid: int | None = 0  # decisions without any reward so far; None: there was one, or it is said
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
@@ -102,6 +104,15 @@ class Adviser:
                 "policy may have lost what it knew, as a clone whose actions are almost certain; lower "
                 "policy.learning_rate or policy.epochs, and choose policy.target_kl=0.03"
             )
+        entropy = statistics.get("entropy", -np.inf)
+        self._entropy = max(entropy, 0.0) if self._entropy is None else self._entropy
+        if entropy > self._entropy + max(MORE_ENTROPY, self._entropy):
+            yield (
+                f"{self._policy.actor.name}: the entropy has risen from {self._entropy:.2g} to {entropy:.2g}: what the "
+                "policy knew, as a clone, is being lost; lower policy.entropy_coef or policy.learning_rate, or go on "
+                "with the demonstrations beside PPO (--demos)"
+            )
+            self._entropy = np.inf
 
     def _weights(self) -> str:
         """Return where a kind of reward gets its weight."""
