@@ -12,7 +12,7 @@ import pytest
 
 from joybridge.client import interruptible_loop
 from joybridge.client.interruptible_loop import EventLoop
-from joybridge.client.signals import uninterrupted
+from joybridge.client.signals import uninterrupted, wait_for_interrupt
 from tests.support.instructions import run_with
 
 OURS = (interruptible_loop,)
@@ -255,3 +255,20 @@ def _raise_in_block(number: int, done: list[int]) -> None:
     with uninterrupted():
         signal.raise_signal(number)
         done.append(number)
+
+
+def test_a_wait_ends_by_a_signal_that_another_thread_receives():
+    """`threading.Event.wait` would go on: nothing wakes the main thread, which alone handles signals."""
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    other = threading.Timer(0.05, lambda: signal.pthread_kill(threading.get_ident(), signal.SIGINT))
+
+    def wait() -> None:
+        other.start()
+        wait_for_interrupt()
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            wait()
+    finally:
+        other.join()
+        signal.signal(signal.SIGINT, handler)

@@ -139,12 +139,11 @@ def test_options_that_do_not_belong_together_are_named(capsys, more, message):
 
 @pytest.mark.usefixtures("signals")
 def test_the_command_watches_a_game_at_an_address(simulator, monkeypatch, capsys):
-    class Visit:
-        def wait(self):
-            page = Page(capsys.readouterr().out.split()[3])
-            assert page.begin()[0]["name"] == "hybrid"
-            page.close()
-            raise KeyboardInterrupt
+    def visit():
+        page = Page(capsys.readouterr().out.split()[3])
+        assert page.begin()[0]["name"] == "hybrid"
+        page.close()
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(watching, "Event", Visit)
+    monkeypatch.setattr(watching, "wait_for_interrupt", visit)
     assert main(["watch", simulator, "--game", "hybrid", "--port", "0", "--no-browser"]) == 0

@@ -3,12 +3,14 @@
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = ["interrupt_on_signals", "leaving_on_signals", "uninterrupted"]
+__all__ = ["interrupt_on_signals", "leaving_on_signals", "uninterrupted", "wait_for_interrupt"]
 
+POLL_SECONDS = 0.2
 _SIGNALS = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
 
 
@@ -18,6 +20,15 @@ def interrupt_on_signals() -> None:
     for number in _SIGNALS[1:]:
         if signal.getsignal(number) is not signal.SIG_IGN or number is signal.SIGTERM:
             signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT))
+
+
+def wait_for_interrupt() -> None:
+    """Do nothing until a signal raises KeyboardInterrupt, in the main thread.
+
+    Python handles signals there alone, and one that another thread has received wakes nobody: hence the short sleeps.
+    """
+    while True:
+        time.sleep(POLL_SECONDS)
 
 
 @contextmanager

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING
 
 from joybridge.client.argument_types import at_least
 from joybridge.client.client import describe
 from joybridge.client.own_games import choose_game
-from joybridge.client.signals import interrupt_on_signals
+from joybridge.client.signals import interrupt_on_signals, wait_for_interrupt
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_or_config import game_or_config
 from joybridge.config.game_settings import check_settings
@@ -57,7 +56,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
                 print(f"play {game} at {url}\n{together}{recorded}Ctrl-C ends it", flush=True)
                 if not options.no_browser:
                     open_browser(url)
-                Event().wait()
+                wait_for_interrupt()
     except JoybridgeError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

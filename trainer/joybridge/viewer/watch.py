@@ -5,12 +5,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Event
 
 from joybridge.client.client import describe
 from joybridge.client.command_line import add_trust_option
 from joybridge.client.own_games import choose_at
-from joybridge.client.signals import interrupt_on_signals
+from joybridge.client.signals import interrupt_on_signals, wait_for_interrupt
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_settings, read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
@@ -33,7 +32,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
             print(f"watch {what} at {url}\nCtrl-C ends it", flush=True)
             if not options.no_browser:
                 open_browser(url)
-            Event().wait()
+            wait_for_interrupt()
     except JoybridgeError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_status
