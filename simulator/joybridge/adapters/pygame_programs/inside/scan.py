@@ -53,11 +53,11 @@ def scan(root: Path) -> Controls:
 
 def end_texts(root: Path) -> list[str]:
     """Return what strings of the modules call an end, as in "Game over". root: see `scan`."""
-    found, said = dict[str, None](), set[int]()  # the second: strings that stand alone, as docstrings do
+    found, said = dict[str, None](), set[ast.AST]()  # the second: what stands alone, as docstrings do
     for node in _nodes(root):
         if isinstance(node, ast.Expr):
-            said.add(id(node.value))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said:
+            said.add(node.value)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in said:
             found |= dict.fromkeys(END_TEXT.findall(node.value))
     return list(found)
 
