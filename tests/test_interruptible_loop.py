@@ -236,8 +236,10 @@ def test_the_end_of_the_program_leaves_alone_what_a_daemon_thread_waits_for(loop
     with ThreadPoolExecutor(1) as pool:
         result = pool.submit(loop.run, wait)
         running.wait()
-        loop._close()
-        loop._runner.get_loop().call_soon_threadsafe(end.set)
+        try:
+            loop._close()
+        finally:
+            loop._runner.get_loop().call_soon_threadsafe(end.set)
         assert result.result() == "done"
 
 

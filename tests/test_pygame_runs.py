@@ -188,6 +188,13 @@ def test_a_program_in_a_configuration_may_have_no_keys(keys, tmp_path):
     assert programs_of(str(tmp_path / "fruit.yaml"), []) == {"game": "pygame:fruit.py keys="}
 
 
+@pytest.mark.parametrize("nothing", ["[]", ""])
+def test_what_pays_and_ends_may_be_left_empty(nothing, tmp_path):
+    """An empty pattern would end an episode with its first text."""
+    (tmp_path / "fruit.yaml").write_text(f"game:\n  pygame: fruit.py\n  reward: {nothing}\n  done: {nothing}\n")
+    assert programs_of(str(tmp_path / "fruit.yaml"), []) == {"game": "pygame:fruit.py"}
+
+
 def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "game.py").write_text(f"{CATCHING.read_text()}\nEND, WON = 'GAME OVER (r: restart)', 'you won'\n")

@@ -66,18 +66,29 @@ class Past:
         return end, [(b - a) / max(last - first, 0.02) for a, b in zip(begin, end, strict=True)], now - last
 
 
+class Finger:
+    """Presses for PRESS seconds again and again, with rests of about REST between."""
+
+    PRESS, REST = 0.09, 0.12  # s
+
+    def __init__(self, seed: int) -> None:
+        """Begin with a press. seed: of rests."""
+        self._rng, self._change, self.down = random.Random(seed), 0.0, False
+
+    def tap(self, now: float) -> bool:
+        """Return whether it is down."""
+        if now >= self._change:
+            self.down = not self.down
+            self._change = now + (self.PRESS if self.down else abs(self._rng.gauss(self.REST, 0.05)))
+        return self.down
+
+
 class Puncher:
     """Plays chimp with the mouse."""
 
-    WIDTH, HEIGHT = 1280, 480
-    POINTER_ROW = (
-        300  # where the pointer stays: the fist is drawn there and below, so it never covers the row that is seen
-    )
-    LAG, PRESS, REST = (
-        0.08,
-        0.09,
-        0.12,
-    )  # s: the time constant of the pointer, how long it presses, and rests on average
+    WIDTH = 1280
+    POINTER_ROW = 300  # where the pointer stays: the fist is drawn there and below, and never covers the chimp
+    LAG = 0.08  # s: the time constant of the pointer
     MISS = 18  # pixels, the deviation of where it aims from what it aims at
     SEEN = """
   const row = Math.round(200 / scale) * width, columns = []; // the chimp is there, also while it spins
@@ -90,8 +101,8 @@ class Puncher:
 
     def __init__(self, seed: int) -> None:
         """Begin in the middle. seed: of misses and rests."""
-        self._rng, self._x, self._past = random.Random(seed), self.WIDTH / 2, Past()
-        self._miss, self._pressed, self._change = 0.0, False, 0.0  # the last: when it presses or releases
+        self._x, self._past, self._finger = self.WIDTH / 2, Past(), Finger(seed)
+        self._rng, self._miss = random.Random(seed), 0.0
 
     def see(self, now: float, seen: list[float]) -> None:
         """Take in the columns that are not the ground."""
@@ -104,11 +115,10 @@ class Puncher:
             (x,), (speed,), age = known
             aim = min(max(_reflected(x + speed * age, 64, self.WIDTH - 64) + self._miss, 0.0), float(self.WIDTH))
             self._x += (aim - self._x) * (1 - math.exp(-seconds / self.LAG))
-        if now >= self._change:
-            self._pressed = not self._pressed
-            self._change = now + (self.PRESS if self._pressed else abs(self._rng.gauss(self.REST, 0.05)))
-            self._miss = self._miss if self._pressed else self._rng.gauss(0, self.MISS)
-        return Hands(frozenset({"mouse"} if self._pressed else ()), (self._x, self.POINTER_ROW))
+        before, pressed = self._finger.down, self._finger.tap(now)
+        if before and not pressed:
+            self._miss = self._rng.gauss(0, self.MISS)
+        return Hands(frozenset({"mouse"} if pressed else ()), (self._x, self.POINTER_ROW))
 
 
 class Returner:
@@ -162,7 +172,6 @@ class Shooter:
     WIDTH = 640
     HIGH = 200  # pixels from above: what has not fallen so far is waited for
     AWAY, BACK = 0.35, 0.7  # s: for how long it goes away, and after what time it comes back
-    PRESS, REST = 0.09, 0.12  # s: how long it presses the key that shoots, and rests on average
     SEEN = """
   let lowest = 0; // of what is as yellow as a bomb, above the ground, near the right edge
   for (let row = Math.round(100 / scale); row < 415 / scale; row += 2) {
@@ -175,8 +184,8 @@ class Shooter:
 
     def __init__(self, seed: int) -> None:
         """Begin with no key pressed. seed: of rests."""
-        self._rng, self._past = random.Random(seed), Past()
-        self._shooting, self._change, self._dodged = False, 0.0, -10.0  # the last: when it began to go away
+        self._past, self._finger = Past(), Finger(seed)
+        self._dodged = -10.0  # when it began to go away
 
     def see(self, now: float, seen: list[float]) -> None:
         """Take in how far a bomb has fallen."""
@@ -189,12 +198,9 @@ class Shooter:
             (low,), (speed,), age = known
             if low + max(speed, 0.0) * age > self.HIGH:
                 self._dodged = now
-        if now >= self._change:
-            self._shooting = not self._shooting
-            self._change = now + (self.PRESS if self._shooting else abs(self._rng.gauss(self.REST, 0.05)))
         since = now - self._dodged
         way = "ArrowLeft" if since < self.AWAY else "ArrowRight" if since > self.BACK else ""
-        return Hands(frozenset(key for key in (way, "Space" if self._shooting else "") if key))
+        return Hands(frozenset(key for key in (way, "Space" if self._finger.tap(now) else "") if key))
 
 
 def _reflected(place: float, low: float, high: float) -> float:

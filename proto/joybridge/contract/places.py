@@ -4,9 +4,10 @@ import re
 import shlex
 from collections.abc import Mapping
 
-__all__ = ["PYGAME", "program_name", "program_place"]
+__all__ = ["NAMES", "PYGAME", "program_name", "program_place"]
 
 PYGAME = "pygame:"  # how the place of a program begins
+NAMES = {"keys", "buttons"}  # settings that are names with commas between them
 
 
 def program_name(text: str) -> str:
@@ -25,19 +26,20 @@ def program_name(text: str) -> str:
 def program_place(keys: Mapping[str, object]) -> str:
     """Return the place of a program whose settings are keys: {pygame: PROGRAM, KEY: VALUE or VALUES, arguments: WORDS}.
 
-    An empty list or value is an empty setting, as in `keys: []`. Raises ValueError if `pygame` is missing or has
-    settings of its own.
+    A key without a value, or with an empty list, is as if it were missing, but for names: `keys: []` is no key at all.
+    Raises ValueError if `pygame` is missing or has settings of its own.
     """
-    values = {key: (each or [""]) if isinstance(each, list) else [each] for key, each in keys.items()}
+    values = {key: each if isinstance(each, list) else [] if each is None else [each] for key, each in keys.items()}
     if len(program := values.pop("pygame", [])) != 1:
         raise ValueError("expected one program, as in {pygame: my_game.py}")
     if setting := re.search(r"\s(\w+)=", _text(program[0])):
         key = setting[1]
         raise ValueError(f"the setting {key!r} is a key of its own, as in {{pygame: my_game.py, {key}: …}}")
     arguments = values.pop("arguments", [])
+    values |= {key: [""] for key in NAMES & values.keys() if not values[key]}
     words = [_text(program[0]), *(f"{key}={_text(value)}" for key, each in values.items() for value in each)]
-    return PYGAME + shlex.join([*words, *(["--", *map(_text, arguments)] if any(arguments) else [])])
+    return PYGAME + shlex.join([*words, *(["--", *map(_text, arguments)] if arguments else [])])
 
 
 def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else "" if value is None else str(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)

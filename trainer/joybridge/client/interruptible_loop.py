@@ -26,9 +26,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from types import FrameType
 from typing import Any, TypeVar, TypeVarTuple
 
-__all__ = ["EVENT_LOOP", "EventLoop"]
+from joybridge.client.signals import POLL_SECONDS
 
-POLL_SECONDS = 0.1  # Python handles no signal between its last look and the beginning of a wait for a lock
+__all__ = ["EVENT_LOOP", "EventLoop"]
 
 Arguments = TypeVarTuple("Arguments")
 T = TypeVar("T")
@@ -145,7 +145,7 @@ def _inside_a_loop() -> bool:
 
 
 def _wait(future: Future[T]) -> T:
-    """Return the result of a future. A signal that comes just before the wait is handled after POLL_SECONDS."""
+    """Return the result of a future. A signal that wakes nobody is handled after POLL_SECONDS."""
     while True:
         try:
             return future.result(POLL_SECONDS)

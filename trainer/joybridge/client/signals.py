@@ -10,7 +10,7 @@ from types import FrameType
 
 __all__ = ["interrupt_on_signals", "leaving_on_signals", "uninterrupted", "wait_for_interrupt"]
 
-POLL_SECONDS = 0.2
+POLL_SECONDS = 0.1  # of a wait that a signal may not end: Python handles signals in the main thread, between two steps
 _SIGNALS = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
 
 

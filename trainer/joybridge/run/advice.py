@@ -19,7 +19,7 @@ from joybridge.v1 import bridge_pb2 as pb
 LARGE_INPUT = 10.0  # larger inputs slow learning down; about 1 is best
 LARGE_REWARD = 1000.0  # likewise, for the reward of one decision
 LARGE_KL = 1.0  # of an update, a mean over decisions; about 0.01 to 0.05 is usual
-MORE_ENTROPY = 1.0  # nats; training makes a policy more certain, unless it was so from the start
+MORE_ENTROPY = 1.0  # nats, at least, beside twice as much as at first; training makes most policies more certain
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
@@ -108,9 +108,9 @@ class Adviser:
         self._entropy = max(entropy, 0.0) if self._entropy is None else self._entropy
         if entropy > self._entropy + max(MORE_ENTROPY, self._entropy):
             yield (
-                f"{self._policy.actor.name}: the entropy has risen from {self._entropy:.2g} to {entropy:.2g}: what the "
-                "policy knew, as a clone, is being lost; lower policy.entropy_coef or policy.learning_rate, or go on "
-                "with the demonstrations beside PPO (--demos)"
+                f"{self._policy.actor.name}: the entropy has risen from {self._entropy:.2g} to {entropy:.2g}: "
+                "the policy becomes less certain, and one that began as a clone loses what it knew; lower "
+                "policy.entropy_coef or policy.learning_rate, or go on with the demonstrations beside PPO (--demos)"
             )
             self._entropy = np.inf
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from joybridge.adapters.pygame_programs.wire import nth_text
 from joybridge.adapters.settings import AdapterError
-from joybridge.contract.places import program_name
+from joybridge.contract.places import NAMES, program_name
 
 REPEATED = {"reward", "done"}
 NUMBERS = {  # the default of each, and its range
@@ -20,7 +20,6 @@ NUMBERS = {  # the default of each, and its range
     "memory": (2048, 128, 1 << 20),
     "max_decisions": (1024, 1, 100_000),
 }
-NAMES = {"keys", "buttons"}  # with commas between them
 TEXTS = {"name", "hook", "tapes"}
 FLAGS = {"mouse", "wheel", "joystick", "snapshots", "window"}
 
