@@ -62,9 +62,7 @@ def test_a_policy_that_becomes_less_certain_is_named_once():
     _, adviser = lively("hybrid")
     lines = [line for entropy in (0.8, 1.7, 2.7, 0.5, 4.3) for line in adviser.look_at_update({"entropy": entropy})]
     (line,) = lines
-    assert (
-        "the entropy has risen from 0.8 to 2.7: the policy becomes less certain, " in line
-    )
+    assert "the entropy has risen from 0.8 to 2.7: the policy becomes less certain, " in line
     _, adviser = lively("hybrid")
     assert not [line for entropy in (4.5, 6.1, 3.0) for line in adviser.look_at_update({"entropy": entropy})]
 
