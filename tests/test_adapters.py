@@ -104,6 +104,8 @@ def test_options_of_reset_that_the_metadata_names_are_parameters():
     wrong = r"metadata\[\"parameters\"\] is \{'wind': 3\}, expected \{\"NAME\": \(LOW, HIGH, DEFAULT\)\}"
     with pytest.raises(CatalogError, match=wrong):
         load_game(f"""gym:{HERE}:Windy-v0 'parameters={{"wind": 3}}'""")
+    with pytest.raises(CatalogError, match=r"got the argument wind=2, .* give it as parameters.wind=2 where"):
+        load_game(f"gym:{HERE}:Windy-v0 wind=2")
 
 
 def test_an_arena_plays_the_same_whatever_the_number_of_arenas():

@@ -109,7 +109,7 @@ class Windy(gymnasium.Env):  # type: ignore[misc]
     observation_space = spaces.Box(-9, 9, (1,))
     action_space = spaces.Discrete(2)
 
-    def __init__(self, parameters=None):
+    def __init__(self, parameters=None, wind=1):
         self.metadata = {"parameters": {"wind": (0, 2, 1)} if parameters is None else parameters}
 
     def reset(self, *, seed=None, options=None):

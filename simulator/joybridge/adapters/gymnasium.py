@@ -35,7 +35,7 @@ def adapt(text: str) -> type[Game]:
     arguments, picture = choose_rendering(make, arguments)
     with making(make, arguments) as env:
         spaces = AgentSpaces(env.observation_space, env.action_space)
-        parameters = _parameters(env)
+        parameters = _parameters(env, arguments)
         metrics = _numbers_of(env, spaces, {each.name: each.default_value for each in parameters})
         seconds, limit = tick_seconds(env), env.spec.max_episode_steps or 0
     members = {
@@ -114,15 +114,25 @@ def _action_masks(env: Any) -> Callable[[], Any]:
     return env.get_wrapper_attr("action_masks") if env.has_wrapper_attr("action_masks") else lambda: None
 
 
-def _parameters(env: Any) -> list[pb.Parameter]:
-    """Return the parameters that the metadata of an environment names. Raises AdapterError."""
+def _parameters(env: Any, arguments: Mapping[str, Any]) -> list[pb.Parameter]:
+    """Return the parameters that the metadata of an environment names.
+
+    arguments: of its constructor. One that is also a parameter is refused, since each `reset` sets the parameter anew.
+    Raises AdapterError.
+    """
     named = env.unwrapped.metadata.get("parameters", {})
     try:
-        return [parameter(name, float(low), float(high), float(own)) for name, (low, high, own) in named.items()]
+        parameters = [parameter(name, float(low), float(high), float(own)) for name, (low, high, own) in named.items()]
     except (AttributeError, TypeError, ValueError) as error:
         raise AdapterError(
             f'metadata["parameters"] is {named}, expected {{"NAME": (LOW, HIGH, DEFAULT)}} for options of `reset`'
         ) from error
+    for name in sorted(arguments.keys() & named.keys()):
+        raise AdapterError(
+            f"got the argument {name}={arguments[name]}, and {name} is a parameter, which each `reset` sets anew; give it "
+            f"as parameters.{name}={arguments[name]} where the environment is trained, evaluated or played"
+        )
+    return parameters
 
 
 def _options(parameters: Mapping[str, float]) -> dict[str, Any]:
